@@ -1,0 +1,1 @@
+"""The command line: reading options, printing results, exit codes."""
