@@ -1,0 +1,34 @@
+"""The errors that gaitopt raises on purpose; each carries the exit code of the command line.
+
+A numerical failure is not an error: it is a status on the result.
+"""
+
+
+class GaitoptError(Exception):
+    """Base of every error meant for the user: its message names place, value, allowed range and remedy."""
+
+    exit_code = 1
+
+
+class UnknownNameError(GaitoptError):
+    """An unknown problem, run, walker, state, parameter or engine."""
+
+    exit_code = 2
+
+
+class ProblemError(GaitoptError, ValueError):
+    """A problem that is wrong, in its file or through an override."""
+
+    exit_code = 3
+
+
+class SolveError(GaitoptError):
+    """A computation that needs a gait was given something that is not one."""
+
+    exit_code = 4
+
+
+class StorageError(GaitoptError):
+    """A run folder that cannot be written, or is broken, foreign or newer."""
+
+    exit_code = 6

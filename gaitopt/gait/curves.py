@@ -1,0 +1,92 @@
+"""Smooth curves on an interval by their values at Chebyshev points of the second kind.
+
+Values at the points are exact up to rounding wherever they come from, so that integrals, extrema and roots of any
+quantity along a smooth arc are known to the same digits as the arc's states.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FINE_FACTOR = 6
+"""Points of the grid on which extrema and roots are bracketed, per Chebyshev point."""
+NEWTON_STEPS = 4
+"""Quadratic convergence from a grid of this density reaches rounding in three steps; one to spare."""
+
+
+@lru_cache(maxsize=32)
+def points(count: int) -> Array:
+    """Chebyshev points of the second kind on [-1, 1], ascending, ends included; shape (count,)."""
+    return chebyshev.chebpts2(count)
+
+
+@lru_cache(maxsize=32)
+def _analysis(count: int) -> Array:
+    return np.linalg.inv(chebyshev.chebvander(points(count), count - 1))
+
+
+@lru_cache(maxsize=32)
+def _fine(count: int) -> tuple[Array, Array]:
+    s = np.cos(np.linspace(np.pi, 0, FINE_FACTOR * count))
+    return s, chebyshev.chebvander(s, count - 1) @ _analysis(count)
+
+
+def coefficients(values: Array) -> Array:
+    """Chebyshev coefficients of the curve through ``values`` (n, ...) at ``points(n)``; same shape."""
+    return _analysis(values.shape[0]) @ values
+
+
+def tail(values: Array) -> float:
+    """Size of the last coefficients, relative to the largest value of each column or one: the curve's resolution."""
+    c = np.abs(coefficients(values))
+    scale = np.maximum(np.abs(values).max(axis=0), 1.0)
+    return float((c[-3:].max(axis=0) / scale).max())
+
+
+def integral(values: Array, duration: float) -> float:
+    """Integral of the curve over an interval of the given duration."""
+    primitive = chebyshev.chebint(coefficients(values))
+    return float(chebyshev.chebval(1.0, primitive) - chebyshev.chebval(-1.0, primitive)) * duration / 2
+
+
+def absolute_integral(values: Array, duration: float) -> float:
+    """Integral of the curve's absolute value, exact across its changes of sign."""
+    primitive = chebyshev.chebint(coefficients(values))
+    ends = np.concatenate([[-1.0], roots(values), [1.0]])
+    return float(np.abs(np.diff(chebyshev.chebval(ends, primitive))).sum()) * duration / 2
+
+
+def roots(values: Array) -> Array:
+    """Simple roots of the curve inside (-1, 1), ascending."""
+    s, to_fine = _fine(values.shape[0])
+    fine = to_fine @ values
+    changes = np.flatnonzero(np.sign(fine[:-1]) * np.sign(fine[1:]) < 0)
+    if changes.size == 0:
+        return np.zeros(0)
+    c = coefficients(values)
+    return _newton(c, chebyshev.chebder(c), (s[changes] + s[changes + 1]) / 2)
+
+
+def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
+    """Where in [start, 1] the curve is largest, and its value there."""
+    s, to_fine = _fine(values.shape[0])
+    fine = np.where(s >= start, to_fine @ values, -np.inf)
+    best = int(np.argmax(fine))
+    if best in (0, fine.size - 1):
+        return float(s[best]), float(fine[best])
+    slope = chebyshev.chebder(coefficients(values))
+    at = _newton(slope, chebyshev.chebder(slope), s[best : best + 1])
+    value = chebyshev.chebval(at, coefficients(values))
+    return (float(at[0]), float(value[0])) if value[0] >= fine[best] else (float(s[best]), float(fine[best]))
+
+
+def _newton(c: Array, slope: Array, s: Array) -> Array:
+    for _ in range(NEWTON_STEPS):
+        rate = chebyshev.chebval(s, slope)
+        step = np.divide(chebyshev.chebval(s, c), rate, out=np.zeros_like(s), where=rate != 0)
+        s = np.clip(s - step, -1.0, 1.0)
+    return s

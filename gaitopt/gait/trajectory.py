@@ -1,0 +1,131 @@
+"""Motion as data: arcs of one mode, steps that end with an impact, and trajectories of many steps."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.mechanics import Mode
+
+Array = NDArray[np.float64]
+
+
+class Ending(StrEnum):
+    """Why a simulated motion ended."""
+
+    COMPLETED = "completed"
+    FALL = "fall"
+    NO_TOUCHDOWN = "no_touchdown"
+    LIFT_OFF = "lift_off"
+    PAINLEVE = "painleve"
+    CHATTERING = "chattering"
+    IMPACT_INCONSISTENT = "impact_inconsistent"
+    IMPACT_AMBIGUOUS = "impact_ambiguous"
+    DOUBLE_SUPPORT = "double_support"
+    NUMERICAL = "numerical"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arc:
+    """A smooth piece of motion: one mode on one segment of the control.
+
+    Attributes
+    ----------
+    mode : contact mode of the stance foot.
+    segment : index of the control's segment.
+    times : ndarray, shape (m,) - time since the last impact [s]; Chebyshev points from start to end, or just both.
+    states : ndarray, shape (m, n_z) - states there.
+    """
+
+    mode: Mode
+    segment: int
+    times: Array
+    states: Array
+
+    @property
+    def start(self) -> float:
+        """Time since impact at which the arc starts [s]."""
+        return float(self.times[0])
+
+    @property
+    def end(self) -> float:
+        """Time since impact at which the arc ends [s]."""
+        return float(self.times[-1])
+
+    @property
+    def duration(self) -> float:
+        """Length of the arc in time [s]."""
+        return self.end - self.start
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImpactRecord:
+    """One impact.
+
+    Attributes
+    ----------
+    mode : what the colliding foot does just after it.
+    state : ndarray, shape (n_z,) - state just after it, with x counted from the new stance foot (x = 0).
+    step_length : distance of the new stance foot from where the old one stood after its own impact [m].
+    impulse : ndarray, shape (2,) - (F_t, F_n) [N s].
+    stick_impulse : ndarray, shape (2,) - what a sticking impact would need, eq. (9) [N s].
+    """
+
+    mode: Mode
+    state: Array
+    step_length: float
+    impulse: Array
+    stick_impulse: Array
+
+    @property
+    def impulse_ratio(self) -> float:
+        """|F_t| / F_n that a sticking impact would need."""
+        return float(abs(self.stick_impulse[0]) / self.stick_impulse[1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """The arcs between two impacts, and the impact at their end (None when the motion ended before)."""
+
+    arcs: tuple[Arc, ...]
+    impact: ImpactRecord | None
+
+    @property
+    def phases(self) -> tuple[tuple[Mode, float], ...]:
+        """Modes and durations [s]; arcs of the same mode across a breakpoint of the control are one phase."""
+        merged: list[tuple[Mode, float]] = []
+        for arc in self.arcs:
+            if merged and merged[-1][0] is arc.mode:
+                merged[-1] = (arc.mode, merged[-1][1] + arc.duration)
+            else:
+                merged.append((arc.mode, arc.duration))
+        return tuple(merged)
+
+    @property
+    def period(self) -> float:
+        """Time from impact to impact [s]."""
+        return self.arcs[-1].end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trajectory:
+    """Steps of a simulated motion, and why it ended.
+
+    Attributes
+    ----------
+    start : ndarray, shape (n_z,) - state after impact from which it started.
+    steps : complete steps, and at the end perhaps an incomplete one.
+    ending : the named ending.
+    message : the same in words, with time and state.
+    """
+
+    start: Array
+    steps: tuple[Step, ...]
+    ending: Ending
+    message: str
+
+    @property
+    def section_states(self) -> Array:
+        """States just after each impact, the start first; shape (n_impacts + 1, n_z)."""
+        return np.vstack([self.start, *(step.impact.state for step in self.steps if step.impact is not None)])

@@ -1,0 +1,31 @@
+"""The mechanics that both roads to a gait share: walkers, contact, impact, saltation and control laws."""
+
+from gaitopt.mechanics.compass_biped import CompassBiped
+from gaitopt.mechanics.control import ConstantTorque, Control, NoControl, ProportionalDerivative
+from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
+from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
+from gaitopt.mechanics.rimless_wheel import RimlessWheel
+from gaitopt.mechanics.system import HybridSystem, margin_names
+from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, registered_walkers
+
+__all__ = [
+    "BeyondEnd",
+    "Body",
+    "CompassBiped",
+    "ConstantTorque",
+    "Control",
+    "HybridSystem",
+    "ImpactLaw",
+    "Mechanism",
+    "Mode",
+    "ModeSequence",
+    "NoControl",
+    "Piece",
+    "ProportionalDerivative",
+    "Reference",
+    "RimlessWheel",
+    "Walker",
+    "find_walker",
+    "margin_names",
+    "registered_walkers",
+]

@@ -1,0 +1,80 @@
+"""Contact of the stance foot: sticking and slipping, with Coulomb friction.
+
+Eliminating the shape accelerations from eq. (2) leaves, at the foot, with ddy = 0,
+
+    f = f_stick + C (ddx, 0)'         C = (W M^-1 W')^-1, the apparent mass of the foot
+
+so that f_stick is the force of eq. (3), which holds the foot still, and with f_t = -mu s f_n (eq. (5), s = sgn dx)
+
+    ddx = -(f_t + mu s f_n)_stick / (C_tt + mu s C_nt)
+
+The denominator is det(C) w_n' M^-1 Gamma of eq. (6): where it loses its sign, the slip has no unique
+solution (the paradox of Painleve).  Gamus & Or (2013), eqs (2)-(6).
+"""
+
+from dataclasses import dataclass
+
+from casadi import SX, Function, horzcat, vertcat
+
+from gaitopt.mechanics.lagrangian import EquationsOfMotion
+from gaitopt.mechanics.modes import Mode
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """Accelerations and contact force in one mode.
+
+    Attributes
+    ----------
+    dz : SX, shape (n_z,) - rate of the state.
+    force : SX, shape (2,) - contact force (f_t, f_n) [N].
+    painleve : SX - C_tt + mu s C_nt, the apparent mass of the slipping foot [kg]; of the foot itself in stick.
+    """
+
+    dz: SX
+    force: SX
+    painleve: SX
+
+
+def solve_spd(A: SX, b: SX) -> SX:
+    """A^-1 b for symmetric positive definite A by a Cholesky factor written out in symbols."""
+    n = A.shape[0]
+    L = SX.zeros(n, n)
+    for j in range(n):
+        for i in range(j, n):
+            rest = A[i, j] - sum((L[i, k] * L[j, k] for k in range(j)), SX(0))
+            L[i, j] = rest.sqrt() if i == j else rest / L[j, j]
+    y = SX(b)
+    for i in range(n):
+        y[i, :] = (y[i, :] - sum((L[i, k] * y[k, :] for k in range(i)), SX(0))) / L[i, i]
+    for i in reversed(range(n)):
+        y[i, :] = (y[i, :] - sum((L[k, i] * y[k, :] for k in range(i + 1, n)), SX(0))) / L[i, i]
+    return y
+
+
+def motion(eom: EquationsOfMotion, mode: Mode, friction: SX, torque: SX) -> Motion:
+    """Motion of the walker while its stance foot is in ``mode``.
+
+    Parameters
+    ----------
+    friction : SX - Coulomb's coefficient mu.
+    torque : SX, shape (n_u,) - actuator torques u [N m].
+    """
+    n = len(eom.walker.shape)
+    bias = eom.B + eom.G - eom.E @ torque
+    coupling = eom.M[n:, :n]
+    free = solve_spd(eom.M[:n, :n], horzcat(-bias[:n], eom.M[:n, n:]))
+    rigid, response = free[:, 0], free[:, 1:]
+    stick_force = coupling @ rigid + bias[n:]
+    C = eom.M[n:, n:] - coupling @ response
+    if mode is Mode.STICK:
+        ddx, painleve = SX(0), C[0, 0]
+    else:
+        s = mode.direction
+        painleve = C[0, 0] + friction * s * C[1, 0]
+        ddx = -(stick_force[0] + friction * s * stick_force[1]) / painleve
+    acceleration = rigid - response[:, 0] * ddx
+    velocity = eom.z[n + 1 :]
+    if mode is Mode.STICK:
+        velocity = vertcat(velocity[:n], 0)
+    return Motion(dz=vertcat(velocity, acceleration, ddx), force=stick_force + C[:, 0] * ddx, painleve=painleve)

@@ -1,0 +1,105 @@
+"""Equations of motion of a walker, derived from the positions of its masses.
+
+    M(q) ddq + B(q, dq) + G(q) = E u + W' f                                Gamus & Or (2013), eq. (2)
+
+with W the Jacobian of the stance foot. As (x, y) are coordinates, W' f only adds (f_t, f_n) to the rows of x and y.
+Everything is stated on the ground: y = dy = 0.
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+from casadi import SX, dot, gradient, hessian, jacobian, jtimes, substitute, sum1, vertcat
+
+from gaitopt.mechanics.walker import Mechanism, Walker
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EquationsOfMotion:
+    """Symbolic mechanics of one walker.
+
+    Attributes
+    ----------
+    walker : the walker's class.
+    p : SX, shape (n_p,) - the walker's parameters, in the order of its fields.
+    z : SX, shape (2 n_shape + 2,) - integrated state (shape, x, d shape, dx).
+    q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, 0) and rates (d shape, dx, 0).
+    M : SX, shape (n_q, n_q) - mass matrix.
+    B, G : SX, shape (n_q,) - velocity terms and gravity (and springs).
+    E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
+    W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
+    energy : SX - kinetic plus potential energy [J].
+    weight : SX - total weight [N].
+    mechanism : the walker's mechanism, on the ground.
+    """
+
+    walker: type[Walker]
+    p: SX
+    z: SX
+    q: SX
+    dq: SX
+    M: SX
+    B: SX
+    G: SX
+    E: SX
+    W_swing: SX
+    energy: SX
+    weight: SX
+    mechanism: Mechanism
+
+
+def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
+    """The entries of ``p`` by the names of the walker's fields."""
+    return SimpleNamespace(**{name: p[i] for i, name in enumerate(walker.model_fields)})
+
+
+def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
+    """Derive the equations of motion of ``walker`` by differentiating its Lagrangian."""
+    p = SX.sym("p", len(walker.model_fields))
+    names = (*walker.shape, "x", "y")
+    q = vertcat(*(SX.sym(name) for name in names))
+    dq = vertcat(*(SX.sym(f"d{name}") for name in names))
+    coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate(names)})
+    mechanism = walker.mechanism(coordinates, parameter_namespace(walker, p))
+
+    kinetic, potential = SX(0), SX(mechanism.potential)
+    for body in mechanism.bodies:
+        velocity = jtimes(body.position, q, dq)
+        kinetic += body.mass * dot(velocity, velocity) / 2
+        kinetic += body.inertia * jtimes(SX(body.angle), q, dq) ** 2 / 2
+        potential -= body.mass * dot(mechanism.gravity, body.position)
+
+    M = hessian(kinetic, dq)[0]
+    momentum = gradient(kinetic, dq)
+    B = jtimes(momentum, q, dq) - gradient(kinetic, q)
+    angles = vertcat(*mechanism.motors) if mechanism.motors else SX(0, 1)
+    mass = sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies)))
+    gravity = dot(mechanism.gravity, mechanism.gravity).sqrt()
+
+    def grounded(expression: SX) -> SX:
+        return substitute(expression, vertcat(q[-1], dq[-1]), SX.zeros(2))
+
+    return EquationsOfMotion(
+        walker=walker,
+        p=p,
+        z=vertcat(q[:-1], dq[:-1]),
+        q=grounded(q),
+        dq=grounded(dq),
+        M=grounded(M),
+        B=grounded(B),
+        G=grounded(gradient(potential, q)),
+        E=grounded(jacobian(angles, q).T),
+        W_swing=grounded(jacobian(mechanism.swing_foot, q)),
+        energy=grounded(kinetic + potential),
+        weight=mass * gravity,
+        mechanism=Mechanism(
+            bodies=mechanism.bodies,
+            gravity=mechanism.gravity,
+            swing_foot=grounded(mechanism.swing_foot),
+            touchdown=grounded(SX(mechanism.touchdown)),
+            upright=grounded(SX(mechanism.upright)),
+            relabel=grounded(SX(mechanism.relabel)),
+            motors=mechanism.motors,
+            potential=mechanism.potential,
+        ),
+    )

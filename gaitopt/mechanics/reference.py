@@ -1,0 +1,119 @@
+"""Reference motion of the joints over the time since the last impact: a curve with breakpoints.
+
+Each piece is smooth, a Chebyshev series on [start, end]; pieces meet at breakpoints, where the curve may have
+a kink or, with ``off``, cease to act. The last piece holds for all later times up to ``horizon``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from casadi import SX, vertcat
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class BeyondEnd(StrEnum):
+    """What a reference does past its own end."""
+
+    FLOW = "flow"
+    LINEAR = "linear"
+    HOLD = "hold"
+    OFF = "off"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """A smooth piece of the curve.
+
+    Attributes
+    ----------
+    start, end : time since impact [s]; ``end`` scales the series and does not have to be reached.
+    angles : ndarray, shape (n_u, degree + 1) - Chebyshev coefficients of the angles [rad].
+    rates : ndarray, shape (n_u, degree + 1) - of their rates [rad/s].
+    active : False where the control is switched off.
+    """
+
+    start: float
+    end: float
+    angles: Array
+    rates: Array
+    active: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """Pieces in order of time; ``horizon`` is the time since impact up to which they are valid [s]."""
+
+    pieces: tuple[Piece, ...]
+    horizon: float = np.inf
+
+    @property
+    def degree(self) -> int:
+        """Largest degree of all pieces."""
+        return max(piece.angles.shape[1] for piece in self.pieces) - 1
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times since impact at which one piece ends and the next begins [s]."""
+        return tuple(piece.start for piece in self.pieces[1:])
+
+    def data(self, segment: int) -> Array:
+        """The numbers of one piece in the layout that ``evaluate`` reads."""
+        piece, width = self.pieces[segment], self.degree + 1
+        series = [np.pad(row, (0, width - row.size)) for table in (piece.angles, piece.rates) for row in table]
+        return np.concatenate([[piece.start, piece.end, float(piece.active)], *series])
+
+    def __call__(self, times: Sequence[float] | Array) -> tuple[Array, Array]:
+        """Angles [rad] and rates [rad/s] at times since impact [s]; both of shape (n_u, n)."""
+        t = np.asarray(times, dtype=float)
+        index = np.searchsorted(self.breakpoints, t, side="right")
+        columns = [self._at(self.pieces[k], s) for k, s in zip(index, t, strict=True)]
+        angles, rates = zip(*columns, strict=True)
+        return np.column_stack(angles), np.column_stack(rates)
+
+    @staticmethod
+    def _at(piece: Piece, t: float) -> tuple[Array, Array]:
+        s = 2 * (t - piece.start) / (piece.end - piece.start) - 1
+        angles = np.polynomial.chebyshev.chebval(s, piece.angles.T)
+        return angles, np.polynomial.chebyshev.chebval(s, piece.rates.T)
+
+
+def evaluate(data: SX, t: SX, n_tracked: int, degree: int) -> tuple[SX, SX, SX]:
+    """Angles, rates and activity at time ``t`` from the layout of ``Reference.data``, in symbols."""
+    s = 2 * (t - data[0]) / (data[1] - data[0]) - 1
+    width = degree + 1
+    rows = [data[3 + k * width : 3 + (k + 1) * width] for k in range(2 * n_tracked)]
+    values = [_clenshaw(row, s) for row in rows]
+    return vertcat(*values[:n_tracked]), vertcat(*values[n_tracked:]), data[2]
+
+
+def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd) -> Reference:
+    """``pieces`` that end at ``end``, followed by ``linear``, ``hold`` or ``off``.
+
+    ``flow`` needs the equations of motion of the reference's own walker and is not built here.
+    """
+    last = pieces[-1]
+    angles, rates = Reference._at(last, end)
+    if beyond_end is not BeyondEnd.LINEAR:
+        rates = np.zeros_like(rates)
+    # on [end, end + 1] the series variable is s = 2 (t - end) - 1, so that angle = (angle + rate/2) + rate/2 s
+    tail = Piece(
+        start=end,
+        end=end + 1.0,
+        angles=np.column_stack([angles + rates / 2, rates / 2]),
+        rates=rates[:, None],
+        active=beyond_end is not BeyondEnd.OFF,
+    )
+    return Reference(pieces=(*pieces, tail))
+
+
+def _clenshaw(c: SX, s: SX) -> SX:
+    """Chebyshev series sum_k c_k T_k(s) by Clenshaw's recurrence."""
+    b1, b2 = SX(0), SX(0)
+    for k in reversed(range(1, c.numel())):
+        b1, b2 = c[k] + 2 * s * b1 - b2, b1
+    return c[0] + s * b1 - b2
+

@@ -1,0 +1,192 @@
+"""The hybrid system: a walker, its control and the ground as compiled CasADi functions.
+
+    dz/dt = flow_mode(t, z, p, r)         t time since the last impact, z state, p parameters, r segment data
+    margins_mode(t, z, p, r) > 0          what the mode takes for granted; it ends where a margin falls to zero
+    z_plus = impact_mode(z, p)            reset at touchdown
+
+Every number of walker, friction and control is an entry of ``p``, named by its dotted key, so that any of them
+can be varied, freed or continued without building anything anew. Both roads (nlp and simulation) stand on this.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import cached_property, lru_cache
+from types import SimpleNamespace
+
+import numpy as np
+from casadi import SX, Function, cse, jacobian, jtimes, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.mechanics.contact import Motion, motion
+from gaitopt.mechanics.control import Control
+from gaitopt.mechanics.impact import impact
+from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
+from gaitopt.mechanics.modes import ImpactLaw, Mode
+from gaitopt.mechanics.walker import Walker
+
+STICK_MARGINS = ("touchdown", "upright", "normal_force", "cone_forward", "cone_backward")
+SLIP_MARGINS = ("touchdown", "upright", "normal_force", "slip_velocity", "painleve")
+
+
+def margin_names(mode: Mode) -> tuple[str, ...]:
+    """Names of the margins of a mode, in the order of ``HybridSystem.margins``.
+
+    ``touchdown`` is minus the walker's guard; ``cone_forward`` is mu f_n + f_t, whose end lets the foot slip
+    forward, ``cone_backward`` mu f_n - f_t; ``slip_velocity`` is the speed in the mode's direction.
+    """
+    return STICK_MARGINS if mode is Mode.STICK else SLIP_MARGINS
+
+
+class HybridSystem:
+    """Functions of one walker under one control law; all are built on first use and kept.
+
+    Parameters
+    ----------
+    walker : the walker's class.
+    control : the control law; its current scalars do not matter here, only its structure and segment data.
+    law : tangential law of slipping impacts.
+
+    Attributes
+    ----------
+    parameters : dotted keys of ``p`` in order: walker, friction, control.
+    state_names : names of ``z`` in order.
+    """
+
+    def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw = ImpactLaw.COULOMB) -> None:
+        self.walker, self.control, self.law = walker, control, law
+        self.parameters = (
+            *(f"walker.{name}" for name in walker.model_fields),
+            "friction",
+            *(f"control.{name}" for name in control.parameters),
+        )
+        self.state_names = walker.state_names()
+        self.n_z = len(self.state_names)
+        self.n_shape = len(walker.shape)
+        self.n_r = control.data(0).size
+        self._eom = _equations_of_motion(walker)
+        self._t = SX.sym("t")
+        self._r = SX.sym("r", self.n_r)
+        self._scalars = SX.sym("c", 1 + len(control.parameters))
+        self._motions: dict[Mode, Motion] = {}
+        self._functions: dict[str, Function] = {}
+
+    def flow(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> dz/dt."""
+        return self._build(f"flow_{mode}", lambda: [self._motion(mode).dz])
+
+    def margins(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> margins in the order of ``margin_names(mode)``."""
+        return self._build(f"margins_{mode}", lambda: [self._margins(mode)])
+
+    def events(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> margins and their rates along the flow."""
+
+        def rates() -> SX:
+            margins = self._margins(mode)
+            return jtimes(margins, self._eom.z, self._motion(mode).dz) + jacobian(margins, self._t)
+
+        return self._build(f"events_{mode}", lambda: [self._margins(mode), rates()])
+
+    def linearisation(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> dz/dt, its Jacobian in z, and the Jacobian of the margins in z."""
+
+        def outputs() -> list[SX]:
+            dz = self._motion(mode).dz
+            return [dz, jacobian(dz, self._eom.z), jacobian(self._margins(mode), self._eom.z)]
+
+        return self._build(f"linearisation_{mode}", outputs)
+
+    def observation(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq (n_u)."""
+
+        def outputs() -> list[SX]:
+            eom, torque = self._eom, self._torque
+            motor_rates = eom.E.T @ eom.dq
+            foot = eom.mechanism.swing_foot
+            return [self._motion(mode).force, torque, torque * motor_rates, foot, eom.energy, motor_rates]
+
+        return self._build(f"observation_{mode}", outputs)
+
+    def impact(self, mode: Mode) -> Function:
+        """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
+
+        def outputs() -> list[SX]:
+            result = impact(self._eom, mode, self.law, self._friction)
+            return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
+
+        return self._build(f"impact_{mode}", outputs, timed=False)
+
+    def impact_jacobian(self, mode: Mode) -> Function:
+        """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
+
+        def outputs() -> list[SX]:
+            return [jacobian(impact(self._eom, mode, self.law, self._friction).z_plus, self._eom.z)]
+
+        return self._build(f"impact_jacobian_{mode}", outputs, timed=False)
+
+    @cached_property
+    def weight(self) -> Function:
+        """p -> total weight [N]."""
+        return Function("weight", [self._p], [self._eom.weight])
+
+    @cached_property
+    def lift(self) -> Function:
+        """(xi, p) -> z: the state just after an impact from its section coordinates (always with dx), x = 0."""
+        names = self.walker.section_names(slipping=True)
+        xi = SX.sym("xi", len(names))
+        free = SimpleNamespace(**{name: xi[i] for i, name in enumerate(names)})
+        shape = self.walker.after_impact(free, parameter_namespace(self.walker, self._eom.p))
+        rates = xi[len(self.walker.section) :]
+        return Function("lift", [xi, self._p], [vertcat(*shape, 0, rates)])
+
+    def section(self, impact_mode: Mode) -> NDArray[np.intp]:
+        """Indices in ``z`` of the section coordinates after an impact of the given mode."""
+        names = self.walker.section_names(slipping=impact_mode is not Mode.STICK)
+        return np.array([self.state_names.index(name) for name in names])
+
+    def lift_state(self, xi: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """State just after an impact from section coordinates, with or without dx; shape (n_z,)."""
+        full = np.zeros(len(self.walker.section_names(slipping=True)))
+        full[: xi.size] = xi
+        return np.asarray(self.lift(full, p)).ravel()
+
+    def values(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
+        """The vector ``p`` from values by dotted key; shape (n_p,)."""
+        return np.array([float(parameters[name]) for name in self.parameters])
+
+    @property
+    def _friction(self) -> SX:
+        return self._scalars[0]
+
+    @property
+    def _p(self) -> SX:
+        return vertcat(self._eom.p, self._scalars)
+
+    @cached_property
+    def _torque(self) -> SX:
+        indices = [self.walker.shape.index(name) for name in self.walker.tracked]
+        angles, rates = self._eom.q[indices], self._eom.dq[indices]
+        return self.control.torque(self._t, angles, rates, self._scalars[1:], self._r)
+
+    def _motion(self, mode: Mode) -> Motion:
+        if mode not in self._motions:
+            self._motions[mode] = motion(self._eom, mode, self._friction, self._torque)
+        return self._motions[mode]
+
+    def _margins(self, mode: Mode) -> SX:
+        state = self._motion(mode)
+        f_t, f_n = state.force[0], state.force[1]
+        common = (-self._eom.mechanism.touchdown, self._eom.mechanism.upright, f_n)
+        if mode is Mode.STICK:
+            return vertcat(*common, self._friction * f_n + f_t, self._friction * f_n - f_t)
+        return vertcat(*common, mode.direction * self._eom.z[-1], state.painleve)
+
+    def _build(self, name: str, outputs: Callable[[], list[SX]], *, timed: bool = True) -> Function:
+        if name not in self._functions:
+            inputs = [self._t, self._eom.z, self._p, self._r] if timed else [self._eom.z, self._p]
+            self._functions[name] = Function(name, inputs, cse(outputs()))
+        return self._functions[name]
+
+
+@lru_cache(maxsize=8)
+def _equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
+    return equations_of_motion(walker)

@@ -1,0 +1,39 @@
+"""Numbers with units as users write them: angles in ``deg`` or ``rad``, everything else SI.
+
+The table is closed on purpose: a general units library would parse (and evaluate) arbitrary expressions.
+"""
+
+import math
+import re
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
+
+ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
+_ANGLE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(deg|rad)\s*")
+
+
+def parse_angle(value: object) -> object:
+    """``"1 deg"`` or ``"0.1 rad"`` in radians; anything else is passed on unchanged.
+
+    Raises
+    ------
+    ValueError
+        If a text is not a number followed by ``deg`` or ``rad``.
+    """
+    if not isinstance(value, str):
+        return value
+    match = _ANGLE.fullmatch(value)
+    if match is None:
+        raise ValueError("write an angle as a number in rad, or with its unit: 1 deg, 0.1 rad")
+    return float(match[1]) * ANGLE_UNITS[match[2]]
+
+
+Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+"""A finite number."""
+Positive = Annotated[Number, Field(gt=0)]
+"""A finite number above zero."""
+NonNegative = Annotated[Number, Field(ge=0)]
+"""A finite number, zero allowed."""
+Angle = Annotated[Number, BeforeValidator(parse_angle)]
+"""A finite angle [rad]; texts such as ``1 deg`` are converted."""
