@@ -1,0 +1,38 @@
+"""Problems: YAML files that say which gait of which walker is wanted, and how they are read, checked and changed."""
+
+from gaitopt.problem.catalogue import problem_names
+from gaitopt.problem.demands import RESULT_SCALARS
+from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem
+from gaitopt.problem.schema import problem_schema
+from gaitopt.problem.sections import (
+    ConstantTorqueSpec,
+    ControlSpec,
+    CurveReference,
+    Free,
+    GaitReference,
+    Guess,
+    NoControlSpec,
+    PDSpec,
+    Range,
+)
+from gaitopt.problem.source import parse_value
+
+__all__ = [
+    "RESULT_SCALARS",
+    "ConstantTorqueSpec",
+    "ControlSpec",
+    "CurveReference",
+    "Free",
+    "GaitReference",
+    "Guess",
+    "NoControlSpec",
+    "PDSpec",
+    "Problem",
+    "Range",
+    "load_problem",
+    "parse_problem",
+    "parse_value",
+    "problem_names",
+    "problem_schema",
+    "restore_problem",
+]

@@ -1,0 +1,188 @@
+"""From the data of a file, or of a file with overrides, to the fields of a problem; all faults are collected.
+
+Numbers that are unknowns, ``{free: [lo, hi], guess: x}``, are validated three times by the very model of their
+section: guess, lower and upper bound in the place of the number.
+"""
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
+
+from gaitopt.errors import UnknownNameError
+from gaitopt.mechanics.reference import BeyondEnd
+from gaitopt.mechanics.walker import Walker, find_walker, registered_walkers
+from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
+from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
+from gaitopt.problem.initial import read_gait
+from gaitopt.problem.sections import (
+    SECTION_KEYS,
+    ConstantTorqueSpec,
+    ControlSpec,
+    Curve,
+    CurveReference,
+    Free,
+    FreeSection,
+    GaitReference,
+    HeadSection,
+    NoControlSpec,
+    PDSpec,
+    torques_section,
+)
+
+Model = TypeVar("Model", bound=BaseModel)
+
+CONTROLS = ("none", "constant_torque", "pd")
+
+
+def assemble(data: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+    """The fields of a problem that its own data determine; they are meaningful only if no fault was added."""
+    free: dict[str, Free] = {}
+    head = _read_head(data, free, faults)
+    walker = _read_walker(data, free, faults)
+    control = _read_control(data.get("control", {"type": "none"}), walker, free, faults)
+    sequence, guess = read_gait(data, walker, faults)
+    fields = {"walker": walker, "control": control, "sequence": sequence, "guess": guess, "free": free}
+    if head:
+        fields |= {key: getattr(head, key) for key in HeadSection.model_fields}
+    if walker and control and sequence:
+        asked = Asked(walker=walker, control=control, sequence=sequence, free=free)
+        objective = read_objective(data.get("objective"), asked, faults)
+        constraints = read_constraints(data.get("constraints"), asked, faults)
+        if not faults:
+            check_unknowns(asked, objective, constraints, faults)
+        fields |= {"objective": objective, "constraints": constraints}
+    return fields
+
+
+def _read_head(data: Mapping[str, Any], free: dict[str, Free], faults: list[Fault]) -> HeadSection | None:
+    known = (*HeadSection.model_fields, *SECTION_KEYS)
+    for key in data:
+        if key not in known:
+            faults.append(Fault((key,), f"unknown key{near_miss(key, known)}"))
+    faults += [Fault((key,), "is missing") for key in ("walker", "gait") if key not in data]
+    return _read_parameters(
+        HeadSection, {k: v for k, v in data.items() if k in HeadSection.model_fields}, (), free, faults
+    )
+
+
+def _read_walker(data: Mapping[str, Any], free: dict[str, Free], faults: list[Fault]) -> Walker | None:
+    section = data.get("walker")
+    path: Key = ("walker",)
+    if "walker" not in data:
+        return None
+    if not isinstance(section, Mapping):
+        faults.append(
+            Fault(path, f"{shown(section)} stands where a mapping belongs: model, and the model's parameters")
+        )
+        return None
+    models = tuple(registered_walkers())
+    if "model" not in section:
+        faults.append(Fault((*path, "model"), f"is missing; registered: {', '.join(models)}"))
+        return None
+    try:
+        model = find_walker(section["model"])
+    except (UnknownNameError, TypeError):  # TypeError: something that is no name
+        message = f"no walker is called {shown(section['model'])}{near_miss(section['model'], models)}"
+        faults.append(Fault((*path, "model"), message))
+        return None
+    return _read_parameters(model, {k: v for k, v in section.items() if k != "model"}, path, free, faults)
+
+
+def _read_control(
+    data: object, walker: Walker | None, free: dict[str, Free], faults: list[Fault]
+) -> ControlSpec | None:
+    path: Key = ("control",)
+    if not isinstance(data, Mapping) or "type" not in data:
+        faults.append(Fault((*path, "type"), f"is missing; allowed: {', '.join(CONTROLS)}"))
+        return None
+    kind = data["type"]
+    if kind not in CONTROLS:
+        faults.append(Fault((*path, "type"), f"no control law is called {shown(kind)}{near_miss(kind, CONTROLS)}"))
+        return None
+    if kind == "none":
+        return read_section(NoControlSpec, data, path, faults)
+    if walker is not None and not walker.actuators:
+        message = f"{walker.model} has no actuators, so that {kind} has nothing to act on; allowed: none"
+        faults.append(Fault((*path, "type"), message))
+        return None
+    if kind == "pd":
+        return _read_parameters(PDSpec, _with_reference(data, faults), path, free, faults)
+    if walker is None:
+        return None
+    torques = _read_parameters(torques_section(type(walker)), data, path, free, faults)
+    return torques and ConstantTorqueSpec(torques=torques.model_dump(exclude={"type"}))
+
+
+def _with_reference(data: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+    """The data of a PD law with its reference read; where that failed another one stands in, to check the rest."""
+    reference = data.get("reference")
+    path: Key = ("control", "reference")
+    if "reference" not in data:
+        return dict(data)
+    read: GaitReference | CurveReference | None
+    if isinstance(reference, Mapping) and "curve" in reference:
+        curve = read_section(Curve, reference["curve"], (*path, "curve"), faults)
+        stand_in = curve or Curve(degree=1, start="")
+        read = read_section(CurveReference, {**reference, "curve": stand_in}, path, faults)
+    else:
+        read = read_section(GaitReference, reference, path, faults)
+    return {**data, "reference": read or GaitReference(gait="", beyond_end=BeyondEnd.HOLD)}
+
+
+def _read_parameters(
+    model: type[Model], data: Mapping[str, Any], path: Key, free: dict[str, Free], faults: list[Fault]
+) -> Model | None:
+    """A section in which numbers may be free; a freed number has its guess."""
+    found: list[Fault] = []
+    freed = {key: value for key, value in data.items() if isinstance(value, Mapping) and "free" in value}
+    parts = {key: read_section(FreeSection, value, (*path, key), found) for key, value in freed.items()}
+    unknowns = {key: part for key, part in parts.items() if part is not None}
+    broken = {(*path, key) for key in freed.keys() - unknowns.keys()}
+    faults += found
+    found = []
+    plain = {**data, **{key: part.guess for key, part in unknowns.items()}}
+    section = read_section(model, plain, path, found)
+    depth = len(path) + 1
+    faults += [
+        Fault((*fault.path, "guess"), fault.message) if fault.path[:depth] in {(*path, k) for k in unknowns} else fault
+        for fault in found
+        if fault.path[:depth] not in broken
+    ]
+    if section is None:
+        return None
+    for key, part in unknowns.items():
+        span = _read_bounds(model, section, plain, part, (*path, key), faults)
+        if span is not None:
+            free[".".join(map(str, (*path, key)))] = span
+    return section
+
+
+def _read_bounds(
+    model: type[BaseModel],
+    section: BaseModel,
+    plain: Mapping[str, Any],
+    part: FreeSection,
+    path: Key,
+    faults: list[Fault],
+) -> Free | None:
+    key, guess = str(path[-1]), getattr(section, str(path[-1]))
+    if not isinstance(guess, float):
+        faults.append(Fault(path, "cannot be free: only a real number can be an unknown; give a value"))
+        return None
+    bounds = []
+    for index, bound in enumerate(part.free):
+        found: list[Fault] = []
+        other = read_section(model, {**plain, key: bound}, (), found)
+        faults += [Fault((*path, "free", index), fault.message) for fault in found]
+        bounds += [] if other is None else [getattr(other, key)]
+    if len(bounds) < 2:
+        return None
+    lower, upper = bounds
+    if lower >= upper:
+        faults.append(
+            Fault((*path, "free"), f"is empty: [{lower:g}, {upper:g}] needs lo < hi; for a fixed value, give a number")
+        )
+    elif not lower <= guess <= upper:
+        faults.append(Fault((*path, "guess"), f"{guess:g} is outside of its bounds [{lower:g}, {upper:g}]"))
+    return Free(lower=lower, upper=upper, guess=guess)

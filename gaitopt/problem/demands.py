@@ -1,0 +1,169 @@
+"""What a design asks for: an objective and constraints on scalars of the gait, and whether the unknowns suffice."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pydantic import TypeAdapter, ValidationError
+
+from gaitopt.mechanics.modes import Mode, ModeSequence
+from gaitopt.mechanics.units import Angle, Number
+from gaitopt.mechanics.walker import Walker
+from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
+from gaitopt.problem.sections import (
+    AngleRangeSection,
+    ControlSpec,
+    CurveReference,
+    Free,
+    NoControlSpec,
+    PDSpec,
+    Range,
+    RangeSection,
+    is_angle,
+)
+
+TORQUE_SCALARS = ("work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque")
+RESULT_SCALARS = (
+    "period",
+    "step_length",
+    "speed",
+    *TORQUE_SCALARS,
+    "slip_distance",
+    "foot_clearance",
+    "spectral_radius",
+    "required_friction",
+    "impulse_ratio",
+    "min_normal_force",
+)
+"""Scalars of a result that an objective or a constraint may name, besides ``state.NAME`` and freed dotted keys."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What the names in an objective or a constraint may refer to."""
+
+    walker: Walker
+    control: ControlSpec
+    sequence: ModeSequence
+    free: Mapping[str, Free]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name that may be used."""
+        return (*RESULT_SCALARS, *(f"state.{name}" for name in self.walker.state_names()), *self.free)
+
+    def objection(self, name: str) -> str | None:
+        """Why ``name`` cannot be asked for, if so."""
+        if name not in self.names:
+            return f"is no scalar of a gait and no freed parameter{near_miss(name, self.names)}"
+        if name in TORQUE_SCALARS and isinstance(self.control, NoControlSpec):
+            return (
+                "is a quantity of the motors, and this walker is passive: give it a control, or ask for another scalar"
+            )
+        if name == "required_friction" and Mode.STICK not in self.sequence.phases:
+            return "is defined by sticking phases, and this gait has none"
+        return None
+
+    def is_angle(self, name: str) -> bool:
+        """Whether values of ``name`` may carry a unit of angle."""
+        group, _, key = name.partition(".")
+        fields = type(self.walker).model_fields
+        return (group == "state" and key in self.walker.shape) or (
+            group == "walker" and key in fields and is_angle(fields[key])
+        )
+
+    @property
+    def unknowns(self) -> int:
+        """Number of free parameters, coefficients of a free curve included."""
+        count = len(self.free)
+        if isinstance(self.control, PDSpec) and isinstance(self.control.reference, CurveReference):
+            count += (self.control.reference.degree + 1) * len(self.walker.tracked)
+        return count
+
+
+def read_objective(data: object, asked: Asked, faults: list[Fault]) -> dict[str, float]:
+    """Weights by name, of a single name or a mapping; empty if there is no objective."""
+    path: Key = ("objective",)
+    if data is None:
+        return {}
+    if isinstance(data, str):
+        faults += [Fault(path, f"{data} {why}") for why in [asked.objection(data)] if why]
+        return {data: 1.0}
+    if not isinstance(data, Mapping) or not data:
+        faults.append(Fault(path, f"{shown(data)} is neither a NAME nor a mapping {{NAME: weight}}"))
+        return {}
+    for name, weight in data.items():
+        why = asked.objection(name)
+        if why:
+            faults.append(Fault((*path, name), why))
+        elif not _is_number(weight) or weight == 0:
+            faults.append(
+                Fault((*path, name), f"{shown(weight)} is not a weight: a number, negative to maximise, not 0")
+            )
+    return {name: float(weight) for name, weight in data.items() if _is_number(weight)}
+
+
+def read_constraints(data: object, asked: Asked, faults: list[Fault]) -> dict[str, Range]:
+    """Ranges by name; a single value is an equality."""
+    if data is None:
+        return {}
+    if not isinstance(data, Mapping):
+        faults.append(
+            Fault(("constraints",), f"{shown(data)} is not a mapping {{NAME: value}} or {{NAME: {{min, max}}}}")
+        )
+        return {}
+    ranges = {}
+    for name, value in data.items():
+        why = asked.objection(name)
+        if why:
+            faults.append(Fault(("constraints", name), why))
+        elif found := _read_range(value, asked.is_angle(name), ("constraints", name), faults):
+            ranges[name] = found
+    return ranges
+
+
+def check_unknowns(
+    asked: Asked, objective: Mapping[str, float], constraints: Mapping[str, Range], faults: list[Fault]
+) -> None:
+    """Whether the free parameters are neither too few nor too many for what is asked."""
+    equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
+    if not asked.unknowns and (objective or constraints):
+        path: Key = ("objective",) if objective else ("constraints",)
+        remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
+        faults.append(Fault(path, f"too few unknowns: the gait has no free parameter to choose; {remedy}"))
+    elif len(equalities) > asked.unknowns:
+        given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {asked.unknowns} free parameters"
+        faults.append(Fault(("constraints",), f"too few unknowns: {given}; free more, or turn a value into a range"))
+    elif asked.unknowns and not objective and not constraints:
+        key = next(iter(asked.free), "control.reference")
+        remedy = "add an objective or constraints, or give numbers"
+        faults.append(
+            Fault(tuple(key.split(".")), f"too many unknowns: nothing is asked that determines them; {remedy}")
+        )
+
+
+def _read_range(value: object, angle: bool, path: Key, faults: list[Fault]) -> Range | None:
+    if not isinstance(value, Mapping):
+        try:
+            number = TypeAdapter[float](Angle if angle else Number).validate_python(value)
+        except ValidationError:
+            wanted = "a number or {min: a, max: b}, in SI" + (" or with deg" if angle else "")
+            faults.append(Fault(path, f"{shown(value)} is not a constraint: {wanted}"))
+            return None
+        return Range(minimum=number, maximum=number)
+    span = read_section(AngleRangeSection if angle else RangeSection, value, path, faults)
+    if span is None:
+        return None
+    if span.min is None and span.max is None:
+        faults.append(Fault(path, "has neither min nor max: give one or both"))
+        return None
+    found = Range(
+        minimum=-math.inf if span.min is None else span.min, maximum=math.inf if span.max is None else span.max
+    )
+    if found.minimum > found.maximum:
+        faults.append(Fault(path, f"is empty: min = {found.minimum:g} is above max = {found.maximum:g}"))
+    return found
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

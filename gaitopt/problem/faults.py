@@ -1,0 +1,144 @@
+"""What is wrong with a problem, and where: all faults at once, each with its place, the allowed values and a remedy.
+
+A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass`` or ``--set walker.leg_mass``.
+"""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from gaitopt.errors import ProblemError
+
+Key = tuple[str | int, ...]
+"""Path of a value in the data: keys of mappings and indices of lists."""
+
+LONGEST_SHOWN = 60
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing that is wrong with the value at ``path``."""
+
+    path: Key
+    message: str
+
+
+class Place(Protocol):
+    """Where a problem was stated."""
+
+    def locate(self, path: Key) -> tuple[tuple[int, int], str]:
+        """A position to sort by, and the place of ``path`` in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilePlace:
+    """A file: line and column of the key, or of the nearest key around it."""
+
+    name: str
+    marks: Mapping[Key, tuple[int, int]]
+
+    def locate(self, path: Key) -> tuple[tuple[int, int], str]:
+        """``file.yaml:7:9 walker.leg_mass``."""
+        nearest = next(path[:n] for n in range(len(path), -1, -1) if path[:n] in self.marks)
+        line, column = self.marks[nearest]
+        return (line, column), f"{self.name}:{line}:{column} {dotted(path)}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class OverridePlace:
+    """Overrides by dotted key; a consequence elsewhere is reported under the override that caused it."""
+
+    keys: Mapping[str, Key]
+
+    def locate(self, path: Key) -> tuple[tuple[int, int], str]:
+        """``--set walker.leg_mass``."""
+        around = [key for key, target in self.keys.items() if path[: len(target)] == target]
+        below = [key for key, target in self.keys.items() if target[: len(path)] == path]
+        keys = around or below or list(self.keys)
+        label = f"--set {', '.join(keys)}"
+        return (list(self.keys).index(keys[0]), 0), label if keys == [dotted(path)] else f"{label}: {dotted(path)}"
+
+
+def raise_faults(faults: Iterable[Fault], place: Place) -> None:
+    """Raise a ProblemError with one line per fault, in the order of their places; nothing if there are none."""
+    located = sorted((*place.locate(fault.path), fault.message) for fault in faults)
+    if located:
+        raise ProblemError("\n".join(dict.fromkeys(f"{where}: {message}" for _, where, message in located)))
+
+
+def read_section(model: type[Model], data: object, path: Key, faults: list[Fault]) -> Model | None:
+    """``data`` as a model whose fields are the keys of one mapping; faults are added, and then there is no model."""
+    if not isinstance(data, Mapping):
+        found = f"{shown(data)} stands where a mapping belongs"
+        faults.append(Fault(path, f"{found}; keys: {', '.join(model.model_fields)}"))
+        return None
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        faults += [Fault((*path, *item["loc"]), _in_words(item, model)) for item in error.errors()]
+        return None
+
+
+def dotted(path: Key) -> str:
+    """``gait.phases[1]`` for ("gait", "phases", 1)."""
+    words = (
+        f"[{part}]" if isinstance(part, int) else f".{part if part.isprintable() else repr(part)}" for part in path
+    )
+    return "".join(words).removeprefix(".")
+
+
+def shown(value: object) -> str:
+    """``value`` as the user may have written it, shortened and without control characters."""
+    if value is None:
+        return "nothing (null)"
+    text = {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
+
+
+def near_miss(word: object, allowed: Sequence[str]) -> str:
+    """``; did you mean mass?`` if one of the allowed words is close, and the allowed words otherwise."""
+    close = difflib.get_close_matches(str(word)[:LONGEST_SHOWN], allowed, n=2)
+    return f"; did you mean {' or '.join(close)}?" if close else f"; allowed: {', '.join(allowed) or 'none'}"
+
+
+def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
+    """What pydantic found, in the terms of the problem file."""
+    kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
+    field = model.model_fields.get(str(item["loc"][0])) if item["loc"] else None
+    meaning = f" ({field.description})" if field is not None and field.description else ""
+    if kind == "missing":
+        return f"is missing{meaning}"
+    if kind == "extra_forbidden":
+        return f"unknown key{near_miss(item['loc'][-1], tuple(model.model_fields))}"
+    if kind in ("enum", "literal_error"):
+        choices = str(limits["expected"]).replace("'", "").replace(" or ", ", ").split(", ")
+        return f"{shown(value)} is not one of the choices{near_miss(value, choices)}"
+    if kind in ("too_short", "too_long"):
+        return f"has {limits['actual_length']} entries{meaning}"
+    if kind == "value_error":
+        return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"{value} is not a finite number{meaning}"
+    return f"{shown(value)} {_WANTED.get(kind, item['msg']).format(**limits)}{meaning}"
+
+
+_WANTED: Mapping[str, Any] = {
+    "float_type": "is not a number",
+    "int_type": "is not an integer",
+    "string_type": "is not a text",
+    "list_type": "is not a list",
+    "tuple_type": "is not a list",
+    "dict_type": "is not a mapping",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "string_pattern_mismatch": "has characters that are not allowed",
+}

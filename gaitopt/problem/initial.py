@@ -1,0 +1,84 @@
+"""The mode sequence of a gait and its first guess: a state on the section just after the impact, and durations.
+
+What the section determines is filled in (both feet on the ground, x = 0, and dx = 0 unless the impact slips); what a
+file gives besides must agree with it.
+"""
+
+import math
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+from gaitopt.mechanics.modes import Mode, ModeSequence
+from gaitopt.mechanics.walker import Walker
+from gaitopt.problem.faults import Fault, Key, read_section, shown
+from gaitopt.problem.sections import GaitSection, Guess, GuessSection, state_section
+
+SAME_STATE = 1e-6  # relative: how far a state written with six digits may be off the section that it repeats
+
+
+def read_gait(
+    data: Mapping[str, Any], walker: Walker | None, faults: list[Fault]
+) -> tuple[ModeSequence | None, Guess | None]:
+    """The sequence and the guess, as far as they can be had without fault."""
+    if "gait" not in data:
+        return None, None
+    gait = read_section(GaitSection, data["gait"], ("gait",), faults)
+    if gait is None:
+        return None, None
+    sequence = _read_sequence(gait, faults)
+    guess = read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
+    if guess is None:
+        return sequence, None
+    if guess.durations is not None and len(guess.durations) != len(gait.phases):
+        phases = f"{len(gait.phases)} phases ({', '.join(gait.phases)})"
+        message = f"{len(guess.durations)} durations for {phases}: give one per phase, or leave durations out"
+        faults.append(Fault(("gait", "guess", "durations"), message))
+    state = None if walker is None else _read_state(guess.state, walker, gait.impact, faults)
+    return sequence, None if state is None else Guess(state=state, durations=guess.durations)
+
+
+def _read_sequence(gait: GaitSection, faults: list[Fault]) -> ModeSequence | None:
+    try:
+        return ModeSequence(phases=gait.phases, impact=gait.impact)
+    except ValueError as error:
+        faults.append(Fault(("gait", "phases"), str(error)))
+        return None
+
+
+def _read_state(data: Mapping[str, Any], walker: Walker, impact: Mode, faults: list[Fault]) -> dict[str, float] | None:
+    """The complete state, in the order of the walker's state names."""
+    path: Key = ("gait", "guess", "state")
+    section = read_section(state_section(type(walker)), data, path, faults)
+    if section is None:
+        return None
+    given = section.model_dump(exclude_none=True)
+    needed = walker.section_names(slipping=impact is not Mode.STICK)
+    missing = [name for name in needed if name not in given]
+    faults += [
+        Fault((*path, name), f"is missing; after this impact the section is {', '.join(needed)}") for name in missing
+    ]
+    faults += _slip_faults(given.get("dx", 0.0), impact, (*path, "dx")) if "dx" not in missing else []
+    if missing:
+        return None
+    state = {"x": 0.0, "dx": 0.0} | _shape_after_impact(given, walker) | {k: given[k] for k in needed if k in given}
+    for name, value in given.items():
+        if name not in needed and name in walker.shape and not math.isclose(value, state[name], rel_tol=SAME_STATE):
+            message = f"{value:g} contradicts the section, just after the impact it is {state[name]:.9g}: leave it out"
+            faults.append(Fault((*path, name), message))
+    state |= {name: given[name] for name in ("x", "dx") if name in given}
+    return {name: float(state[name]) for name in walker.state_names()}
+
+
+def _shape_after_impact(given: Mapping[str, float], walker: Walker) -> dict[str, float]:
+    free = SimpleNamespace(**{name: given[name] for name in walker.section})
+    shape = walker.after_impact(free, SimpleNamespace(**walker.model_dump()))
+    return {name: float(value) for name, value in zip(walker.shape, shape, strict=True)}
+
+
+def _slip_faults(dx: float, impact: Mode, path: Key) -> list[Fault]:
+    """Whether the slip velocity has the sign that the impact says."""
+    if math.copysign(1.0, dx) * (dx != 0) == impact.direction:
+        return []
+    sign = {0: "= 0 (leave it out)", 1: "> 0", -1: "< 0"}[impact.direction]
+    return [Fault(path, f"{shown(dx)} contradicts the impact: after {impact} it is {sign}")]

@@ -1,0 +1,62 @@
+"""Changing a problem by dotted keys: friction, walker.slope, gait.guess.state.theta1, constraints.speed.min."""
+
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any
+
+from gaitopt.mechanics.modes import Mode
+from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
+
+DURATIONS = ("gait", "guess", "durations")
+SLIP_VELOCITY = ("gait", "guess", "state", "dx")
+
+
+def apply_overrides(
+    data: Mapping[str, Any], overrides: Mapping[str, object], faults: list[Fault]
+) -> tuple[dict[str, Any], OverridePlace]:
+    """A copy of ``data`` with ``overrides``, and the place by which faults name them.
+
+    A first guess that an override of the sequence has made meaningless goes, unless it is overridden as well: durations
+    when the number of phases changes, and the slip velocity when the impact sticks.
+    """
+    changed = deepcopy(dict(data))
+    place = OverridePlace({key: _path(key) for key in overrides})
+    for key, value in overrides.items():
+        _set(changed, place.keys[key], value, faults)
+    if not faults:
+        _drop_stale(data, changed, tuple(place.keys.values()))
+    return changed, place
+
+
+def _path(key: str) -> Key:
+    """Keys of mappings; a name after ``constraints`` or ``objective`` may itself hold dots (state.dx, walker.slope)."""
+    first, *rest = key.split(".")
+    if first not in ("constraints", "objective") or not rest:
+        return (first, *rest)
+    end = rest[-1:] if first == "constraints" and rest[-1] in ("min", "max") and len(rest) > 1 else []
+    return (first, ".".join(rest[: len(rest) - len(end)]), *end)
+
+
+def _set(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) -> None:
+    section: Any = data
+    for depth, key in enumerate(path[:-1], start=1):
+        created: dict[str, Any] = {}
+        section = section.setdefault(key, created)
+        if not isinstance(section, dict):
+            faults.append(Fault(path, f"{dotted(path[:depth])} is {shown(section)} and has no keys: set it as a whole"))
+            return
+    section[path[-1]] = deepcopy(value)
+
+
+def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden: tuple[Key, ...]) -> None:
+    def is_set(path: Key) -> bool:
+        return any(path[: len(key)] == key for key in overridden)
+
+    gait = after["gait"]
+    if not isinstance(gait, Mapping) or not isinstance(gait.get("guess"), Mapping):
+        return
+    phases, guess = gait.get("phases"), gait["guess"]
+    if isinstance(phases, list | tuple) and len(phases) != len(before["gait"]["phases"]) and not is_set(DURATIONS):
+        guess.pop("durations", None)
+    if gait.get("impact") == Mode.STICK and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
+        guess["state"].pop("dx", None)

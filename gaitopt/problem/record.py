@@ -1,0 +1,58 @@
+"""A problem as data in the layout of its file, in SI: the inverse of reading it."""
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from gaitopt.mechanics.modes import Mode
+from gaitopt.problem.sections import ConstantTorqueSpec, ControlSpec, Free, Range
+
+if TYPE_CHECKING:
+    from gaitopt.problem.problem import Problem
+
+
+def problem_data(problem: "Problem") -> dict[str, Any]:
+    """JSON-able data that would be read as the same problem; a reference stands there by its name.
+
+    Of the guessed state only the section coordinates are given, so that what follows from them does when they change.
+    """
+    section = problem.walker.section_names(slipping=problem.sequence.impact is not Mode.STICK)
+    guess: dict[str, Any] = {"state": {name: problem.guess.state[name] for name in (*section, "x")}}
+    if problem.guess.durations is not None:
+        guess["durations"] = list(problem.guess.durations)
+    data: dict[str, Any] = {
+        "name": problem.name,
+        "about": problem.about,
+        "walker": {"model": problem.walker.model, **problem.walker.model_dump(mode="json")},
+        "friction": problem.friction,
+        "impact_law": str(problem.impact_law),
+        "control": _control_data(problem.control),
+        "gait": {
+            "phases": [str(mode) for mode in problem.sequence.phases],
+            "impact": str(problem.sequence.impact),
+            "guess": guess,
+        },
+    }
+    for key, free in problem.free.items():
+        *section, name = key.split(".")
+        (data[section[0]] if section else data)[name] = _free_data(free)
+    if problem.objective:
+        data["objective"] = dict(problem.objective)
+    if problem.constraints:
+        data["constraints"] = {name: _range_data(span) for name, span in problem.constraints.items()}
+    return data
+
+
+def _control_data(control: ControlSpec) -> Mapping[str, Any]:
+    if isinstance(control, ConstantTorqueSpec):
+        return {"type": control.type, **control.torques}
+    return control.model_dump(mode="json")
+
+
+def _free_data(free: Free) -> dict[str, Any]:
+    return {"free": [free.lower, free.upper], "guess": free.guess}
+
+
+def _range_data(span: Range) -> dict[str, float]:
+    ends = {"min": span.minimum, "max": span.maximum}
+    return {end: value for end, value in ends.items() if math.isfinite(value)}

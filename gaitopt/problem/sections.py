@@ -1,0 +1,214 @@
+"""The sections of a problem file, one model per mapping: keys, units, ranges and meaning.
+
+The same models validate a file and describe it to an editor. Sections that depend on the walker (its state, its
+torques) are made from the walker's own names.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic.fields import FieldInfo
+
+from gaitopt.mechanics.modes import ImpactLaw, Mode
+from gaitopt.mechanics.reference import BeyondEnd
+from gaitopt.mechanics.units import Angle, NonNegative, Number, Positive, parse_angle
+from gaitopt.mechanics.walker import Walker
+
+
+class Section(BaseModel):
+    """Base of every section: its fields are all the keys there are."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Free:
+    """A parameter that is an unknown, in SI: its bounds and its first guess."""
+
+    lower: float
+    upper: float
+    guess: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """A constraint on a scalar, in SI: -inf or inf where it is open, both equal for an equality."""
+
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guess:
+    """First guess of a gait.
+
+    Attributes
+    ----------
+    state : the whole state just after the impact by name [rad, m, rad/s, m/s].
+    durations : of the phases [s]; None where the solver is to find them.
+    """
+
+    state: Mapping[str, float]
+    durations: tuple[float, ...] | None
+
+
+class GaitReference(Section):
+    """The angles of another gait, over the time since the impact."""
+
+    gait: Annotated[str, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
+    beyond_end: Annotated[
+        BeyondEnd,
+        Field(
+            description="after the reference's last instant: its motion flows on (flow), its last rate is kept (linear), "
+            "its last angle is held (hold), or there is no torque (off)"
+        ),
+    ]
+
+
+class Curve(Section):
+    """A smooth curve per tracked joint whose coefficients are unknowns."""
+
+    degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
+    start: Annotated[str, Field(description="problem whose gait gives the first guess: a name, or a path")]
+
+
+class CurveReference(Section):
+    """A reference that is to be designed."""
+
+    curve: Curve
+    beyond_end: Annotated[
+        Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
+        Field(
+            description="after the curve's end: last rate kept (linear), last angle held (hold), no torque (off); a curve "
+            "has no motion that could flow on"
+        ),
+    ]
+
+    @property
+    def degree(self) -> int:
+        """Degree of the curve of each joint."""
+        return self.curve.degree
+
+    @property
+    def start(self) -> str:
+        """The problem whose gait gives the first guess."""
+        return self.curve.start
+
+
+class NoControlSpec(Section):
+    """A passive walker."""
+
+    type: Literal["none"] = Field("none", description="no torques")
+
+
+class ConstantTorqueSpec(Section):
+    """Constant torques by the walker's actuator names [N m]."""
+
+    type: Literal["constant_torque"] = "constant_torque"
+    torques: Mapping[str, Number]
+
+
+class PDSpec(Section):
+    """PD tracking of a reference, its clock restarted at every impact: u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)."""
+
+    type: Literal["pd"] = Field("pd", description="PD tracking of a reference")
+    kp: Annotated[NonNegative, Field(description="gain on the angle [N m/rad]")]
+    kd: Annotated[NonNegative, Field(description="gain on the rate [N m s/rad]")]
+    reference: Annotated[GaitReference | CurveReference, Field(description="motion that the joints track")]
+
+
+ControlSpec = NoControlSpec | ConstantTorqueSpec | PDSpec
+
+
+class HeadSection(Section):
+    """The keys at the top of a file that are not mappings."""
+
+    name: Annotated[
+        str,
+        Field(
+            pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
+            max_length=80,
+            description="name of the problem, also of its run folder: letters, digits, dot, dash and underscore",
+        ),
+    ]
+    about: Annotated[str, Field(description="what the gait is, in a sentence")] = ""
+    friction: Annotated[NonNegative, Field(description="coefficient of friction mu")]
+    impact_law: Annotated[
+        ImpactLaw, Field(description="tangential law of a slipping impact: Coulomb friction, or no tangential impulse")
+    ] = ImpactLaw.COULOMB
+
+
+class GaitSection(Section):
+    """The mode sequence of one step, and a first guess."""
+
+    phases: Annotated[tuple[Mode, ...], Field(description="modes of the stance foot in order")]
+    impact: Annotated[Mode, Field(description="what the colliding foot does just after the impact that ends the step")]
+    guess: Annotated[dict[str, Any], Field(description="first guess of state and durations")]
+
+
+class GuessSection(Section):
+    """First guess: state after impact, and phase durations."""
+
+    state: Annotated[
+        dict[str, Any], Field(description="state just after impact; what is left out follows from the section")
+    ]
+    durations: Annotated[tuple[Positive, ...] | None, Field(description="of the phases [s], one each; optional")] = None
+
+
+class FreeSection(Section):
+    """An unknown in place of a number."""
+
+    free: Annotated[list[Any], Field(min_length=2, max_length=2, description="bounds [lo, hi] of the unknown")]
+    guess: Annotated[Any, Field(description="first guess, within the bounds")]
+
+
+class RangeSection(Section):
+    """Bounds of a scalar, in SI."""
+
+    min: Annotated[Number | None, Field(description="lower bound, none if left out")] = None
+    max: Annotated[Number | None, Field(description="upper bound, none if left out")] = None
+
+
+class AngleRangeSection(Section):
+    """Bounds of an angle."""
+
+    min: Annotated[Angle | None, Field(description="lower bound [rad], none if left out")] = None
+    max: Annotated[Angle | None, Field(description="upper bound [rad], none if left out")] = None
+
+
+SECTION_KEYS = ("walker", "control", "gait", "objective", "constraints")
+"""Keys of a file besides those of its head."""
+
+
+@lru_cache
+def torques_section(walker: type[Walker]) -> type[Section]:
+    """Constant torques of a walker: one key per actuator."""
+    torque = {name: Annotated[Number, Field(description=f"torque of the {name} [N m]")] for name in walker.actuators}
+    kind = Annotated[Literal["constant_torque"], Field(description="constant torques [N m]")]
+    return _model("TorquesSection", {"type": kind, **torque})
+
+
+@lru_cache
+def state_section(walker: type[Walker]) -> type[Section]:
+    """State of a walker: one optional key per name."""
+
+    def entry(name: str) -> Any:
+        if name in walker.shape:
+            return Annotated[Angle, Field(description="[rad]")]
+        return Annotated[Number, Field(description={"x": "[m]", "dx": "slip velocity [m/s]"}.get(name, "[rad/s]"))]
+
+    return _model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
+
+
+def is_angle(field: FieldInfo) -> bool:
+    """Whether a field takes angles with a unit."""
+    return any(isinstance(part, BeforeValidator) and part.func is parse_angle for part in field.metadata)
+
+
+def _model(name: str, keys: Mapping[str, Any], *, required: bool = True) -> type[Section]:
+    default = ... if required else None
+    fields: dict[str, Any] = {key: (annotation, default) for key, annotation in keys.items()}
+    return create_model(name, __base__=Section, **fields)

@@ -1,0 +1,218 @@
+"""Reading YAML 1.2 from strangers: plain data, and the line and column of every key.
+
+Aliases, anchors, tags and further documents are refused while the events stream by, before anything is built; size,
+depth and number of values are bounded, so that no text takes long. Only mappings, lists and plain scalars come out.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.events import (
+    AliasEvent,
+    CollectionEndEvent,
+    CollectionStartEvent,
+    DocumentStartEvent,
+    Event,
+    MappingStartEvent,
+    NodeEvent,
+    ScalarEvent,
+    SequenceStartEvent,
+)
+from ruamel.yaml.nodes import ScalarNode
+from ruamel.yaml.reader import ReaderError
+
+from gaitopt.errors import ProblemError
+from gaitopt.problem.faults import Fault, Key, shown
+
+MAX_BYTES = 256 * 1024
+MAX_DEPTH = 20
+MAX_VALUES = 2000  # ten times the largest sensible file; bounds the time of a pure Python parser
+MAX_SCALAR = 4000  # characters; also keeps int() away from its own limit of digits
+
+_STRING = "tag:yaml.org,2002:str"
+_FLOAT = "tag:yaml.org,2002:float"
+_INT = "tag:yaml.org,2002:int"
+_NATIVE = {_FLOAT, _INT, "tag:yaml.org,2002:bool", "tag:yaml.org,2002:null"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A YAML text as plain data.
+
+    Attributes
+    ----------
+    data : mappings with string keys, lists, and str, int, float, bool or None.
+    marks : line and column, both from 1, of every key and list entry by its path; the root has the path ().
+    faults : what is wrong with the text itself, duplicate keys for instance.
+    """
+
+    data: Any
+    marks: Mapping[Key, tuple[int, int]]
+    faults: tuple[Fault, ...]
+
+
+def read_text(path: Path) -> str:
+    """The text of a problem file, if it is a readable UTF-8 file of sensible size.
+
+    Raises
+    ------
+    ProblemError
+        If it is missing, not a file, unreadable, too large or not UTF-8.
+    """
+    try:
+        if not path.exists():
+            raise _refusal(path, "no such file; `gaitopt list` shows the problems that have a name")
+        if not path.is_file():
+            raise _refusal(path, "is not a file; give the path of one problem file (.yaml)")
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
+        raise _refusal(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(content) > MAX_BYTES:
+        raise _refusal(path, f"is larger than {MAX_BYTES // 1024} kB: a problem file holds one gait, some 30 lines")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = content[: error.start].decode("utf-8-sig", errors="replace")
+        line, column = before.count("\n") + 1, error.start - content.rfind(b"\n", 0, error.start)
+        raise _refusal(path, f"byte 0x{content[error.start]:02x} is not UTF-8 text", line, column) from error
+
+
+def parse_source(text: str, name: str) -> Source:
+    """Data and marks of a YAML text; ``name`` stands for the file in messages.
+
+    Raises
+    ------
+    ProblemError
+        If the text is not YAML 1.2, or uses aliases, anchors, tags, several documents, or exceeds a bound.
+    """
+    if len(text) > MAX_BYTES:
+        raise _refusal(name, f"is larger than {MAX_BYTES // 1024} kB: a problem file holds one gait, some 30 lines")
+    yaml = YAML(typ="safe", pure=True)
+    reader = _Reader(yaml, name)
+    try:
+        data = reader.read(yaml.parse(text))
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        raise _refusal(name, f"is not YAML: {error.problem or error.context}", line, column) from error
+    except ReaderError as error:
+        raise _refusal(name, f"character {error.character!r} is not allowed: {error.reason}") from error
+    except (YAMLError, ValueError, OverflowError) as error:  # the latter two: escapes beyond Unicode
+        raise _refusal(name, f"is not YAML: {error}") from error
+    return Source(data=data, marks=reader.marks, faults=tuple(reader.faults))
+
+
+def parse_value(text: str) -> object:
+    """A value as YAML reads it, for overrides given as text: ``0.2``, ``1 deg``, ``[stick]``, ``{free: [0, 1], guess: 0.5}``.
+
+    Raises
+    ------
+    ProblemError
+        As ``parse_source``.
+    """
+    source = parse_source(text, "value")
+    if source.faults:
+        raise ProblemError("\n".join(fault.message for fault in source.faults))
+    return source.data
+
+
+class _Reader:
+    """Builds data and marks from the event stream of one text."""
+
+    def __init__(self, yaml: YAML, name: str) -> None:
+        self.yaml, self.name = yaml, name
+        self.marks: dict[Key, tuple[int, int]] = {(): (1, 1)}
+        self.faults: list[Fault] = []
+
+    def read(self, stream: Iterable[Event]) -> Any:
+        """The only document of the stream."""
+        events = self._checked(stream)
+        root = next((event for event in events if isinstance(event, NodeEvent)), None)
+        data = None if root is None else self._value(root, events, ())
+        for _ in events:  # to the end: a second document or trailing nonsense is refused
+            pass
+        return data
+
+    def _checked(self, stream: Iterable[Event]) -> Iterator[Event]:
+        depth = values = documents = 0
+        for event in stream:
+            if isinstance(event, DocumentStartEvent):
+                documents += 1
+                if documents > 1:
+                    raise self._refuse(event, "a second document starts here: one problem per file")
+                if event.tags or event.version not in (None, (1, 2)):
+                    raise self._refuse(event, "directives are not allowed, apart from %YAML 1.2")
+            if isinstance(event, NodeEvent):
+                values += 1
+                self._check_node(event)
+            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+            if depth > MAX_DEPTH:
+                raise self._refuse(event, f"nested deeper than {MAX_DEPTH} levels")
+            if values > MAX_VALUES:
+                raise self._refuse(event, f"more than {MAX_VALUES} keys and values: a problem file holds one gait")
+            yield event
+
+    def _check_node(self, event: Event) -> None:
+        if isinstance(event, AliasEvent):
+            raise self._refuse(event, f"alias *{event.anchor} is not allowed: write the value out")
+        if event.anchor is not None:
+            raise self._refuse(event, f"anchor &{event.anchor} is not allowed: write the value out where it is needed")
+        if event.tag is not None:
+            raise self._refuse(event, f"tag {shown(str(event.tag))} is not allowed: write the plain value")
+
+    def _value(self, event: Event, events: Iterator[Event], path: Key) -> Any:
+        if path not in self.marks or path == ():
+            self.marks[path] = _position(event)
+        if isinstance(event, MappingStartEvent):
+            return self._mapping(events, path)
+        if isinstance(event, SequenceStartEvent):
+            items: list[Any] = []
+            while not isinstance(item := next(events), CollectionEndEvent):
+                items.append(self._value(item, events, (*path, len(items))))
+            return items
+        return self._scalar(event, path)
+
+    def _mapping(self, events: Iterator[Event], path: Key) -> dict[str, Any]:
+        content: dict[str, Any] = {}
+        while not isinstance(event := next(events), CollectionEndEvent):
+            if not isinstance(event, ScalarEvent) or self._tag(event) != _STRING:
+                raise self._refuse(event, "a key must be a plain word, followed by a colon and a space")
+            key = event.value
+            if key in content:
+                line = self.marks[(*path, key)][0]
+                self.marks[(*path, key)] = _position(event)
+                self.faults.append(Fault((*path, key), f"given twice, before in line {line}: keep one"))
+            self.marks[(*path, key)] = _position(event)
+            content[key] = self._value(next(events), events, (*path, key))
+        return content
+
+    def _scalar(self, event: ScalarEvent, path: Key) -> Any:
+        if len(event.value) > MAX_SCALAR:
+            raise self._refuse(event, f"a value of {len(event.value)} characters; at most {MAX_SCALAR}")
+        tag = self._tag(event)
+        if tag not in _NATIVE:
+            return event.value  # texts; a timestamp is a text too
+        value = self.yaml.constructor.construct_object(ScalarNode(tag, event.value))
+        if tag == _INT and abs(value) >= 2**63:
+            self.faults.append(Fault(path, f"{shown(event.value)} is too large for an integer"))
+            return 0
+        return value
+
+    def _tag(self, event: ScalarEvent) -> str:
+        return str(self.yaml.resolver.resolve(ScalarNode, event.value, event.implicit))
+
+    def _refuse(self, event: Event, message: str) -> ProblemError:
+        return _refusal(self.name, message, *_position(event))
+
+
+def _position(event: Event) -> tuple[int, int]:
+    return event.start_mark.line + 1, event.start_mark.column + 1
+
+
+def _refusal(name: str | Path, message: str, line: int = 1, column: int = 1) -> ProblemError:
+    return ProblemError(f"{name}:{line}:{column}: {message}")
