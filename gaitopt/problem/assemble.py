@@ -4,14 +4,14 @@ Numbers that are unknowns, ``{free: [lo, hi], guess: x}``, are validated three t
 section: guess, lower and upper bound in the place of the number.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from gaitopt.errors import UnknownNameError
 from gaitopt.mechanics.reference import BeyondEnd
-from gaitopt.mechanics.walker import Walker, find_walker, registered_walkers
+from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
 from gaitopt.problem.initial import read_gait
@@ -33,20 +33,23 @@ from gaitopt.problem.sections import (
 Model = TypeVar("Model", bound=BaseModel)
 
 CONTROLS = ("none", "constant_torque", "pd")
+UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
+"""Stands for an unknown that has faults of its own, so that its name is known all the same."""
 
 
-def assemble(data: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> dict[str, Any]:
     """The fields of a problem that its own data determine; they are meaningful only if no fault was added."""
     free: dict[str, Free] = {}
     head = _read_head(data, free, faults)
-    walker = _read_walker(data, free, faults)
-    control = _read_control(data.get("control", {"type": "none"}), walker, free, faults)
-    sequence, guess = read_gait(data, walker, faults)
-    fields = {"walker": walker, "control": control, "sequence": sequence, "guess": guess, "free": free}
+    model = _find_model(data, walkers, faults)
+    walker = None if model is None else _read_walker(model, data["walker"], free, faults)
+    control = _read_control(data.get("control", {"type": "none"}), model, free, faults)
+    sequence, guess = read_gait(data, model, walker, faults)
+    fields: dict[str, Any] = {"walker": walker, "control": control, "sequence": sequence, "guess": guess, "free": free}
     if head:
         fields |= {key: getattr(head, key) for key in HeadSection.model_fields}
-    if walker and control and sequence:
-        asked = Asked(walker=walker, control=control, sequence=sequence, free=free)
+    if model:
+        asked = Asked(walker=model, control=control, sequence=sequence, free=free)
         objective = read_objective(data.get("objective"), asked, faults)
         constraints = read_constraints(data.get("constraints"), asked, faults)
         if not faults:
@@ -66,31 +69,33 @@ def _read_head(data: Mapping[str, Any], free: dict[str, Free], faults: list[Faul
     )
 
 
-def _read_walker(data: Mapping[str, Any], free: dict[str, Free], faults: list[Fault]) -> Walker | None:
-    section = data.get("walker")
-    path: Key = ("walker",)
+def _find_model(
+    data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]
+) -> type[Walker] | None:
     if "walker" not in data:
         return None
+    section = data["walker"]
     if not isinstance(section, Mapping):
-        faults.append(
-            Fault(path, f"{shown(section)} stands where a mapping belongs: model, and the model's parameters")
-        )
+        message = f"{shown(section)} stands where a mapping belongs: model, and the model's parameters"
+        faults.append(Fault(("walker",), message))
         return None
-    models = tuple(registered_walkers())
-    if "model" not in section:
-        faults.append(Fault((*path, "model"), f"is missing; registered: {', '.join(models)}"))
-        return None
-    try:
-        model = find_walker(section["model"])
-    except (UnknownNameError, TypeError):  # TypeError: something that is no name
-        message = f"no walker is called {shown(section['model'])}{near_miss(section['model'], models)}"
-        faults.append(Fault((*path, "model"), message))
-        return None
-    return _read_parameters(model, {k: v for k, v in section.items() if k != "model"}, path, free, faults)
+    name = section.get("model")
+    if isinstance(name, str) and name in walkers:
+        return walkers[name]
+    wrong = f"no walker is called {shown(name)}" if "model" in section else "is missing"
+    faults.append(Fault(("walker", "model"), f"{wrong}{near_miss(name, tuple(walkers))}"))
+    return None
+
+
+def _read_walker(
+    model: type[Walker], section: Mapping[str, Any], free: dict[str, Free], faults: list[Fault]
+) -> Walker | None:
+    parameters = {key: value for key, value in section.items() if key != "model"}
+    return _read_parameters(model, parameters, ("walker",), free, faults)
 
 
 def _read_control(
-    data: object, walker: Walker | None, free: dict[str, Free], faults: list[Fault]
+    data: object, walker: type[Walker] | None, free: dict[str, Free], faults: list[Fault]
 ) -> ControlSpec | None:
     path: Key = ("control",)
     if not isinstance(data, Mapping) or "type" not in data:
@@ -110,8 +115,8 @@ def _read_control(
         return _read_parameters(PDSpec, _with_reference(data, faults), path, free, faults)
     if walker is None:
         return None
-    torques = _read_parameters(torques_section(type(walker)), data, path, free, faults)
-    return torques and ConstantTorqueSpec(torques=torques.model_dump(exclude={"type"}))
+    torques = _read_parameters(torques_section(walker), data, path, free, faults)
+    return None if torques is None else ConstantTorqueSpec(torques=torques.model_dump(exclude={"type"}))
 
 
 def _with_reference(data: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
@@ -136,6 +141,7 @@ def _read_parameters(
     """A section in which numbers may be free; a freed number has its guess."""
     found: list[Fault] = []
     freed = {key: value for key, value in data.items() if isinstance(value, Mapping) and "free" in value}
+    free |= {_dotted_key(path, key): UNREAD for key in freed}
     parts = {key: read_section(FreeSection, value, (*path, key), found) for key, value in freed.items()}
     unknowns = {key: part for key, part in parts.items() if part is not None}
     broken = {(*path, key) for key in freed.keys() - unknowns.keys()}
@@ -154,7 +160,7 @@ def _read_parameters(
     for key, part in unknowns.items():
         span = _read_bounds(model, section, plain, part, (*path, key), faults)
         if span is not None:
-            free[".".join(map(str, (*path, key)))] = span
+            free[_dotted_key(path, key)] = span
     return section
 
 
@@ -186,3 +192,7 @@ def _read_bounds(
     elif not lower <= guess <= upper:
         faults.append(Fault((*path, "guess"), f"{guess:g} is outside of its bounds [{lower:g}, {upper:g}]"))
     return Free(lower=lower, upper=upper, guess=guess)
+
+
+def _dotted_key(path: Key, key: str) -> str:
+    return ".".join(map(str, (*path, key)))

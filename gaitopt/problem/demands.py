@@ -40,11 +40,11 @@ RESULT_SCALARS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """What the names in an objective or a constraint may refer to."""
+    """What the names in an objective or a constraint may refer to; None where a fault has been found already."""
 
-    walker: Walker
-    control: ControlSpec
-    sequence: ModeSequence
+    walker: type[Walker]
+    control: ControlSpec | None
+    sequence: ModeSequence | None
     free: Mapping[str, Free]
 
     @property
@@ -60,14 +60,14 @@ class Asked:
             return (
                 "is a quantity of the motors, and this walker is passive: give it a control, or ask for another scalar"
             )
-        if name == "required_friction" and Mode.STICK not in self.sequence.phases:
+        if name == "required_friction" and self.sequence and Mode.STICK not in self.sequence.phases:
             return "is defined by sticking phases, and this gait has none"
         return None
 
     def is_angle(self, name: str) -> bool:
         """Whether values of ``name`` may carry a unit of angle."""
         group, _, key = name.partition(".")
-        fields = type(self.walker).model_fields
+        fields = self.walker.model_fields
         return (group == "state" and key in self.walker.shape) or (
             group == "walker" and key in fields and is_angle(fields[key])
         )

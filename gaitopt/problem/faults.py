@@ -1,10 +1,12 @@
 """What is wrong with a problem, and where: all faults at once, each with its place, the allowed values and a remedy.
 
-A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass`` or ``--set walker.leg_mass``.
+A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into
+``--set walker.leg_mass``.
 """
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -48,7 +50,7 @@ class FilePlace:
         """``file.yaml:7:9 walker.leg_mass``."""
         nearest = next(path[:n] for n in range(len(path), -1, -1) if path[:n] in self.marks)
         line, column = self.marks[nearest]
-        return (line, column), f"{self.name}:{line}:{column} {dotted(path)}".rstrip()
+        return (line, column), f"{plain(self.name)}:{line}:{column} {dotted(path)}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,7 @@ class OverridePlace:
         around = [key for key, target in self.keys.items() if path[: len(target)] == target]
         below = [key for key, target in self.keys.items() if target[: len(path)] == path]
         keys = around or below or list(self.keys)
-        label = f"--set {', '.join(keys)}"
+        label = f"--set {', '.join(map(plain, keys))}"
         return (list(self.keys).index(keys[0]), 0), label if keys == [dotted(path)] else f"{label}: {dotted(path)}"
 
 
@@ -88,10 +90,13 @@ def read_section(model: type[Model], data: object, path: Key, faults: list[Fault
 
 def dotted(path: Key) -> str:
     """``gait.phases[1]`` for ("gait", "phases", 1)."""
-    words = (
-        f"[{part}]" if isinstance(part, int) else f".{part if part.isprintable() else repr(part)}" for part in path
-    )
+    words = (f"[{part}]" if isinstance(part, int) else f".{plain(part)}" for part in path)
     return "".join(words).removeprefix(".")
+
+
+def plain(text: str) -> str:
+    """``text`` itself, or quoted if it is empty or holds control characters."""
+    return text if text and text.isprintable() else repr(text)
 
 
 def shown(value: object) -> str:
@@ -118,10 +123,11 @@ def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
     if kind == "extra_forbidden":
         return f"unknown key{near_miss(item['loc'][-1], tuple(model.model_fields))}"
     if kind in ("enum", "literal_error"):
-        choices = str(limits["expected"]).replace("'", "").replace(" or ", ", ").split(", ")
+        choices = re.findall(r"'(.*?)'", str(limits["expected"]))
         return f"{shown(value)} is not one of the choices{near_miss(value, choices)}"
     if kind in ("too_short", "too_long"):
-        return f"has {limits['actual_length']} entries{meaning}"
+        wanted = limits.get("min_length", limits.get("max_length"))
+        return f"has {limits['actual_length']} entries where {wanted} belong{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
     if isinstance(value, float) and not math.isfinite(value):

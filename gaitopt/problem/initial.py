@@ -18,7 +18,7 @@ SAME_STATE = 1e-6  # relative: how far a state written with six digits may be of
 
 
 def read_gait(
-    data: Mapping[str, Any], walker: Walker | None, faults: list[Fault]
+    data: Mapping[str, Any], model: type[Walker] | None, walker: Walker | None, faults: list[Fault]
 ) -> tuple[ModeSequence | None, Guess | None]:
     """The sequence and the guess, as far as they can be had without fault."""
     if "gait" not in data:
@@ -31,10 +31,10 @@ def read_gait(
     if guess is None:
         return sequence, None
     if guess.durations is not None and len(guess.durations) != len(gait.phases):
-        phases = f"{len(gait.phases)} phases ({', '.join(gait.phases)})"
-        message = f"{len(guess.durations)} durations for {phases}: give one per phase, or leave durations out"
+        wanted = f"one duration per phase ({', '.join(gait.phases)})"
+        message = f"{len(guess.durations)} given, but it takes {wanted}; or leave durations out"
         faults.append(Fault(("gait", "guess", "durations"), message))
-    state = None if walker is None else _read_state(guess.state, walker, gait.impact, faults)
+    state = None if model is None else _read_state(guess.state, model, walker, gait.impact, faults)
     return sequence, None if state is None else Guess(state=state, durations=guess.durations)
 
 
@@ -46,20 +46,22 @@ def _read_sequence(gait: GaitSection, faults: list[Fault]) -> ModeSequence | Non
         return None
 
 
-def _read_state(data: Mapping[str, Any], walker: Walker, impact: Mode, faults: list[Fault]) -> dict[str, float] | None:
+def _read_state(
+    data: Mapping[str, Any], model: type[Walker], walker: Walker | None, impact: Mode, faults: list[Fault]
+) -> dict[str, float] | None:
     """The complete state, in the order of the walker's state names."""
     path: Key = ("gait", "guess", "state")
-    section = read_section(state_section(type(walker)), data, path, faults)
+    section = read_section(state_section(model), data, path, faults)
     if section is None:
         return None
     given = section.model_dump(exclude_none=True)
-    needed = walker.section_names(slipping=impact is not Mode.STICK)
+    needed = model.section_names(slipping=impact is not Mode.STICK)
     missing = [name for name in needed if name not in given]
     faults += [
         Fault((*path, name), f"is missing; after this impact the section is {', '.join(needed)}") for name in missing
     ]
     faults += _slip_faults(given.get("dx", 0.0), impact, (*path, "dx")) if "dx" not in missing else []
-    if missing:
+    if missing or walker is None:
         return None
     state = {"x": 0.0, "dx": 0.0} | _shape_after_impact(given, walker) | {k: given[k] for k in needed if k in given}
     for name, value in given.items():

@@ -5,18 +5,18 @@ A problem that tracks another gait holds that gait's own problem, which override
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.mechanics.modes import ImpactLaw, ModeSequence
-from gaitopt.mechanics.walker import Walker
+from gaitopt.mechanics.walker import Walker, registered_walkers
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
-from gaitopt.problem.faults import Fault, FilePlace, Key, OverridePlace, Place, raise_faults, shown
+from gaitopt.problem.faults import Fault, FilePlace, Key, Place, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
 from gaitopt.problem.record import problem_data
 from gaitopt.problem.sections import ControlSpec, CurveReference, Free, Guess, PDSpec, Range
@@ -51,9 +51,9 @@ class Problem:
     control: ControlSpec
     sequence: ModeSequence
     guess: Guess
-    free: Mapping[str, Free]
-    objective: Mapping[str, float]
-    constraints: Mapping[str, Range]
+    free: Mapping[str, Free] = field(default_factory=dict)
+    objective: Mapping[str, float] = field(default_factory=dict)
+    constraints: Mapping[str, Range] = field(default_factory=dict)
     reference: "Problem | None" = None
     path: Path | None = None
     text: str = ""
@@ -87,12 +87,9 @@ class Problem:
         data, place = apply_overrides(problem_data(self), overrides, faults)
         raise_faults(faults, place)
 
-        def reference_of(name: str) -> Problem:
-            kept = self.reference is not None and name == _reference_name(self.control)[0]
-            chain = () if self.path is None else (self.path.resolve(),)
-            return self.reference if kept and self.reference else _load(name, self._folder, chain)
-
-        return _build(data, place, reference_of, faults, path=self.path, text=self.text)
+        known = {} if self.reference is None else {_reference_name(self.control)[0]: self.reference}
+        origin = _Origin(walkers=(type(self.walker),), path=self.path, chain=_chain(self.path))
+        return _build(data, place, faults, origin, text=self.text, known=known)
 
     def resolved(self) -> dict[str, Any]:
         """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name."""
@@ -100,8 +97,10 @@ class Problem:
         data["gait"]["guess"]["state"] = dict(self.guess.state)
         if self.reference is not None:
             reference = data["control"]["reference"]
-            target = reference["curve"] if "curve" in reference else reference
-            target["start" if "curve" in reference else "gait"] = self.reference.resolved()
+            if "curve" in reference:
+                reference["curve"]["start"] = self.reference.resolved()
+            else:
+                reference["gait"] = self.reference.resolved()
         return data
 
     @property
@@ -115,13 +114,14 @@ class Problem:
         """The first eight digits of the digest."""
         return self.digest[:8]
 
-    @property
-    def _folder(self) -> Path | None:
-        return None if self.path is None else self.path.parent
 
-
-def load_problem(name_or_path: str | Path) -> Problem:
+def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
     """The problem of a name in the catalogue, or of a file.
+
+    Parameters
+    ----------
+    name_or_path : a name out of ``problem_names()``, or the path of a .yaml file.
+    walkers : walkers that the file may name besides those that are registered.
 
     Raises
     ------
@@ -130,10 +130,10 @@ def load_problem(name_or_path: str | Path) -> Problem:
     ProblemError
         If the file or what it says is wrong: one line ``file:line:column key: ...`` per fault.
     """
-    return _load(name_or_path, None, ())
+    return _load(name_or_path, _Origin(walkers=tuple(walkers)))
 
 
-def parse_problem(text: str, path: Path | None = None) -> Problem:
+def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
     """The problem stated by a YAML text; ``path`` names it in messages, and references are relative to it.
 
     Raises
@@ -141,10 +141,10 @@ def parse_problem(text: str, path: Path | None = None) -> Problem:
     ProblemError
         As ``load_problem``.
     """
-    return _parse(text, path, ())
+    return _parse(text, _Origin(walkers=tuple(walkers), path=path, chain=_chain(path)))
 
 
-def restore_problem(record: Mapping[str, Any]) -> Problem:
+def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Problem:
     """The problem that ``Problem.resolved`` has written, references included.
 
     Raises
@@ -153,71 +153,76 @@ def restore_problem(record: Mapping[str, Any]) -> Problem:
         If the record is wrong.
     """
     data = deepcopy(dict(record))
-    nested: list[Problem] = []
-    reference = data.get("control", {}).get("reference", {})
-    for holder, key in ((reference, "gait"), (reference.get("curve", {}), "start")):
-        if isinstance(holder.get(key), Mapping):
-            nested.append(restore_problem(holder[key]))
-            holder[key] = nested[0].name
     place = FilePlace(f"record of {shown(data.get('name'))}", {(): (1, 1)})
-    return _build(data, place, lambda name: nested[0] if nested else _load(name, None, ()), [])
+    known: dict[str, Problem] = {}
+    control = data.get("control")
+    reference = control.get("reference") if isinstance(control, Mapping) else None
+    curve = reference.get("curve") if isinstance(reference, Mapping) else None
+    for holder, key in ((reference, "gait"), (curve, "start")):
+        if isinstance(holder, dict) and isinstance(holder.get(key), Mapping):
+            nested = restore_problem(holder[key], walkers=walkers)
+            known, holder[key] = {nested.name: nested}, nested.name
+    return _build(data, place, [], _Origin(walkers=tuple(walkers)), known=known)
 
 
-def _load(name_or_path: str | Path, folder: Path | None, chain: tuple[Path, ...]) -> Problem:
-    path = find_problem(name_or_path, folder)
-    return _parse(read_text(path), path, chain)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Origin:
+    """Where a problem is read from: its file, all the files that led to it by reference, and further walkers."""
+
+    walkers: tuple[type[Walker], ...]
+    path: Path | None = None
+    chain: tuple[Path, ...] = ()
 
 
-def _parse(text: str, path: Path | None, chain: tuple[Path, ...]) -> Problem:
-    """``chain`` holds the files that led here by their references, so that a circle is seen."""
-    here = () if path is None else (path.resolve(),)
-    if set(here) & set(chain):
-        circle = " -> ".join(file.stem for file in (*chain, *here))
-        raise ProblemError(f"references run in a circle: {circle}")
-    source = parse_source(text, "problem" if path is None else str(path))
-    place = FilePlace("problem" if path is None else str(path), source.marks)
+def _load(name_or_path: str | Path, asking: _Origin) -> Problem:
+    path = find_problem(name_or_path, None if asking.path is None else asking.path.parent)
+    text = read_text(path)
+    chain = (*asking.chain, *_chain(path))
+    if chain[-1] in asking.chain:
+        raise ProblemError(f"references run in a circle: {' -> '.join(file.stem for file in chain)}")
+    return _parse(text, _Origin(walkers=asking.walkers, path=path, chain=chain))
+
+
+def _parse(text: str, origin: _Origin) -> Problem:
+    name = "problem" if origin.path is None else str(origin.path)
+    source = parse_source(text, name)
+    place = FilePlace(name, source.marks)
     faults = list(source.faults)
     if not isinstance(source.data, Mapping):
         faults.append(Fault((), "the file holds no mapping of keys; `gaitopt schema` describes a problem file"))
         raise_faults(faults, place)
-    folder = None if path is None else path.parent
-    return _build(source.data, place, lambda name: _load(name, folder, chain + here), faults, path=path, text=text)
+    return _build(source.data, place, faults, origin, text=text)
+
+
+def _chain(path: Path | None) -> tuple[Path, ...]:
+    return () if path is None else (path.resolve(),)
 
 
 def _build(
     data: Mapping[str, Any],
     place: Place,
-    reference_of: Callable[[str], Problem],
     faults: list[Fault],
+    origin: _Origin,
     *,
-    path: Path | None = None,
     text: str = "",
+    known: Mapping[str, Problem] | None = None,
 ) -> Problem:
-    """A problem from data, or all that is wrong with them."""
-    fields = assemble(data, faults)
-    reference = _read_reference(fields["control"], fields["walker"], reference_of, faults)
+    """A problem from data, or all that is wrong with them; ``known`` are references that need no loading, by name."""
+    walkers = {**registered_walkers(), **{walker.model: walker for walker in origin.walkers}}
+    fields = assemble(data, walkers, faults)
+    name, key = _reference_name(fields["control"])
+    reference = None
+    if name:
+        try:
+            reference = (known or {}).get(name) or _load(name, origin)
+        except (UnknownNameError, ProblemError) as error:
+            faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
+    if reference and fields["walker"]:
+        untracked = ", ".join(angle for angle in fields["walker"].tracked if angle not in reference.walker.shape)
+        found = f"the reference {shown(name)} is a {reference.walker.model}"
+        faults += [Fault(key, f"{found}, which has no {untracked} to track")] if untracked else []
     raise_faults(faults, place)
-    return Problem(**fields, reference=reference, path=path, text=text)
-
-
-def _read_reference(
-    control: ControlSpec | None, walker: Walker | None, reference_of: Callable[[str], Problem], faults: list[Fault]
-) -> Problem | None:
-    name, key = _reference_name(control)
-    if not name:
-        return None
-    try:
-        reference = reference_of(name)
-    except (UnknownNameError, ProblemError) as error:
-        faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
-        return None
-    untracked = [] if walker is None else [angle for angle in walker.tracked if angle not in reference.walker.shape]
-    if untracked:
-        message = (
-            f"the reference {shown(name)} is a {reference.walker.model}, which has no {', '.join(untracked)} to track"
-        )
-        faults.append(Fault(key, message))
-    return reference
+    return Problem(**fields, reference=reference, path=origin.path, text=text)
 
 
 def _reference_name(control: ControlSpec | None) -> tuple[str, Key]:

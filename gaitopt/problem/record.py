@@ -34,8 +34,8 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
         },
     }
     for key, free in problem.free.items():
-        *section, name = key.split(".")
-        (data[section[0]] if section else data)[name] = _free_data(free)
+        group, _, name = key.rpartition(".")
+        (data[group] if group else data)[name] = _free_data(free)
     if problem.objective:
         data["objective"] = dict(problem.objective)
     if problem.constraints:

@@ -62,7 +62,7 @@ class GaitReference(Section):
     beyond_end: Annotated[
         BeyondEnd,
         Field(
-            description="after the reference's last instant: its motion flows on (flow), its last rate is kept (linear), "
+            description="after the reference's end: its motion flows on (flow), its last rate is kept (linear), "
             "its last angle is held (hold), or there is no torque (off)"
         ),
     ]
@@ -82,8 +82,8 @@ class CurveReference(Section):
     beyond_end: Annotated[
         Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
         Field(
-            description="after the curve's end: last rate kept (linear), last angle held (hold), no torque (off); a curve "
-            "has no motion that could flow on"
+            description="after the curve's end: its last rate is kept (linear), its last angle is held (hold), "
+            "or there is no torque (off); a curve has no motion of its own that could flow on"
         ),
     ]
 
@@ -112,7 +112,10 @@ class ConstantTorqueSpec(Section):
 
 
 class PDSpec(Section):
-    """PD tracking of a reference, its clock restarted at every impact: u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)."""
+    """PD tracking of a reference whose clock restarts at every impact.
+
+    u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)
+    """
 
     type: Literal["pd"] = Field("pd", description="PD tracking of a reference")
     kp: Annotated[NonNegative, Field(description="gain on the angle [N m/rad]")]
@@ -172,7 +175,7 @@ class RangeSection(Section):
     max: Annotated[Number | None, Field(description="upper bound, none if left out")] = None
 
 
-class AngleRangeSection(Section):
+class AngleRangeSection(RangeSection):
     """Bounds of an angle."""
 
     min: Annotated[Angle | None, Field(description="lower bound [rad], none if left out")] = None

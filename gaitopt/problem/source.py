@@ -26,7 +26,7 @@ from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.reader import ReaderError
 
 from gaitopt.errors import ProblemError
-from gaitopt.problem.faults import Fault, Key, shown
+from gaitopt.problem.faults import Fault, Key, plain, shown
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20
@@ -66,12 +66,12 @@ def read_text(path: Path) -> str:
     try:
         if not path.exists():
             raise _refusal(path, "no such file; `gaitopt list` shows the problems that have a name")
-        if not path.is_file():
+        if not path.is_file():  # a device could be read for ever
             raise _refusal(path, "is not a file; give the path of one problem file (.yaml)")
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
-        raise _refusal(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    except OSError as error:
+        raise _refusal(path, f"cannot be read: {error.strerror}") from error
     if len(content) > MAX_BYTES:
         raise _refusal(path, f"is larger than {MAX_BYTES // 1024} kB: a problem file holds one gait, some 30 lines")
     try:
@@ -101,14 +101,19 @@ def parse_source(text: str, name: str) -> Source:
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
         raise _refusal(name, f"is not YAML: {error.problem or error.context}", line, column) from error
     except ReaderError as error:
-        raise _refusal(name, f"character {error.character!r} is not allowed: {error.reason}") from error
+        before = text[: error.position]
+        line, column = before.count("\n") + 1, error.position - before.rfind("\n")
+        message = f"control character U+{error.character:04X} is not allowed: a problem file is plain text"
+        raise _refusal(name, message, line, column) from error
+    except ProblemError:  # is a ValueError itself
+        raise
     except (YAMLError, ValueError, OverflowError) as error:  # the latter two: escapes beyond Unicode
         raise _refusal(name, f"is not YAML: {error}") from error
     return Source(data=data, marks=reader.marks, faults=tuple(reader.faults))
 
 
 def parse_value(text: str) -> object:
-    """A value as YAML reads it, for overrides given as text: ``0.2``, ``1 deg``, ``[stick]``, ``{free: [0, 1], guess: 0.5}``.
+    """A value as YAML reads it, for overrides given as text: ``0.2``, ``1 deg``, ``[stick]``.
 
     Raises
     ------
@@ -157,15 +162,17 @@ class _Reader:
                 raise self._refuse(event, f"more than {MAX_VALUES} keys and values: a problem file holds one gait")
             yield event
 
-    def _check_node(self, event: Event) -> None:
+    def _check_node(self, event: Any) -> None:
         if isinstance(event, AliasEvent):
-            raise self._refuse(event, f"alias *{event.anchor} is not allowed: write the value out")
+            raise self._refuse(event, f"alias {shown(event.anchor)} is not allowed: write the value out")
         if event.anchor is not None:
-            raise self._refuse(event, f"anchor &{event.anchor} is not allowed: write the value out where it is needed")
+            raise self._refuse(
+                event, f"anchor {shown(event.anchor)} is not allowed: write the value out where it is needed"
+            )
         if event.tag is not None:
             raise self._refuse(event, f"tag {shown(str(event.tag))} is not allowed: write the plain value")
 
-    def _value(self, event: Event, events: Iterator[Event], path: Key) -> Any:
+    def _value(self, event: Any, events: Iterator[Event], path: Key) -> Any:
         if path not in self.marks or path == ():
             self.marks[path] = _position(event)
         if isinstance(event, MappingStartEvent):
@@ -215,4 +222,4 @@ def _position(event: Event) -> tuple[int, int]:
 
 
 def _refusal(name: str | Path, message: str, line: int = 1, column: int = 1) -> ProblemError:
-    return ProblemError(f"{name}:{line}:{column}: {message}")
+    return ProblemError(f"{plain(str(name))}:{line}:{column}: {message}")
