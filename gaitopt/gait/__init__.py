@@ -1,6 +1,22 @@
 """Gaits and trajectories as data, and the scalars that describe them."""
 
+from gaitopt.gait.gait import Gait, Shooting, Status
 from gaitopt.gait.measures import Observation, measure, observe
+from gaitopt.gait.multipliers import floquet_multipliers, multiplier_distance
 from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
 
-__all__ = ["Arc", "Ending", "ImpactRecord", "Observation", "Step", "Trajectory", "measure", "observe"]
+__all__ = [
+    "Arc",
+    "Ending",
+    "Gait",
+    "ImpactRecord",
+    "Observation",
+    "Shooting",
+    "Status",
+    "Step",
+    "Trajectory",
+    "floquet_multipliers",
+    "measure",
+    "multiplier_distance",
+    "observe",
+]

@@ -16,6 +16,8 @@ FINE_FACTOR = 6
 """Points of the grid on which extrema and roots are bracketed, per Chebyshev point."""
 NEWTON_STEPS = 4
 """Quadratic convergence from a grid of this density reaches rounding in three steps; one to spare."""
+RESOLVED = 1e-12
+"""Last Chebyshev coefficients (see ``tail``) of an arc that is resolved: the rounding of its states."""
 
 
 @lru_cache(maxsize=32)

@@ -5,7 +5,7 @@ from gaitopt.mechanics.control import ConstantTorque, Control, NoControl, Propor
 from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
 from gaitopt.mechanics.rimless_wheel import RimlessWheel
-from gaitopt.mechanics.system import HybridSystem, margin_names
+from gaitopt.mechanics.system import HybridSystem, ending_margin, margin_names
 from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, registered_walkers
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "Reference",
     "RimlessWheel",
     "Walker",
+    "ending_margin",
     "find_walker",
     "margin_names",
     "registered_walkers",

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 from types import SimpleNamespace
 
 import numpy as np
-from casadi import SX, Function, cse, jacobian, jtimes, vertcat
+from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.mechanics.contact import Motion, motion
@@ -34,6 +34,15 @@ def margin_names(mode: Mode) -> tuple[str, ...]:
     forward, ``cone_backward`` mu f_n - f_t; ``slip_velocity`` is the speed in the mode's direction.
     """
     return STICK_MARGINS if mode is Mode.STICK else SLIP_MARGINS
+
+
+def ending_margin(mode: Mode, after: Mode | None) -> str:
+    """The margin whose fall to zero ends a phase in ``mode`` that is followed by ``after`` (None: the impact)."""
+    if after is None:
+        return "touchdown"
+    if mode is not Mode.STICK:
+        return "slip_velocity"
+    return "cone_forward" if after is Mode.SLIP_FORWARD else "cone_backward"
 
 
 class HybridSystem:
@@ -95,6 +104,18 @@ class HybridSystem:
 
         return self._build(f"linearisation_{mode}", outputs)
 
+    def variational(self, mode: Mode, columns: int) -> Function:
+        """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
+
+        def outputs() -> list[SX]:
+            dz = self._motion(mode).dz
+            return [vertcat(dz, vec(jacobian(dz, self._eom.z) @ deviations))]
+
+        deviations = SX.sym("deviations", self.n_z, columns)
+        y = vertcat(self._eom.z, vec(deviations))
+        name = f"variational_{mode}_{columns}"
+        return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
+
     def observation(self, mode: Mode) -> Function:
         """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq (n_u)."""
 
@@ -113,7 +134,7 @@ class HybridSystem:
             result = impact(self._eom, mode, self.law, self._friction)
             return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
 
-        return self._build(f"impact_{mode}", outputs, timed=False)
+        return self._build(f"impact_{mode}", outputs, inputs=[self._eom.z, self._p])
 
     def impact_jacobian(self, mode: Mode) -> Function:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
@@ -121,7 +142,7 @@ class HybridSystem:
         def outputs() -> list[SX]:
             return [jacobian(impact(self._eom, mode, self.law, self._friction).z_plus, self._eom.z)]
 
-        return self._build(f"impact_jacobian_{mode}", outputs, timed=False)
+        return self._build(f"impact_jacobian_{mode}", outputs, inputs=[self._eom.z, self._p])
 
     @cached_property
     def weight(self) -> Function:
@@ -137,6 +158,12 @@ class HybridSystem:
         shape = self.walker.after_impact(free, parameter_namespace(self.walker, self._eom.p))
         rates = xi[len(self.walker.section) :]
         return Function("lift", [xi, self._p], [vertcat(*shape, 0, rates)])
+
+    @cached_property
+    def lift_jacobian(self) -> Function:
+        """(xi, p) -> d z / d xi of ``lift``; the column of dx is the last."""
+        xi = SX.sym("xi", self.lift.size1_in(0))
+        return Function("lift_jacobian", [xi, self._p], [jacobian(self.lift(xi, self._p), xi)])
 
     def section(self, impact_mode: Mode) -> NDArray[np.intp]:
         """Indices in ``z`` of the section coordinates after an impact of the given mode."""
@@ -180,10 +207,10 @@ class HybridSystem:
             return vertcat(*common, self._friction * f_n + f_t, self._friction * f_n - f_t)
         return vertcat(*common, mode.direction * self._eom.z[-1], state.painleve)
 
-    def _build(self, name: str, outputs: Callable[[], list[SX]], *, timed: bool = True) -> Function:
+    def _build(self, name: str, outputs: Callable[[], list[SX]], inputs: list[SX] | None = None) -> Function:
         if name not in self._functions:
-            inputs = [self._t, self._eom.z, self._p, self._r] if timed else [self._eom.z, self._p]
-            self._functions[name] = Function(name, inputs, cse(outputs()))
+            arguments = [self._t, self._eom.z, self._p, self._r] if inputs is None else inputs
+            self._functions[name] = Function(name, arguments, cse(outputs()))
         return self._functions[name]
 
 

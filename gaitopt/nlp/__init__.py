@@ -1,0 +1,7 @@
+"""Periodic gaits by multiple shooting with a fixed mode sequence, solved by IPOPT."""
+
+from gaitopt.nlp.integrator import integrate_to
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.solve import solve_gait
+
+__all__ = ["integrate_to", "roll_out", "solve_gait"]

@@ -1,0 +1,112 @@
+"""Why an attempt failed, in physical words: which condition is violated most, in which phase, when, by how much."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.nlp.transcription import Label, Transcription
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Complaint:
+    """One violated condition; ``severity`` is its violation relative to what is usual for the quantity."""
+
+    severity: float
+    words: str
+
+
+SIMPLE_MARGINS = {
+    "normal_force": ("normal force is {value:.4g} N, must be positive", "force"),
+    "slip_velocity": ("slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative", "speed"),
+    "painleve": ("apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)", "one"),
+    "impulse": ("normal impulse is {value:.4g} N s, must be positive", "impulse"),
+    "lift_velocity": ("the former stance foot does not lift: its normal velocity is {value:.4g} m/s", "speed"),
+    "touchdown_rate": ("the swing foot leaves the ground instead of landing (guard rate {value:.4g})", "one"),
+    "impact_slip_velocity": ("slip velocity after impact is {value:.4g} m/s in the direction of the mode", "speed"),
+    "impact_painleve": ("inverse apparent mass of the colliding foot is {value:.4g} 1/kg, must be positive", "one"),
+}
+
+
+def complaints(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Complaint]:
+    """Violated conditions, worst first; ``margins`` are the values of the transcription's inequalities at ``w``."""
+    found = [*_cone_complaints(problem, w, p, margins), *_margin_complaints(problem, w, p, margins)]
+    found += _duration_complaints(problem, w)
+    return sorted((c for c in found if c.severity > tolerance), key=lambda c: -c.severity)
+
+
+def residual_complaint(problem: Transcription, w: Array, residual: Array) -> str:
+    """The equality that is violated most."""
+    row = int(np.argmax(np.abs(residual)))
+    n_z, modes = problem.system.n_z, problem.layout.sequence.phases
+    size = abs(float(residual[row]))
+    if row < n_z * (problem.n_nodes - 1):
+        phase = _phase_of_node(problem, row // n_z)
+        return f"phase {phase + 1} ({modes[phase]}): the motion does not close, off by {size:.3g} in {_state(problem, row)}"
+    row -= n_z * (problem.n_nodes - 1)
+    if row < len(modes):
+        return f"phase {row + 1} ({modes[row]}): the event that should end it is missed by {size:.3g}"
+    return f"not periodic: {_state(problem, row - len(modes))} after the impact is off by {size:.3g}"
+
+
+def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
+    """Friction that is needed against friction that there is, where the foot should stick."""
+    _, labels = problem.inequalities
+    friction = problem.full_parameters(p, problem.unpack(w)[2])[problem.system.parameters.index("friction")]
+    rows = {label: i for i, label in enumerate(labels)}
+    for label, i in rows.items():
+        if not label.name.endswith("cone_forward"):
+            continue
+        partner = Label(name=label.name.replace("forward", "backward"), phase=label.phase, node=label.node)
+        if partner not in rows:
+            continue
+        forward, backward = margins[i], margins[rows[partner]]
+        if min(forward, backward) < 0 < forward + backward:
+            needed = friction * abs(forward - backward) / (forward + backward)
+            words = f"{_place(problem, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
+            yield Complaint(severity=float(needed - friction), words=words)
+
+
+def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
+    _, labels = problem.inequalities
+    scales = _scales(problem.system, problem.full_parameters(p, problem.unpack(w)[2]), w)
+    for label, value in zip(labels, margins, strict=True):
+        if label.name in SIMPLE_MARGINS and value < 0:
+            words, scale = SIMPLE_MARGINS[label.name]
+            place = _place(problem, w, label)
+            yield Complaint(severity=float(-value / scales[scale]), words=f"{place}: {words.format(value=value)}")
+
+
+def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint]:
+    _, durations, _ = problem.unpack(w)
+    period = float(durations.sum())
+    for phase, (mode, duration) in enumerate(zip(problem.layout.sequence.phases, durations, strict=True)):
+        if duration < 0:
+            words = f"phase {phase + 1} ({mode}): its duration is {duration:.4g} s, so it does not take place"
+            yield Complaint(severity=float(-duration / abs(period)), words=words)
+
+
+def _scales(system: HybridSystem, p: Array, w: Array) -> dict[str, float]:
+    weight = float(system.weight(p))
+    speed = max(float(np.abs(w).max()), 1e-6)
+    return {"force": weight, "speed": speed, "impulse": weight * speed, "one": 1.0}
+
+
+def _place(problem: Transcription, w: Array, label: Label) -> str:
+    if label.phase is None or label.node is None:
+        return "impact"
+    mode: Mode = problem.layout.sequence.phases[label.phase]
+    return f"phase {label.phase + 1} ({mode}), t = {problem.node_times(w)[label.node]:.4f} s"
+
+
+def _phase_of_node(problem: Transcription, node: int) -> int:
+    arcs, first = problem.layout.arcs, problem.layout.first_nodes
+    return max((arc.phase for arc, k in zip(arcs, first, strict=True) if k <= node), default=0)
+
+
+def _state(problem: Transcription, row: int) -> str:
+    return problem.system.state_names[row % problem.system.n_z]

@@ -1,0 +1,162 @@
+"""IPOPT through CasADi, with every way it can end mapped to a status in words.
+
+CasADi returns a vector without an exception when IPOPT fails, and swallows Ctrl-C; both are undone here.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from casadi import MX, Callback, Sparsity, nlpsol, nlpsol_out
+from numpy.typing import NDArray
+
+from gaitopt.gait import Status
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, float], None]
+"""Called with the iteration and the largest violation of the constraints."""
+
+TOLERANCE = 1e-10
+"""Well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
+MAX_ITERATIONS = 300
+
+ENDINGS: dict[str, tuple[Status, str]] = {
+    "Solve_Succeeded": (Status.CONVERGED, "solved"),
+    "Solved_To_Acceptable_Level": (Status.NOT_CONVERGED, "stalled short of the tolerance"),
+    "Feasible_Point_Found": (Status.CONVERGED, "solved"),
+    "Infeasible_Problem_Detected": (Status.INFEASIBLE, "no gait with this mode sequence near the guess"),
+    "Search_Direction_Becomes_Too_Small": (Status.NOT_CONVERGED, "stalled: the steps became too small"),
+    "Diverging_Iterates": (Status.NOT_CONVERGED, "the iterates diverge"),
+    "User_Requested_Stop": (Status.INTERRUPTED, "interrupted"),
+    "Maximum_Iterations_Exceeded": (Status.NOT_CONVERGED, f"no convergence in {MAX_ITERATIONS} iterations"),
+    "Maximum_CpuTime_Exceeded": (Status.NOT_CONVERGED, "out of processor time"),
+    "Maximum_WallTime_Exceeded": (Status.NOT_CONVERGED, "out of time"),
+    "Restoration_Failed": (Status.INFEASIBLE, "no point that satisfies the constraints was found near the guess"),
+    "Error_In_Step_Computation": (Status.NOT_CONVERGED, "the linear system of a step could not be solved"),
+    "Not_Enough_Degrees_Of_Freedom": (Status.INFEASIBLE, "more equations than unknowns"),
+    "Invalid_Number_Detected": (Status.NOT_CONVERGED, "the motion became infinite or undefined"),
+    "NonIpopt_Exception_Thrown": (Status.INTERRUPTED, "interrupted"),
+}
+"""IPOPT's endings; any other is a defect of the installation or of gaitopt and raises."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IpoptResult:
+    """Where IPOPT ended.
+
+    Attributes
+    ----------
+    w : ndarray - last iterate, to be looked at even after a failure.
+    status, words : whether it may be trusted, and why not.
+    iterations : how many.
+    multipliers : ndarray - Lagrange multipliers of the constraints g.
+    """
+
+    w: Array
+    status: Status
+    words: str
+    iterations: int
+    multipliers: Array
+
+
+class _Watch(Callback):  # type: ignore[misc]
+    """Reports every iteration, and stops IPOPT when asked to."""
+
+    def __init__(self, sizes: tuple[int, int, int], progress: Progress | None, should_stop: Callable[[], bool] | None):
+        super().__init__()
+        self._sizes = dict(zip(("x", "f", "g", "lam_x", "lam_g", "lam_p"), (sizes[0], 1, *_pattern(sizes)), strict=True))
+        self._progress, self._should_stop = progress, should_stop
+        self._bounds: tuple[Array, Array] | None = None
+        self._iteration = 0
+        self.construct("watch", {})
+
+    def bound(self, lower: Array, upper: Array) -> None:
+        """Bounds of g, from which the violation is computed."""
+        self._bounds = (lower, upper)
+
+    def get_n_in(self) -> int:
+        return len(self._sizes)
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Any:
+        return Sparsity.dense(self._sizes[nlpsol_out(i)], 1)
+
+    def eval(self, arguments: list[Any]) -> list[float]:
+        try:
+            if self._progress is not None and self._bounds is not None:
+                g = np.asarray(arguments[2]).ravel()
+                violation = max(np.max(self._bounds[0] - g, initial=0.0), np.max(g - self._bounds[1], initial=0.0))
+                self._progress(self._iteration, float(violation))
+            self._iteration += 1
+            return [1.0 if self._should_stop is not None and self._should_stop() else 0.0]
+        except KeyboardInterrupt:  # raised here by Python, it would be lost in CasADi
+            return [1.0]
+
+
+def _pattern(sizes: tuple[int, int, int]) -> tuple[int, int, int, int]:
+    n_x, n_g, n_p = sizes
+    return n_g, n_x, n_g, n_p
+
+
+class Ipopt:
+    """One NLP, built once and solved as often as needed.
+
+    Parameters
+    ----------
+    w, p, objective, g : CasADi expressions; ``objective`` None for a problem of feasibility.
+    progress, should_stop : called at every iteration.
+    """
+
+    def __init__(
+        self,
+        *,
+        w: MX,
+        p: MX,
+        g: MX,
+        objective: MX | None = None,
+        progress: Progress | None = None,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> None:
+        self._watch = _Watch((w.numel(), g.numel(), p.numel()), progress, should_stop)
+        options = {
+            "print_time": False,
+            "iteration_callback": self._watch,
+            "error_on_fail": False,
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "tol": TOLERANCE,
+                "constr_viol_tol": TOLERANCE,
+                "acceptable_iter": 0,
+                "bound_relax_factor": 0.0,
+                "max_iter": MAX_ITERATIONS,
+                # a feasibility problem has no curvature worth its price
+                "hessian_approximation": "limited-memory" if objective is None else "exact",
+            },
+        }
+        self._solver = nlpsol("gait", "ipopt", {"x": w, "p": p, "g": g, "f": 0 if objective is None else objective}, options)
+
+    def solve(self, w: Array, p: Array, bounds_w: tuple[Array, Array], bounds_g: tuple[Array, Array]) -> IpoptResult:
+        """Solve from ``w`` for parameters ``p`` within bounds on w and g.
+
+        Raises
+        ------
+        RuntimeError
+            If IPOPT ends in a way that only a broken installation or a bug can cause.
+        """
+        self._watch.bound(*bounds_g)
+        solution = self._solver(x0=w, p=p, lbx=bounds_w[0], ubx=bounds_w[1], lbg=bounds_g[0], ubg=bounds_g[1])
+        stats = self._solver.stats()
+        if stats["return_status"] not in ENDINGS:
+            raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
+        status, words = ENDINGS[stats["return_status"]]
+        return IpoptResult(
+            w=np.asarray(solution["x"]).ravel(),
+            status=status,
+            words=words,
+            iterations=int(stats["iter_count"]),
+            multipliers=np.asarray(solution["lam_g"]).ravel(),
+        )

@@ -1,0 +1,96 @@
+"""How one step is cut into arcs and shooting intervals.
+
+Phases follow each other at unknown times; the breakpoints of the control lie at fixed times since the impact.
+Both are ends of arcs, and every arc is cut into equal intervals, so that no interval straddles a kink.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.mechanics import Mode, ModeSequence
+
+INTERVALS = 14
+"""Intervals of a first layout, shared among the arcs by length: about ten digits on the gaits of the paper."""
+FEWEST = 2
+"""Intervals of even the shortest arc."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArcLayout:
+    """One arc: part of a phase on one segment of the control.
+
+    ``start`` and ``end`` are either None, when the arc starts (ends) with its phase, or a breakpoint's time [s].
+    """
+
+    phase: int
+    mode: Mode
+    segment: int
+    start: float | None
+    end: float | None
+    intervals: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """All arcs of a step in order."""
+
+    sequence: ModeSequence
+    arcs: tuple[ArcLayout, ...]
+
+    @property
+    def intervals(self) -> int:
+        """Number of shooting intervals; there is one node more."""
+        return sum(arc.intervals for arc in self.arcs)
+
+    @property
+    def first_nodes(self) -> tuple[int, ...]:
+        """Index of the first node of every arc."""
+        counts = [arc.intervals for arc in self.arcs]
+        return tuple(int(k) for k in np.cumsum([0, *counts[:-1]]))
+
+    def arc_times(self, durations: NDArray[np.float64]) -> list[tuple[float, float]]:
+        """Start and end of every arc for given phase durations [s]."""
+        switches = np.concatenate([[0.0], np.cumsum(durations)])
+        return [
+            (
+                float(switches[arc.phase]) if arc.start is None else arc.start,
+                float(switches[arc.phase + 1]) if arc.end is None else arc.end,
+            )
+            for arc in self.arcs
+        ]
+
+    def in_order(self, durations: NDArray[np.float64]) -> bool:
+        """Whether no arc runs backwards: False once a switch has passed a breakpoint."""
+        return all(end >= start for start, end in self.arc_times(durations))
+
+    def refined(self, wanted: Sequence[int]) -> "Layout":
+        """The same arcs with other numbers of intervals."""
+        arcs = tuple(replace(arc, intervals=n) for arc, n in zip(self.arcs, wanted, strict=True))
+        return Layout(sequence=self.sequence, arcs=arcs)
+
+
+def layout(sequence: ModeSequence, durations: Sequence[float], breakpoints: Sequence[float]) -> Layout:
+    """Cut the phases at those breakpoints that lie inside them.
+
+    Parameters
+    ----------
+    durations : of the phases [s], as far as they are known.
+    breakpoints : of the control, times since impact [s], ascending.
+    """
+    switches = np.concatenate([[0.0], np.cumsum(durations)])
+    arcs = []
+    for phase, mode in enumerate(sequence.phases):
+        begin, finish = switches[phase], switches[phase + 1]
+        inside = [b for b in breakpoints if begin < b < finish]
+        ends: list[float | None] = [None, *inside, None]
+        segment = sum(b <= begin for b in breakpoints)
+        for k, (start, end) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+            length = (finish if end is None else end) - (begin if start is None else start)
+            intervals = max(FEWEST, round(INTERVALS * length / switches[-1]))
+            arcs.append(
+                ArcLayout(phase=phase, mode=mode, segment=segment + k, start=start, end=end, intervals=intervals)
+            )
+    return Layout(sequence=sequence, arcs=tuple(arcs))

@@ -1,0 +1,96 @@
+"""First guess of a step: the motion rolled out from a state along the given mode sequence.
+
+The sequence is obeyed, not tested: each phase runs until the margin that should end it falls through zero, or to
+where it comes closest.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import OdeSolution, solve_ivp
+from scipy.optimize import brentq
+
+from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin, margin_names
+
+Array = NDArray[np.float64]
+
+RTOL, ATOL = 1e-8, 1e-10
+"""A guess needs no more."""
+GRID = 8
+"""Points per step of the integrator on which the end of a phase is looked for."""
+LONGEST_STEP = 20.0
+"""No walker of human size takes longer over a step [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rollout:
+    """Durations of the phases [s] and the motion of each as a function of the time since impact."""
+
+    durations: tuple[float, ...]
+    motions: tuple[OdeSolution, ...]
+
+    def __call__(self, phase: int, times: Array) -> Array:
+        """States in one phase at times since impact; shape (n_z, n)."""
+        return np.asarray(self.motions[phase](times))
+
+
+def roll_out(
+    system: HybridSystem, p: Array, sequence: ModeSequence, state: Array, durations: Sequence[float] | None = None
+) -> Rollout:
+    """Follow ``sequence`` from ``state`` just after an impact; given durations are kept, missing ones are found."""
+    time, z = 0.0, state.copy()
+    found: list[float] = []
+    motions: list[OdeSolution] = []
+    for phase, mode in enumerate(sequence.phases):
+        if mode is Mode.STICK:
+            z[-1] = 0.0
+        after = sequence.phases[phase + 1] if phase + 1 < len(sequence.phases) else None
+        known = None if durations is None else durations[phase]
+        motion = _integrate(system, p, mode, time, z, LONGEST_STEP if known is None else known)
+        duration = known if known is not None else _phase_end(system, p, mode, after, motion) - time
+        found.append(duration)
+        motions.append(motion)
+        time += duration
+        z = motion(time)
+    return Rollout(durations=tuple(found), motions=tuple(motions))
+
+
+def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array, duration: float) -> OdeSolution:
+    """Motion in one mode across the control's breakpoints, until ``duration`` is over or the walker falls."""
+    flow, margins = system.flow(mode), system.margins(mode)
+    data = [system.control.data(k) for k in range(len(system.control.breakpoints) + 1)]
+
+    def segment(t: float) -> Array:
+        return data[int(np.searchsorted(system.control.breakpoints, t, side="right"))]
+
+    def rate(t: float, state: Array) -> Array:
+        return np.asarray(flow(t, state, p, segment(t))).ravel()
+
+    def upright(t: float, state: Array) -> float:
+        return float(margins(t, state, p, segment(t))[1])
+
+    upright.terminal, upright.direction = True, -1  # type: ignore[attr-defined]
+    solution = solve_ivp(
+        rate, (time, time + duration), z, "DOP853", dense_output=True, events=upright, rtol=RTOL, atol=ATOL
+    )
+    return solution.sol
+
+
+def _phase_end(system: HybridSystem, p: Array, mode: Mode, after: Mode | None, motion: OdeSolution) -> float:
+    """Time at which the phase ends: its ending margin falls through zero after having been positive."""
+    row = margin_names(mode).index(ending_margin(mode, after))
+    breakpoints = system.control.breakpoints
+
+    def margin(t: float) -> float:
+        data = system.control.data(int(np.searchsorted(breakpoints, t, side="right")))
+        return float(system.margins(mode)(t, motion(t), p, data)[row])
+
+    steps = np.linspace(motion.ts[:-1], motion.ts[1:], GRID, endpoint=False).ravel(order="F")
+    times = np.append(steps[1:], motion.t_max)
+    values = np.array([margin(t) for t in times])
+    falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
+    if falls.size:
+        return float(brentq(margin, times[falls[0]], times[falls[0] + 1]))
+    return float(times[np.argmin(np.abs(values))])

@@ -1,0 +1,229 @@
+"""A problem's gait by multiple shooting: guess, IPOPT, polish, error estimate, refinement."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from casadi import Function, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.gait import Gait, Shooting, Status, floquet_multipliers, measure
+from gaitopt.mechanics import HybridSystem
+from gaitopt.nlp.assembly import assemble_step
+from gaitopt.nlp.diagnosis import complaints, residual_complaint
+from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
+from gaitopt.nlp.integrator import ORDER
+from gaitopt.nlp.layout import Layout, layout
+from gaitopt.nlp.newton import integration_error, polish, return_map_jacobian
+from gaitopt.nlp.rollout import Rollout, roll_out
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import Problem
+
+Array = NDArray[np.float64]
+
+ERROR_TOLERANCE = 1e-10
+"""Integration error of states and durations, one digit below the nine that are promised."""
+SAFETY = 4.0
+"""Factor by which a refinement aims below the tolerance."""
+MAX_REFINEMENTS = 4
+MAX_REORDERS = 6
+"""Times that switches and breakpoints may change their order; each is a new layout."""
+RESIDUAL_TOLERANCE = 1e-9
+"""Largest violation of any equality or margin in a solution that is called converged."""
+VANISHING = 1e-7
+"""A phase shorter than this part of the period does not take place."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attempt:
+    """One run of IPOPT on one layout."""
+
+    transcription: Transcription
+    p: Array
+    start: Array
+    result: IpoptResult
+
+
+def solve_gait(
+    problem: Problem,
+    system: HybridSystem,
+    *,
+    progress: Progress | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Gait:
+    """Solve ``problem`` for a periodic gait with its mode sequence.
+
+    Parameters
+    ----------
+    problem : what is asked; its guess starts the search.
+    system : the hybrid system of the problem's walker and control.
+    progress : called at every iteration with its number and the largest violation.
+    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+
+    Returns
+    -------
+    gait : its status says whether it is one; numerical failure is not an error.
+    """
+    p = system.values(problem.parameters)
+    began = time.perf_counter()
+    attempt = _attempt_in_order(problem, system, p, progress, should_stop)
+    solver = {"iterations": float(attempt.result.iterations), "seconds": time.perf_counter() - began}
+    if attempt.result.status is not Status.CONVERGED:
+        message = attempt.result.words
+        if attempt.result.status is not Status.INTERRUPTED:
+            message = f"{message}: {_explain(attempt)}"
+        return Gait(problem=problem, system=system, p=p, status=attempt.result.status, message=message, solver=solver)
+    return _finish(problem, attempt, solver)
+
+
+def _attempt_in_order(
+    problem: Problem,
+    system: HybridSystem,
+    p: Array,
+    progress: Progress | None,
+    should_stop: Callable[[], bool] | None,
+) -> Attempt:
+    """Solve, and again with a new layout while a switch passes a breakpoint of the control."""
+    state = np.array([problem.guess.state[name] for name in system.state_names])
+    guess = roll_out(system, p, problem.sequence, state, problem.guess.durations)
+    plan = layout(problem.sequence, guess.durations, system.control.breakpoints)
+    start = _start(guess, plan)
+    for _ in range(MAX_REORDERS):
+        transcription = Transcription(system, plan)
+        attempt = _attempt(transcription, p, start(transcription), progress, should_stop)
+        durations = transcription.unpack(attempt.result.w)[1]
+        if attempt.result.status is not Status.CONVERGED or plan.in_order(durations):
+            break
+        plan = layout(problem.sequence, durations, system.control.breakpoints)
+        start = _start(roll_out(system, p, problem.sequence, attempt.result.w[: system.n_z], durations), plan)
+    return attempt
+
+
+def _start(guess: Rollout, plan: Layout) -> Callable[[Transcription], Array]:
+    """The vector w on the rolled out motion."""
+
+    def pack(transcription: Transcription) -> Array:
+        durations = np.array(guess.durations)
+        pieces = []
+        for arc, (begin, end) in zip(plan.arcs, plan.arc_times(durations), strict=True):
+            pieces.append(guess(arc.phase, np.linspace(begin, end, arc.intervals + 1))[:, :-1])
+        pieces.append(guess(len(durations) - 1, np.array([durations.sum()])))
+        return transcription.pack(np.hstack(pieces), durations)
+
+    return pack
+
+
+def _attempt(
+    transcription: Transcription,
+    p: Array,
+    start: Array,
+    progress: Progress | None,
+    should_stop: Callable[[], bool] | None,
+    *,
+    relaxed: bool = False,
+) -> Attempt:
+    """Run IPOPT; ``relaxed`` leaves the margins out."""
+    equalities = transcription.equalities
+    margins = transcription.inequalities[0]
+    g = equalities if relaxed else vertcat(equalities, margins)
+    n_margins = 0 if relaxed else margins.numel()
+    lower = np.zeros(g.numel())
+    upper = np.concatenate([np.zeros(equalities.numel()), np.full(n_margins, np.inf)])
+    nodes = np.full(start.size - transcription.n_phases, -np.inf)
+    floor = np.concatenate([nodes, np.full(transcription.n_phases, -np.inf if relaxed else 0.0)])
+    solver = Ipopt(w=transcription.w, p=transcription.parameters, g=g, progress=progress, should_stop=should_stop)
+    result = solver.solve(start, p, (floor, np.full(start.size, np.inf)), (lower, upper))
+    return Attempt(transcription=transcription, p=p, start=start, result=result)
+
+
+def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gait:
+    """Polish, refine until the integration error is small, and assemble the gait."""
+    transcription, p, system = attempt.transcription, attempt.p, attempt.transcription.system
+    polished = polish(transcription, attempt.result.w, p)
+    nodes, durations = integration_error(transcription, polished.w, p)
+    for _ in range(MAX_REFINEMENTS):
+        errors = _phase_errors(transcription, nodes, durations)
+        if errors.max() < ERROR_TOLERANCE:
+            break
+        growth = np.maximum((SAFETY * errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
+        wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in transcription.layout.arcs]
+        finer = Transcription(system, transcription.layout.refined(wanted))
+        polished = polish(finer, _resample(transcription, finer, polished.w, p), p)
+        transcription = finer
+        nodes, durations = integration_error(transcription, polished.w, p)
+    errors = _phase_errors(transcription, nodes, durations)
+    step = assemble_step(transcription, polished.w, p)
+    trouble = _trouble(transcription, polished.w, p, polished.residual, errors)
+    states, _, _ = transcription.unpack(polished.w)
+    return Gait(
+        problem=problem,
+        system=system,
+        p=p,
+        status=Status.CONVERGED if trouble is None else Status.NOT_CONVERGED,
+        message=attempt.result.words if trouble is None else trouble,
+        step=step if trouble is None else None,
+        shooting=Shooting(
+            times=transcription.node_times(polished.w),
+            states=states.T,
+            intervals=tuple(arc.intervals for arc in transcription.layout.arcs),
+            residual=polished.residual,
+            errors=errors,
+        ),
+        multipliers=floquet_multipliers(return_map_jacobian(transcription, polished.w, p)),
+        measures=measure(system, p, step),
+        solver=solver,
+    )
+
+
+def _trouble(transcription: Transcription, w: Array, p: Array, residual: float, errors: Array) -> str | None:
+    """What keeps a solution of IPOPT from being a gait, looked at without IPOPT."""
+    _, durations, _ = transcription.unpack(w)
+    modes = transcription.layout.sequence.phases
+    for phase, (mode, duration) in enumerate(zip(modes, durations, strict=True), start=1):
+        if duration < VANISHING * durations.sum():
+            return f"phase {phase} ({mode}) shrinks to nothing: here the gait does without it"
+    if residual > RESIDUAL_TOLERANCE:
+        return f"the equations are only met to {residual:.2g}"
+    if errors.max() > ERROR_TOLERANCE:
+        return f"the integration is only right to {errors.max():.2g}, even with {transcription.layout.intervals} intervals"
+    found = complaints(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
+    return found[0].words if found else None
+
+
+def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
+    expression, _ = transcription.inequalities
+    function = Function("margins", [transcription.w, transcription.parameters], [expression])
+    return np.asarray(function(w, p)).ravel()
+
+
+def _explain(attempt: Attempt) -> str:
+    """What hurts most: where the margins are left out and a motion is found, the margin it violates most."""
+    relaxed = _attempt(attempt.transcription, attempt.p, attempt.start, None, None, relaxed=True)
+    transcription, w = attempt.transcription, relaxed.result.w
+    if relaxed.result.status is Status.CONVERGED:
+        found = complaints(transcription, w, attempt.p, _margins(transcription, w, attempt.p), RESIDUAL_TOLERANCE)
+        if found:
+            return found[0].words
+    residual = np.asarray(transcription.residual(attempt.result.w, attempt.p)[0]).ravel()
+    return residual_complaint(transcription, attempt.result.w, residual)
+
+
+def _phase_errors(transcription: Transcription, nodes: Array, durations: Array) -> Array:
+    """Largest estimated error of the states in each phase, and of its duration; shape (n_phases,)."""
+    errors = np.abs(durations)
+    for arc, first in zip(transcription.layout.arcs, transcription.layout.first_nodes, strict=True):
+        largest = np.abs(nodes[:, first : first + arc.intervals + 1]).max()
+        errors[arc.phase] = max(errors[arc.phase], largest)
+    return errors
+
+
+def _resample(coarse: Transcription, finer: Transcription, w: Array, p: Array) -> Array:
+    """The solution on a finer layout, each new node by one partial step from the node before it."""
+    nodes, durations, freed = coarse.unpack(w)
+    pieces = [
+        coarse.states_at(w, p, index, np.linspace(0, 1, arc.intervals + 1)[:-1]).T
+        for index, arc in enumerate(finer.layout.arcs)
+    ]
+    return finer.pack(np.hstack([*pieces, nodes[:, -1:]]), durations, freed)
+

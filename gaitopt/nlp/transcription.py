@@ -1,0 +1,237 @@
+"""Multiple shooting of one periodic step with a fixed mode sequence.
+
+Unknowns w = (nodes z_0 .. z_K, phase durations, freed parameters). Equalities, as many as nodes and durations:
+
+    defects      z_{k+1} = step(z_k)              on every interval; in stick with v_t = 0
+    events       v_t = 0 where a slip ends, mu f_n +- f_t = 0 where a stick ends, guard = 0 at touchdown
+    periodicity  z_0 = impact(z_K)                with x counted from the new stance foot
+
+Friction complementarity: the mode sets one factor of each pair to zero (the force's factor in slip is eliminated
+by eq. (5)); the other factor stays an inequality at every node, except where an event already makes it zero.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from casadi import MX, Function, horzcat, jacobian, repmat, vec, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.gait.curves import points
+from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
+from gaitopt.nlp.integrator import shooting_step
+from gaitopt.nlp.layout import ArcLayout, Layout
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Label:
+    """What one row of the inequalities says: the margin's name, and the phase and node where it is taken.
+
+    ``phase`` and ``node`` are None for the impact.
+    """
+
+    name: str
+    phase: int | None = None
+    node: int | None = None
+
+
+class Transcription:
+    """The equations of one step as CasADi expressions of ``w`` and the parameters.
+
+    Parameters
+    ----------
+    system : walker, control and ground.
+    layout : arcs and intervals.
+    free : dotted keys of the parameters that are unknowns.
+    """
+
+    def __init__(self, system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> None:
+        self.system, self.layout, self.free = system, layout, free
+        self.n_nodes = layout.intervals + 1
+        self.n_phases = len(layout.sequence.phases)
+        self._Z = MX.sym("Z", system.n_z, self.n_nodes)
+        self._d = MX.sym("d", self.n_phases)
+        self._freed = MX.sym("v", len(free))
+        self.parameters = MX.sym("p", len(system.parameters))
+        entries = [
+            self._freed[free.index(name)] if name in free else self.parameters[i]
+            for i, name in enumerate(system.parameters)
+        ]
+        self._p = vertcat(*entries) if free else self.parameters
+        self.w = vertcat(vec(self._Z), self._d, self._freed)
+        self._switches = [MX(0)]
+        for j in range(self.n_phases):
+            self._switches.append(self._switches[-1] + self._d[j])
+
+    def pack(self, nodes: Array, durations: Array, freed: Array | tuple[float, ...] = ()) -> Array:
+        """The vector w from nodes (n_z, K + 1), durations (n_phases,) and freed parameters."""
+        return np.concatenate([nodes.ravel(order="F"), durations, np.asarray(freed, dtype=float)])
+
+    def unpack(self, w: Array) -> tuple[Array, Array, Array]:
+        """Nodes (n_z, K + 1), durations (n_phases,) and freed parameters of a vector w."""
+        n = self.system.n_z * self.n_nodes
+        nodes = w[:n].reshape((self.system.n_z, self.n_nodes), order="F")
+        return nodes, w[n : n + self.n_phases], w[n + self.n_phases :]
+
+    def full_parameters(self, p: Array, freed: Array) -> Array:
+        """The parameter vector with the freed ones put in."""
+        full = p.copy()
+        for name, value in zip(self.free, freed, strict=True):
+            full[self.system.parameters.index(name)] = value
+        return full
+
+    @cached_property
+    def equalities(self) -> MX:
+        """Defects, events, periodicity; shape (n_z (K + 1) + n_phases,)."""
+        return vertcat(self._defects(halves=1), *self._events(), self._periodicity())
+
+    @cached_property
+    def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
+        """Margins that must not be negative, and what each one says."""
+        rows, labels = [], []
+        for expression, label in (*self._node_margins(), *self._impact_margins()):
+            rows.append(expression)
+            labels.append(label)
+        return vertcat(*rows), tuple(labels)
+
+    @cached_property
+    def residual(self) -> Function:
+        """(w, p) -> equalities and their sparse Jacobian in w."""
+        return Function("residual", [self.w, self.parameters], [self.equalities, jacobian(self.equalities, self.w)])
+
+    @cached_property
+    def halved_defects(self) -> Function:
+        """(w, p) -> difference of the defects when every interval is integrated in two halves."""
+        difference = self._defects(halves=2) - self._defects(halves=1)
+        return Function("halved_defects", [self.w, self.parameters], [difference])
+
+    def node_times(self, w: Array) -> Array:
+        """Time since impact of every node; shape (K + 1,) [s]."""
+        ends = self.layout.arc_times(self.unpack(w)[1])
+        pieces = [np.linspace(a, b, arc.intervals + 1)[:-1] for arc, (a, b) in zip(self.layout.arcs, ends, strict=True)]
+        return np.concatenate([*pieces, [ends[-1][1]]])
+
+    def sample(self, w: Array, p: Array, index: int, count: int) -> tuple[Array, Array]:
+        """Times (count,) and states (count, n_z) at the Chebyshev points of one arc."""
+        start, end = self.layout.arc_times(self.unpack(w)[1])[index]
+        fractions = (points(count) + 1) / 2
+        return start + (end - start) * fractions, self.states_at(w, p, index, fractions)
+
+    def states_at(self, w: Array, p: Array, index: int, fractions: Array) -> Array:
+        """States (m, n_z) at fractions of one arc, each by one partial shooting step from the node before it."""
+        nodes, durations, freed = self.unpack(w)
+        arc, first = self.layout.arcs[index], self.layout.first_nodes[index]
+        start, end = self.layout.arc_times(durations)[index]
+        h = (end - start) / arc.intervals
+        k = np.clip((fractions * arc.intervals).astype(int), 0, arc.intervals - 1)
+        offset = (fractions * arc.intervals - k) * h
+        step = shooting_step(self.system, arc.mode).map(fractions.size)
+        full = self.full_parameters(p, freed)[:, None]
+        data = self.system.control.data(arc.segment)[:, None]
+        states = step(nodes[:, first + k], start + k * h, offset, full, data)
+        return np.asarray(states).T
+
+    def _arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
+        """Layout, nodes, start time and interval length of one arc."""
+        arc = self.layout.arcs[index]
+        start = self._switches[arc.phase] if arc.start is None else MX(arc.start)
+        end = self._switches[arc.phase + 1] if arc.end is None else MX(arc.end)
+        first = self.layout.first_nodes[index]
+        return arc, self._Z[:, first : first + arc.intervals + 1], start, (end - start) / arc.intervals
+
+    def _map(self, function: Callable[[Mode], Function], columns: Callable[[int], list[MX]]) -> list[MX]:
+        """Apply ``function(mode)`` to the columns of all arcs, with one map per mode; results in order of arcs."""
+        results: dict[int, MX] = {}
+        for mode in dict.fromkeys(arc.mode for arc in self.layout.arcs):
+            indices = [i for i, arc in enumerate(self.layout.arcs) if arc.mode is mode]
+            inputs = [columns(i) for i in indices]
+            widths = [group[0].shape[1] for group in inputs]
+            stacked = [horzcat(*group) for group in zip(*inputs, strict=True)]
+            values = function(mode).map(sum(widths))(*stacked)
+            for i, end, width in zip(indices, np.cumsum(widths), widths, strict=True):
+                results[i] = values[:, int(end) - width : int(end)]
+        return [results[i] for i in range(len(self.layout.arcs))]
+
+    def _constants(self, arc: ArcLayout, width: int) -> list[MX]:
+        return [repmat(self._p, 1, width), repmat(MX(self.system.control.data(arc.segment)), 1, width)]
+
+    def _defects(self, halves: int) -> MX:
+        def columns(i: int) -> list[MX]:
+            arc, Z, start, h = self._arc(i)
+            times = start + h * MX(np.arange(arc.intervals)).T
+            return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *self._constants(arc, arc.intervals)]
+
+        def step(mode: Mode) -> Function:
+            single = shooting_step(self.system, mode)
+            if halves == 1:
+                return single
+            z, t, h, p, r = (MX.sym(name, single.size1_in(i)) for i, name in enumerate("zthpr"))
+            middle = single(z, t, h / 2, p, r)
+            return Function("two_halves", [z, t, h, p, r], [single(middle, t + h / 2, h / 2, p, r)])
+
+        return vec(self._Z[:, 1:] - horzcat(*self._map(step, columns)))
+
+    def _events(self) -> list[MX]:
+        """What ends each phase: an edge of the cone, zero slip velocity, or touchdown."""
+        modes, events = self.layout.sequence.phases, []
+        for phase, (mode, after) in enumerate(zip(modes, (*modes[1:], None), strict=True)):
+            index = max(i for i, arc in enumerate(self.layout.arcs) if arc.phase == phase)
+            names = margin_names(mode)
+            events.append(self._end_margins(index)[names.index(ending_margin(mode, after))])
+        return events
+
+    def _end_margins(self, index: int) -> MX:
+        arc, Z, start, h = self._arc(index)
+        time = start + arc.intervals * h
+        return self.system.margins(arc.mode)(time, Z[:, -1], self._p, self.system.control.data(arc.segment))
+
+    def _periodicity(self) -> MX:
+        z_plus = self.system.impact(self.layout.sequence.impact)(self._Z[:, -1], self._p)[0]
+        n = self.system.n_shape
+        return self._Z[:, 0] - vertcat(z_plus[:n], 0, z_plus[n + 1 :])
+
+    def _node_margins(self) -> list[tuple[MX, Label]]:
+        """Inequality factors of every phase at its nodes, without those that an event makes zero."""
+
+        def columns(i: int) -> list[MX]:
+            arc, Z, start, h = self._arc(i)
+            times = start + h * MX(np.arange(arc.intervals + 1)).T
+            return [times, Z, *self._constants(arc, arc.intervals + 1)]
+
+        rows = []
+        for i, margins in enumerate(self._map(self.system.margins, columns)):
+            arc, first = self.layout.arcs[i], self.layout.first_nodes[i]
+            for row, name in enumerate(margin_names(arc.mode)):
+                if name in ("touchdown", "upright"):
+                    continue
+                for k in range(arc.intervals + 1):
+                    if not self._is_zero_by_event(i, k, name):
+                        rows.append((margins[row, k], Label(name=name, phase=arc.phase, node=first + k)))
+        return rows
+
+    def _is_zero_by_event(self, index: int, k: int, name: str) -> bool:
+        arc, modes = self.layout.arcs[index], self.layout.sequence.phases
+        if k == 0 and arc.start is None and name == "slip_velocity":
+            return arc.phase > 0 or self.layout.sequence.impact is Mode.STICK
+        if k == arc.intervals and arc.end is None and arc.phase + 1 < len(modes):
+            return name == ending_margin(arc.mode, modes[arc.phase + 1])
+        return False
+
+    def _impact_margins(self) -> list[tuple[MX, Label]]:
+        mode = self.layout.sequence.impact
+        _, impulse, slip, lift, painleve = self.system.impact(mode)(self._Z[:, -1], self._p)
+        F_t, F_n = impulse[0], impulse[1]
+        rate = self.system.events(self.layout.arcs[-1].mode)(
+            self._switches[-1], self._Z[:, -1], self._p, self.system.control.data(self.layout.arcs[-1].segment)
+        )[1][0]
+        rows = {"impulse": F_n, "lift_velocity": lift, "touchdown_rate": -rate}
+        if mode is Mode.STICK:
+            mu = self._p[self.system.parameters.index("friction")]
+            rows |= {"impulse_cone_forward": mu * F_n + F_t, "impulse_cone_backward": mu * F_n - F_t}
+        else:
+            rows |= {"impact_slip_velocity": mode.direction * slip, "impact_painleve": painleve}
+        return [(expression, Label(name=name)) for name, expression in rows.items()]
+

@@ -1,0 +1,17 @@
+"""What a user does with problems and gaits: solve, verify, simulate."""
+
+from gaitopt.study.simulate import Walk, simulate
+from gaitopt.study.solve import solve
+from gaitopt.study.system import build_system, gait_reference
+from gaitopt.study.verify import Claim, Verification, verify
+
+__all__ = [
+    "Claim",
+    "Verification",
+    "Walk",
+    "build_system",
+    "gait_reference",
+    "simulate",
+    "solve",
+    "verify",
+]

@@ -1,0 +1,34 @@
+"""A problem's gait, whatever it needs first."""
+
+from collections.abc import Callable
+
+from gaitopt.gait import Gait
+from gaitopt.nlp import solve_gait
+from gaitopt.problem import Problem
+from gaitopt.study.system import build_system
+
+
+def solve(
+    problem: Problem,
+    *,
+    progress: Callable[[int, float], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Gait:
+    """Solve a problem for its gait; the reference of a PD law is solved first.
+
+    Parameters
+    ----------
+    problem : from ``load_problem``.
+    progress : called at every iteration of IPOPT with its number and the largest violation of a constraint.
+    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+
+    Returns
+    -------
+    gait : ``gait.status`` says whether it may be trusted; a failure to converge is not an error.
+
+    Raises
+    ------
+    SolveError
+        If the reference of a PD law is not a gait.
+    """
+    return solve_gait(problem, build_system(problem), progress=progress, should_stop=should_stop)
