@@ -21,10 +21,12 @@ from gaitopt.problem import ConstantTorqueSpec, GaitReference, PDSpec, Problem
 
 Array = NDArray[np.float64]
 
-FLOW_PIECES = 3
+FLOW_PERIODS = 2
 """A reference that flows on is known for so many of its own periods past its end; no step takes that long."""
-FLOW_COUNTS = (33, 65, 129, 257)
-"""Chebyshev points tried in turn for a piece of that continuation."""
+FLOW_POINTS = 33
+"""Chebyshev points of a piece of that continuation; a piece that they do not resolve is halved."""
+SHORTEST_PIECE = 1 / 64
+"""In periods; a motion that is not smooth on this scale has long ceased to be a walk."""
 
 
 def build_system(problem: Problem) -> HybridSystem:
@@ -48,9 +50,13 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
     pieces = [_piece(gait, arc, tracked) for arc in gait.step.arcs]
     if beyond_end is not BeyondEnd.FLOW:
         return continued(pieces, gait.step.period, beyond_end)
-    arc = gait.step.arcs[-1]
-    for _ in range(FLOW_PIECES):
-        arc = _flow_on(gait, arc)
+    arc, duration = gait.step.arcs[-1], gait.step.period
+    while arc.end < (1 + FLOW_PERIODS) * gait.step.period:
+        beyond = _flow_on(gait, arc, duration)
+        if curves.tail(beyond.states) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.step.period:
+            duration /= 2
+            continue
+        arc = beyond
         pieces.append(_piece(gait, arc, tracked))
     return Reference(pieces=tuple(pieces), horizon=arc.end)
 
@@ -86,13 +92,9 @@ def _piece(gait: Gait, arc: Arc, tracked: list[int]) -> Piece:
     return Piece(start=arc.start, end=arc.end, angles=series[tracked], rates=series[[offset + k for k in tracked]])
 
 
-def _flow_on(gait: Gait, arc: Arc) -> Arc:
-    """The motion of an arc's mode for one more period of the gait."""
-    assert gait.step is not None
+def _flow_on(gait: Gait, arc: Arc, duration: float) -> Arc:
+    """The motion of an arc's mode for a while after its end."""
+    times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
     data = gait.system.control.data(arc.segment)
-    for count in FLOW_COUNTS:
-        times = arc.end + gait.step.period * (curves.points(count) + 1) / 2
-        states = integrate_to(gait.system, arc.mode, arc.states[-1], times, gait.p, data)
-        if curves.tail(states) < curves.RESOLVED:
-            break
+    states = integrate_to(gait.system, arc.mode, arc.states[-1], times, gait.p, data)
     return Arc(mode=arc.mode, segment=arc.segment, times=times, states=states)
