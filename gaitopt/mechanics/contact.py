@@ -14,7 +14,7 @@ solution (the paradox of Painleve).  Gamus & Or (2013), eqs (2)-(6).
 
 from dataclasses import dataclass
 
-from casadi import SX, Function, horzcat, vertcat
+from casadi import SX, horzcat, vertcat
 
 from gaitopt.mechanics.lagrangian import EquationsOfMotion
 from gaitopt.mechanics.modes import Mode

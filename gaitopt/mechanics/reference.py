@@ -116,4 +116,3 @@ def _clenshaw(c: SX, s: SX) -> SX:
     for k in reversed(range(1, c.numel())):
         b1, b2 = c[k] + 2 * s * b1 - b2, b1
     return c[0] + s * b1 - b2
-

@@ -23,9 +23,7 @@ class RimlessWheel(Walker):
     spokes: Annotated[int, Field(ge=3, strict=True, description="number of spokes")]
     radius: Annotated[Positive, Field(description="length of a spoke [m]")]
     mass: Annotated[Positive, Field(description="mass [kg]")]
-    inertia_ratio: Annotated[
-        float, Field(ge=0, le=1, strict=True, description="moment of inertia / (mass radius^2)")
-    ]
+    inertia_ratio: Annotated[float, Field(ge=0, le=1, strict=True, description="moment of inertia / (mass radius^2)")]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Angle, Field(gt=-pi / 2, lt=pi / 2, description="slope, downhill along x [rad]")]
 
@@ -35,9 +33,7 @@ class RimlessWheel(Walker):
         half_angle = pi / p.spokes
         hub = vertcat(q.x, q.y) + polar(p.radius, q.theta)
         return Mechanism(
-            bodies=(
-                Body(mass=p.mass, position=hub, inertia=p.inertia_ratio * p.mass * p.radius**2, angle=q.theta),
-            ),
+            bodies=(Body(mass=p.mass, position=hub, inertia=p.inertia_ratio * p.mass * p.radius**2, angle=q.theta),),
             gravity=p.gravity * vertcat(sin(p.slope), -cos(p.slope)),
             swing_foot=hub - polar(p.radius, q.theta - 2 * half_angle),
             touchdown=q.theta - half_angle,

@@ -14,9 +14,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Complaint:
-    """One violated condition; ``severity`` is its violation relative to what is usual for the quantity."""
+    """One violated condition; ``severity`` is its violation relative to what is usual for the quantity.
+
+    ``phase`` is the index of the phase in which it is violated, None for the impact.
+    """
 
     severity: float
+    phase: int | None
     words: str
 
 
@@ -33,10 +37,17 @@ SIMPLE_MARGINS = {
 
 
 def complaints(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Complaint]:
-    """Violated conditions, worst first; ``margins`` are the values of the transcription's inequalities at ``w``."""
+    """The worst violated condition of every phase and of the impact, worst first.
+
+    ``margins`` are the values of the transcription's inequalities at ``w``.
+    """
     found = [*_cone_complaints(problem, w, p, margins), *_margin_complaints(problem, w, p, margins)]
     found += _duration_complaints(problem, w)
-    return sorted((c for c in found if c.severity > tolerance), key=lambda c: -c.severity)
+    worst: dict[int | None, Complaint] = {}
+    for complaint in sorted(found, key=lambda c: c.severity):
+        if complaint.severity > tolerance:
+            worst[complaint.phase] = complaint
+    return sorted(worst.values(), key=lambda c: -c.severity)
 
 
 def residual_complaint(problem: Transcription, w: Array, residual: Array) -> str:
@@ -46,7 +57,8 @@ def residual_complaint(problem: Transcription, w: Array, residual: Array) -> str
     size = abs(float(residual[row]))
     if row < n_z * (problem.n_nodes - 1):
         phase = _phase_of_node(problem, row // n_z)
-        return f"phase {phase + 1} ({modes[phase]}): the motion does not close, off by {size:.3g} in {_state(problem, row)}"
+        name = _state(problem, row)
+        return f"phase {phase + 1} ({modes[phase]}): the motion does not close, off by {size:.3g} in {name}"
     row -= n_z * (problem.n_nodes - 1)
     if row < len(modes):
         return f"phase {row + 1} ({modes[row]}): the event that should end it is missed by {size:.3g}"
@@ -68,7 +80,7 @@ def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array)
         if min(forward, backward) < 0 < forward + backward:
             needed = friction * abs(forward - backward) / (forward + backward)
             words = f"{_place(problem, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
-            yield Complaint(severity=float(needed - friction), words=words)
+            yield Complaint(severity=float(needed - friction), phase=label.phase, words=words)
 
 
 def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
@@ -77,8 +89,8 @@ def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Arra
     for label, value in zip(labels, margins, strict=True):
         if label.name in SIMPLE_MARGINS and value < 0:
             words, scale = SIMPLE_MARGINS[label.name]
-            place = _place(problem, w, label)
-            yield Complaint(severity=float(-value / scales[scale]), words=f"{place}: {words.format(value=value)}")
+            text = f"{_place(problem, w, label)}: {words.format(value=value)}"
+            yield Complaint(severity=float(-value / scales[scale]), phase=label.phase, words=text)
 
 
 def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint]:
@@ -87,7 +99,7 @@ def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint
     for phase, (mode, duration) in enumerate(zip(problem.layout.sequence.phases, durations, strict=True)):
         if duration < 0:
             words = f"phase {phase + 1} ({mode}): its duration is {duration:.4g} s, so it does not take place"
-            yield Complaint(severity=float(-duration / abs(period)), words=words)
+            yield Complaint(severity=float(-duration / abs(period)), phase=phase, words=words)
 
 
 def _scales(system: HybridSystem, p: Array, w: Array) -> dict[str, float]:

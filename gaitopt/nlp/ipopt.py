@@ -65,7 +65,9 @@ class _Watch(Callback):  # type: ignore[misc]
 
     def __init__(self, sizes: tuple[int, int, int], progress: Progress | None, should_stop: Callable[[], bool] | None):
         super().__init__()
-        self._sizes = dict(zip(("x", "f", "g", "lam_x", "lam_g", "lam_p"), (sizes[0], 1, *_pattern(sizes)), strict=True))
+        self._sizes = dict(
+            zip(("x", "f", "g", "lam_x", "lam_g", "lam_p"), (sizes[0], 1, *_pattern(sizes)), strict=True)
+        )
         self._progress, self._should_stop = progress, should_stop
         self._bounds: tuple[Array, Array] | None = None
         self._iteration = 0
@@ -137,7 +139,9 @@ class Ipopt:
                 "hessian_approximation": "limited-memory" if objective is None else "exact",
             },
         }
-        self._solver = nlpsol("gait", "ipopt", {"x": w, "p": p, "g": g, "f": 0 if objective is None else objective}, options)
+        self._solver = nlpsol(
+            "gait", "ipopt", {"x": w, "p": p, "g": g, "f": 0 if objective is None else objective}, options
+        )
 
     def solve(self, w: Array, p: Array, bounds_w: tuple[Array, Array], bounds_g: tuple[Array, Array]) -> IpoptResult:
         """Solve from ``w`` for parameters ``p`` within bounds on w and g.

@@ -6,6 +6,7 @@ Both are ends of arcs, and every arc is cut into equal intervals, so that no int
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,7 @@ def layout(sequence: ModeSequence, durations: Sequence[float], breakpoints: Sequ
         inside = [b for b in breakpoints if begin < b < finish]
         ends: list[float | None] = [None, *inside, None]
         segment = sum(b <= begin for b in breakpoints)
-        for k, (start, end) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+        for k, (start, end) in enumerate(pairwise(ends)):
             length = (finish if end is None else end) - (begin if start is None else start)
             intervals = max(FEWEST, round(INTERVALS * length / switches[-1]))
             arcs.append(

@@ -12,8 +12,8 @@ from gaitopt.gait import Gait, Shooting, Status, floquet_multipliers, measure
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_step
 from gaitopt.nlp.diagnosis import complaints, residual_complaint
-from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.integrator import ORDER
+from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.layout import Layout, layout
 from gaitopt.nlp.newton import integration_error, polish, return_map_jacobian
 from gaitopt.nlp.rollout import Rollout, roll_out
@@ -186,9 +186,11 @@ def _trouble(transcription: Transcription, w: Array, p: Array, residual: float, 
     if residual > RESIDUAL_TOLERANCE:
         return f"the equations are only met to {residual:.2g}"
     if errors.max() > ERROR_TOLERANCE:
-        return f"the integration is only right to {errors.max():.2g}, even with {transcription.layout.intervals} intervals"
+        return (
+            f"the integration is only right to {errors.max():.2g}, even with {transcription.layout.intervals} intervals"
+        )
     found = complaints(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
-    return found[0].words if found else None
+    return "; ".join(complaint.words for complaint in found) or None
 
 
 def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
@@ -204,7 +206,7 @@ def _explain(attempt: Attempt) -> str:
     if relaxed.result.status is Status.CONVERGED:
         found = complaints(transcription, w, attempt.p, _margins(transcription, w, attempt.p), RESIDUAL_TOLERANCE)
         if found:
-            return found[0].words
+            return "; ".join(complaint.words for complaint in found)
     residual = np.asarray(transcription.residual(attempt.result.w, attempt.p)[0]).ravel()
     return residual_complaint(transcription, attempt.result.w, residual)
 
@@ -226,4 +228,3 @@ def _resample(coarse: Transcription, finer: Transcription, w: Array, p: Array) -
         for index, arc in enumerate(finer.layout.arcs)
     ]
     return finer.pack(np.hstack([*pieces, nodes[:, -1:]]), durations, freed)
-

@@ -234,4 +234,3 @@ class Transcription:
         else:
             rows |= {"impact_slip_velocity": mode.direction * slip, "impact_painleve": painleve}
         return [(expression, Label(name=name)) for name, expression in rows.items()]
-

@@ -1,6 +1,6 @@
 """The return map of the forward simulator on the section just after an impact, and its fixed points.
 
-    xi -> Pi(xi),      Newton:  xi - (DPi - I)^-1 (Pi(xi) - xi)                Gamus & Or (2013), section II.C
+xi -> Pi(xi),      Newton:  xi - (DPi - I)^-1 (Pi(xi) - xi)                Gamus & Or (2013), section II.C
 """
 
 from dataclasses import dataclass

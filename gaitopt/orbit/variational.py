@@ -15,7 +15,7 @@ from scipy.integrate import DOP853
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.mechanics.saltation import projection, saltation
-from gaitopt.simulation import CompiledFlow
+from gaitopt.simulation import Buffered
 
 Array = NDArray[np.float64]
 
@@ -49,9 +49,18 @@ def return_map_jacobian(system: HybridSystem, p: Array, step: Step, section_mode
 def _along(system: HybridSystem, p: Array, arc: Arc, deviations: Array) -> Array:
     """Deviations at the end of an arc from those at its start."""
     n_z, columns = deviations.shape
-    flow = CompiledFlow(system.variational(arc.mode, columns), p, system.control.data(arc.segment))
+    variational = Buffered(system.variational(arc.mode, columns))
+    variational.inputs[2][:] = p
+    variational.inputs[3][:] = system.control.data(arc.segment)
+
+    def rate(t: float, y: Array) -> Array:
+        variational.inputs[0][0] = t
+        variational.inputs[1][:] = y
+        variational.evaluate()
+        return variational.outputs[0].copy()
+
     y = np.concatenate([arc.states[0], deviations.ravel(order="F")])
-    solver = DOP853(flow, arc.start, y, arc.end, rtol=RTOL, atol=ATOL)
+    solver = DOP853(rate, arc.start, y, arc.end, rtol=RTOL, atol=ATOL)
     while solver.status == "running":
         solver.step()
     return solver.y[n_z:].reshape((n_z, columns), order="F")

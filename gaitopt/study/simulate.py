@@ -101,7 +101,9 @@ def _initial_state(start: Gait | Problem, system: HybridSystem, p: Array, state:
             f"state {', '.join(unknown)}: not a coordinate just after an impact; use {', '.join(names)}"
         )
     if isinstance(start, Gait) and start.step is None and len(state) < len(names):
-        raise SolveError(f"{start.problem.name} is {start.status}: give the whole state to start from: {', '.join(names)}")
+        raise SolveError(
+            f"{start.problem.name} is {start.status}: give the whole state to start from: {', '.join(names)}"
+        )
     if isinstance(start, Problem):
         known = dict(start.guess.state)
     elif start.step is None:

@@ -1,0 +1,143 @@
+"""Multiple shooting: integrator, transcription, solver, diagnosis."""
+
+import re
+
+import numpy as np
+import pytest
+
+from gaitopt.gait import Status
+from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl
+from gaitopt.nlp import integrate_to, roll_out, solve_gait
+from gaitopt.nlp.integrator import ORDER, shooting_step
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.newton import integration_error, polish
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import load_problem
+
+STATE = np.array([-0.1408, -0.1408, 0.0, 0.7102, -0.5168, 0.3])
+PARAMETERS = np.array([1.6, 4.0, 0.8, 2.0, 9.8, np.deg2rad(1.0), 0.14])
+
+
+@pytest.fixture(scope="module")
+def compass() -> HybridSystem:
+    return HybridSystem(CompassBiped, NoControl())
+
+
+def passive(name, **overrides):
+    problem = load_problem(name)
+    problem = problem.replace(overrides) if overrides else problem
+    return problem, HybridSystem(type(problem.walker), NoControl(), problem.impact_law)
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_shooting_step_has_the_order_of_its_tableau(compass, mode):
+    step = shooting_step(compass, mode)
+
+    def error(h):
+        exact = integrate_to(compass, mode, STATE, np.linspace(0, h, 33), PARAMETERS, np.zeros(0))[-1]
+        return np.abs(np.asarray(step(STATE, 0, h, PARAMETERS, [])).ravel() - exact)[:-1].max()
+
+    assert np.log2(error(0.3) / error(0.15)) > ORDER + 0.5
+
+
+def test_sticking_foot_does_not_drift(compass):
+    moved = shooting_step(compass, Mode.STICK)(STATE, 0, 0.1, PARAMETERS, [])
+    assert float(moved[-1]) == 0.0
+
+
+def test_problem_without_freed_parameters_is_square(compass):
+    problem, _ = passive("compass-passive-a")
+    transcription = Transcription(compass, layout(problem.sequence, [0.09, 0.63, 0.03], []))
+    assert transcription.equalities.numel() == transcription.w.numel()
+
+
+def test_jacobian_agrees_with_central_differences(compass):
+    problem, _ = passive("compass-passive-a")
+    transcription = Transcription(compass, layout(problem.sequence, [0.09, 0.63, 0.03], []))
+    w = np.random.default_rng(1).normal(scale=0.1, size=transcription.w.numel())
+    direction = np.random.default_rng(2).normal(size=w.size)
+    eps = 1e-6
+    plus, minus = (np.asarray(transcription.residual(w + s * eps * direction, PARAMETERS)[0]) for s in (1, -1))
+    exact = np.asarray(transcription.residual(w, PARAMETERS)[1] @ direction)
+    assert np.allclose(exact, (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-6)
+
+
+def test_breakpoints_cut_phases_into_arcs():
+    sequence = load_problem("compass-passive-a").sequence
+    plan = layout(sequence, [0.1, 0.6, 0.05], [0.3, 0.72])
+    assert [(arc.phase, arc.segment) for arc in plan.arcs] == [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)]
+    assert plan.arc_times(np.array([0.1, 0.6, 0.05]))[2] == (0.3, pytest.approx(0.7))
+    assert not plan.in_order(np.array([0.1, 0.1, 0.05]))
+
+
+def test_rollout_finds_the_durations_that_a_solved_gait_has():
+    problem, system = passive("compass-passive-a")
+    gait = solve_gait(problem, system)
+    rolled = roll_out(system, gait.p, problem.sequence, gait.state)
+    assert np.allclose(rolled.durations, [duration for _, duration in gait.step.phases], atol=1e-6)
+
+
+def test_given_durations_lead_to_the_same_gait():
+    problem, system = passive("compass-passive-a")
+    hinted = problem.replace({"gait.guess.durations": [0.07, 0.6, 0.05]})
+    free, timed = solve_gait(problem, system), solve_gait(hinted, system)
+    assert timed.converged
+    assert np.allclose(free.state, timed.state, atol=1e-11)
+
+
+def test_error_estimate_is_the_error():
+    problem, system = passive("compass-passive-stick")
+    gait = solve_gait(problem, system)
+    coarse = Transcription(system, layout(problem.sequence, [gait.step.period], []).refined([5]))
+    fractions = np.linspace(gait.shooting.times[0], gait.shooting.times[-1], 6)
+    start = coarse.pack(integrate_to(system, Mode.STICK, gait.state, fractions, gait.p, np.zeros(0)).T, [fractions[-1]])
+    w = polish(coarse, start, gait.p).w
+    nodes, durations = integration_error(coarse, w, gait.p)
+    actual = gait.step.period - coarse.unpack(w)[1][0]
+    assert abs(actual) > 1e-9
+    assert durations[0] == pytest.approx(actual, rel=0.05)
+    assert nodes[0, 0] == pytest.approx(gait.state[0] - w[0], rel=0.05)
+
+
+def test_solution_is_right_to_its_promise():
+    problem, system = passive("compass-passive-a")
+    gait = solve_gait(problem, system)
+    assert gait.shooting.residual < 1e-12
+    assert gait.shooting.errors.max() < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "words"),
+    [
+        (
+            "compass-passive-stick",
+            {"friction": 0.14},
+            r"phase 1 \(stick\), t = 0\.\d+ s: needs friction 0\.174\d?, has 0\.14; impact: needs friction 0\.1447",
+        ),
+        ("rimless-wheel-slip", {"friction": 0.2}, r"impact: needs friction 0\.\d+, has 0\.2"),
+        ("compass-passive-a", {"friction": 0.2}, "phase"),
+    ],
+)
+def test_failure_says_what_hurts_in_physical_words(name, overrides, words):
+    problem, system = passive(name, **overrides)
+    gait = solve_gait(problem, system)
+    assert gait.status in (Status.INFEASIBLE, Status.NOT_CONVERGED)
+    with pytest.raises(ValueError, match="no gait to take a state from"):
+        _ = gait.state
+    assert gait.step is None
+    assert re.search(words, gait.message), gait.message
+
+
+def test_request_to_stop_ends_as_interrupted():
+    problem, system = passive("compass-passive-a")
+    gait = solve_gait(problem, system, should_stop=lambda: True)
+    assert gait.status is Status.INTERRUPTED
+    assert not gait.converged
+
+
+def test_progress_reports_every_iteration():
+    problem, system = passive("compass-passive-a")
+    seen = []
+    solve_gait(problem, system, progress=lambda iteration, violation: seen.append((iteration, violation)))
+    assert [iteration for iteration, _ in seen] == list(range(len(seen)))
+    assert seen[-1][1] < 1e-9 < seen[0][1]
