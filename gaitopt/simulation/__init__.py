@@ -1,0 +1,7 @@
+"""The forward hybrid simulator, which chooses the modes by itself."""
+
+from gaitopt.simulation.scipy_stepper import ScipyStepper
+from gaitopt.simulation.simulator import Simulator, StepOutcome
+from gaitopt.simulation.stepper import Arrival, Stepper
+
+__all__ = ["Arrival", "ScipyStepper", "Simulator", "StepOutcome", "Stepper"]

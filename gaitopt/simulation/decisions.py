@@ -1,0 +1,160 @@
+"""What the foot does where more than one thing is possible: at rest on the ground, and at an impact.
+
+At rest, with f_stick the force that holds the foot and the cone margins mu f_n + f_t, mu f_n - f_t of it,
+
+    stick             f_n > 0 and both margins positive
+    slip with sign s  its margin negative, C_tt + mu s C_nt > 0, and f_n > 0 while slipping
+
+exactly at the edge of the cone the margin's rate decides. At an impact, Gamus & Or (2013), eqs (9)-(11),
+
+    stick             F_n > 0 and |F_t| <= mu F_n
+    slip with sign s  w_n' M^-1 Gamma > 0, F_n > 0 and s v_t > 0 just after it
+
+Which of these hold is found out, not assumed; none or several is a named ending.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Ending, ImpactRecord
+from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, margin_names
+from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation.events import EDGE
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A motion that cannot go on: the named ending, and the reason in words."""
+
+    ending: Ending
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Candidate:
+    """One conceivable impact, and whether it contradicts itself."""
+
+    mode: Mode
+    z_plus: Array
+    impulse: Array
+    slip_velocity: float
+    lift_velocity: float
+    painleve: float
+
+    def __str__(self) -> str:
+        f_t, f_n = self.impulse
+        if self.mode is Mode.STICK:
+            return f"stick needs F_t = {f_t:.6g}, F_n = {f_n:.6g} N s"
+        return (
+            f"{self.mode} has F_n = {f_n:.6g} N s, v_t = {self.slip_velocity:.6g} m/s, "
+            f"w_n' M^-1 Gamma = {self.painleve:.6g} 1/kg"
+        )
+
+
+class Decisions:
+    """Decisions about the foot of one system at fixed parameters.
+
+    Parameters
+    ----------
+    system : the walker under its control law.
+    p : ndarray, shape (n_p,) - parameters.
+    """
+
+    def __init__(self, system: HybridSystem, p: Array) -> None:
+        self._law, self._p = system.law, np.array(p)
+        self._friction = float(p[system.parameters.index("friction")])
+        self._n_x = system.n_shape
+        self._events = {mode: Buffered(system.events(mode)) for mode in Mode}
+        self._impacts = {mode: Buffered(system.impact(mode)) for mode in Mode}
+
+    def at_rest(self, t: float, z: Array, data: Array) -> Mode | Refusal:
+        """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``."""
+        margins, rates = self._margins(Mode.STICK, t, z, data)
+        leaves = {
+            Mode.SLIP_FORWARD: _falls(margins["cone_forward"], rates["cone_forward"]),
+            Mode.SLIP_BACKWARD: _falls(margins["cone_backward"], rates["cone_backward"]),
+        }
+        consistent = [Mode.STICK] if margins["normal_force"] > 0 and not any(leaves.values()) else []
+        painleve = {}
+        for mode, leaving in leaves.items():
+            slipping, _ = self._margins(mode, t, z, data)
+            painleve[mode] = slipping["painleve"]
+            # where the denominator is negative, the foot accelerates against the force that is missing to stick
+            accelerates = leaving if slipping["painleve"] > 0 else not leaving
+            if accelerates and slipping["normal_force"] > 0:
+                consistent.append(mode)
+        return self._only(consistent, painleve, margins["normal_force"])
+
+    @staticmethod
+    def _only(consistent: list[Mode], painleve: Mapping[Mode, float], normal_force: float) -> Mode | Refusal:
+        if len(consistent) == 1 and (consistent[0] is Mode.STICK or painleve[consistent[0]] > 0):
+            return consistent[0]
+        if min(painleve.values()) <= 0:
+            words = " or ".join(consistent) if consistent else "no mode"
+            values = ", ".join(f"{value:.6g} kg in {mode}" for mode, value in painleve.items())
+            return Refusal(Ending.PAINLEVE, f"{words} is possible; C_tt + mu s C_nt is {values}")
+        return Refusal(Ending.LIFT_OFF, f"no mode keeps the foot on the ground; in stick f_n = {normal_force:.6g} N")
+
+    def impact(self, z_minus: Array) -> ImpactRecord | Refusal:
+        """The impact at touchdown in state ``z_minus``."""
+        candidates = [self._candidate(mode, z_minus) for mode in Mode]
+        consistent = [candidate for candidate in candidates if self._consistent(candidate)]
+        stick = candidates[0]
+        if stick in consistent and (self._law is ImpactLaw.FRICTIONLESS or self._at_edge(stick)):
+            consistent = [stick]  # the law's precedence; or a slip that has no velocity, which is the same impact
+        if len(consistent) != 1:
+            ending = Ending.IMPACT_AMBIGUOUS if consistent else Ending.IMPACT_INCONSISTENT
+            verdict = " and ".join(c.mode for c in consistent) + " are" if consistent else "no impact is"
+            numbers = "; ".join(map(str, candidates))
+            return Refusal(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
+        return self._record(consistent[0], stick)
+
+    def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Refusal:
+        if chosen.lift_velocity <= 0:
+            words = f"the former stance foot would move into the ground at {chosen.lift_velocity:.6g} m/s"
+            return Refusal(Ending.DOUBLE_SUPPORT, f"{words} after an impact with {chosen.mode}")
+        state = chosen.z_plus.copy()
+        state[self._n_x] = 0.0
+        return ImpactRecord(
+            mode=chosen.mode,
+            state=state,
+            step_length=float(chosen.z_plus[self._n_x]),
+            impulse=chosen.impulse,
+            stick_impulse=stick.impulse,
+        )
+
+    def _consistent(self, candidate: _Candidate) -> bool:
+        f_t, f_n = candidate.impulse
+        if candidate.mode is Mode.STICK:
+            return bool(f_n > 0 and abs(f_t) <= self._friction * f_n * (1 + EDGE))
+        return bool(candidate.painleve > 0 and f_n > 0 and candidate.mode.direction * candidate.slip_velocity > 0)
+
+    def _at_edge(self, stick: _Candidate) -> bool:
+        f_t, f_n = stick.impulse
+        return bool(abs(f_t) >= self._friction * f_n * (1 - EDGE))
+
+    def _candidate(self, mode: Mode, z_minus: Array) -> _Candidate:
+        z_plus, impulse, slip, lift, painleve = (output.copy() for output in self._impacts[mode](z_minus, self._p))
+        return _Candidate(
+            mode=mode,
+            z_plus=z_plus,
+            impulse=impulse,
+            slip_velocity=float(slip[0]),
+            lift_velocity=float(lift[0]),
+            painleve=float(painleve[0]),
+        )
+
+    def _margins(self, mode: Mode, t: float, z: Array, data: Array) -> tuple[dict[str, float], dict[str, float]]:
+        outputs = self._events[mode](t, z, self._p, data)
+        margins, rates = (dict(zip(margin_names(mode), output.tolist(), strict=True)) for output in outputs)
+        return margins, rates
+
+
+def _falls(margin: float, rate: float) -> bool:
+    """Whether a margin is negative, or at its edge and about to be."""
+    return rate < 0 if abs(margin) <= EDGE else margin < 0

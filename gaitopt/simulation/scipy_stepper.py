@@ -1,0 +1,164 @@
+"""Arcs by scipy's DOP853 on a compiled right-hand side. Hairer, Norsett & Wanner (1993), section II.5."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import DOP853
+
+from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation.events import EDGE, Point, first_event, violated
+from gaitopt.simulation.stepper import Arrival
+
+Array = NDArray[np.float64]
+
+RTOL = 1e-12
+"""Relative tolerance: a walking step is then right to about 1e-12, in some 25 integration steps."""
+ATOL = 1e-14
+"""Absolute tolerance, far below rtol: a slip that sets in gently is integrated to its own digits, at no extra cost."""
+FIRST_STEP = 0.01
+"""First integration step that is tried [s]: about what walking takes; the step size control mends it at once."""
+SHORTEST_DEPARTURE = 1e-9
+"""A margin at its edge that is not positive by then [s] falls at once: the shortest slip that is told apart."""
+DEPARTURE_FACTOR = 4
+"""Ratio of successive trial lengths when a margin must be seen leaving its edge."""
+MAX_INTEGRATION_STEPS = 20_000
+"""Bound on the work for one arc, two seconds: walking takes tens, only a very stiff control law takes more."""
+
+
+class IntegrationError(ArithmeticError):
+    """The integrator cannot go on; becomes ``Arrival.failure``."""
+
+
+class ScipyStepper:
+    """A ``Stepper`` by scipy's DOP853.
+
+    Parameters
+    ----------
+    system : the walker under its control law.
+    p : ndarray, shape (n_p,) - parameters.
+    rtol, atol : tolerances of one integration step.
+    """
+
+    def __init__(self, system: HybridSystem, p: Array, *, rtol: float = RTOL, atol: float = ATOL) -> None:
+        self._system, self._p = system, np.array(p)
+        self._tolerances = {"rtol": rtol, "atol": atol}
+        self._fields: dict[Mode, _Field] = {}
+
+    def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
+        """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
+        field = self._field(mode, data)
+        before = field.point(time, state)
+        armed = [name != "touchdown" or margin > EDGE for name, margin in zip(field.names, before.margins, strict=True)]
+        name = violated(field.names, before, armed)
+        if name is not None:
+            return Arrival(time=time, state=state, event=name)
+        try:
+            for after in self._points(field, before, armed, limit):
+                reach = partial(self._reach, field, before)
+                event = first_event(field.names, before, after, armed, reach)
+                if event is not None:
+                    return Arrival(event=event[0], time=event[1], state=event[2])
+                armed = [was or margin > EDGE for was, margin in zip(armed, after.margins, strict=True)]
+                before = after
+        except IntegrationError as error:
+            return Arrival(time=before.time, state=before.state, failure=str(error))
+        return Arrival(time=before.time, state=before.state)
+
+    def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
+        """States at ascending ``times`` by integration from each to the next; see ``Stepper``."""
+        field = self._field(mode, data)
+        point = field.point(float(times[0]), state)
+        states = [state]
+        for t in times[1:].tolist():
+            point = self._reach(field, point, t)
+            states.append(point.state)
+        return np.array(states)
+
+    def _points(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> Iterator[Point]:
+        """The points that the integrator steps on, from ``start`` (exclusive) to ``limit``."""
+        if limit <= start.time:
+            return
+        solver, point = self._depart(field, start, armed, limit)
+        yield point
+        for _ in range(MAX_INTEGRATION_STEPS):
+            if solver.status == "finished":
+                return
+            yield field.step(solver)
+        raise IntegrationError(f"more than {MAX_INTEGRATION_STEPS} integration steps in one arc")
+
+    def _depart(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> tuple[DOP853, Point]:
+        """First integration step, so short that every margin that starts at its edge has just left it.
+
+        A slip that sets in and ends again within one integration step is found this way. Where a margin falls at
+        once, the step is as short as it gets, and the margin not positive at its end.
+        """
+        edge = [k for k, margin in enumerate(start.margins) if armed[k] and margin <= 0]
+        length = min(FIRST_STEP, limit - start.time)
+        while True:
+            solver = self._solver(field, start, limit, length)
+            point = field.step(solver)
+            length = solver.step_size / DEPARTURE_FACTOR
+            if length < SHORTEST_DEPARTURE or all(point.margins[k] > 0 for k in edge):
+                return solver, point
+
+    def _reach(self, field: "_Field", start: Point, time: float) -> Point:
+        """The motion at ``time``, by an integration of its own from ``start``."""
+        if time <= start.time:
+            return start
+        solver = self._solver(field, start, time, time - start.time)
+        point = field.step(solver)
+        while solver.status == "running":
+            point = field.step(solver)
+        return point
+
+    def _solver(self, field: "_Field", start: Point, limit: float, first_step: float) -> DOP853:
+        if not np.isfinite(start.flow).all():
+            raise IntegrationError("the equations of motion are not finite")
+        return DOP853(field.rate, start.time, start.state, limit, first_step=first_step, **self._tolerances)
+
+    def _field(self, mode: Mode, data: Array) -> "_Field":
+        if mode not in self._fields:
+            self._fields[mode] = _Field(self._system, mode, self._p)
+        self._fields[mode].load(data)
+        return self._fields[mode]
+
+
+class _Field:
+    """Right-hand side and margins of one mode, compiled."""
+
+    def __init__(self, system: HybridSystem, mode: Mode, p: Array) -> None:
+        self.names = margin_names(mode)
+        self._flow, self._events = Buffered(system.flow(mode)), Buffered(system.events(mode))
+        for function in (self._flow, self._events):
+            function.inputs[2][:] = p
+
+    def load(self, data: Array) -> None:
+        """Go over to a segment of the control."""
+        for function in (self._flow, self._events):
+            function.inputs[3][:] = data
+
+    def rate(self, t: float, z: Array) -> Array:
+        flow = self._flow
+        flow.inputs[0][0] = t
+        flow.inputs[1][:] = z
+        flow.evaluate()
+        return flow.outputs[0].copy()
+
+    def point(self, t: float, z: Array) -> Point:
+        events = self._events
+        events.inputs[0][0] = t
+        events.inputs[1][:] = z
+        events.evaluate()
+        margins, rates = events.outputs
+        return Point(t, z, self.rate(t, z), margins.tolist(), rates.tolist())
+
+    def step(self, solver: DOP853) -> Point:
+        """One accepted step of the integrator."""
+        with np.errstate(all="ignore"):  # a motion that blows up is told by its step size
+            solver.step()
+        if solver.status == "failed":
+            raise IntegrationError("the step size of the integrator vanishes: the motion is singular")
+        return self.point(float(solver.t), solver.y)

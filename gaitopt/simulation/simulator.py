@@ -1,0 +1,224 @@
+"""The forward hybrid simulator: from a state after impact to any number of steps, without knowing the mode sequence.
+
+On every arc one mode holds and dz/dt = flow_mode(t, z, p, r) is integrated to its first event; at the event the next
+mode follows from the forces, and at touchdown the impact from the impulses. Gamus & Or (2013), section II.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
+from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.simulation.decisions import Decisions, Refusal
+from gaitopt.simulation.sampling import sample
+from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
+from gaitopt.simulation.stepper import Arrival, Stepper
+
+Array = NDArray[np.float64]
+
+MAX_STEP_TIME = 20.0
+"""A walker that has not touched down by then [s] no longer walks."""
+MAX_SWITCHES = 50
+"""Mode switches within a step after which it is called chattering; walking takes a handful."""
+
+ONSETS: Mapping[str, Mode] = {"cone_forward": Mode.SLIP_FORWARD, "cone_backward": Mode.SLIP_BACKWARD}
+FATAL: Mapping[str, Refusal] = {
+    "normal_force": Refusal(Ending.LIFT_OFF, "the normal force has fallen to zero"),
+    "painleve": Refusal(Ending.PAINLEVE, "C_tt + mu s C_nt has fallen to zero: the slip has no unique solution"),
+    "upright": Refusal(Ending.FALL, "the walker is no longer upright"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepOutcome:
+    """One simulated step.
+
+    Attributes
+    ----------
+    step : the arcs and the impact; None when the motion ended before any time had passed.
+    ending : ``completed`` when the step ended with an impact, else why the motion ended.
+    message : the same in words, with time and state.
+    """
+
+    step: Step | None
+    ending: Ending
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Moment:
+    """Where a step has got to."""
+
+    time: float
+    state: Array
+    segment: int
+    switches: int
+
+
+class Simulator:
+    """Simulates one walker under one control law at fixed parameters.
+
+    Parameters
+    ----------
+    system : the walker under its control law.
+    p : ndarray, shape (n_p,) - parameters in the order of ``system.parameters``.
+    rtol, atol : tolerances of the default stepper.
+    max_step_time : longest time from impact to impact [s].
+    max_switches : largest number of mode switches within a step.
+    stepper : what integrates the arcs; scipy's DOP853 unless given.
+
+    Raises
+    ------
+    ValueError
+        If ``p`` does not have one finite value per parameter of the system.
+    """
+
+    def __init__(
+        self,
+        system: HybridSystem,
+        p: Array,
+        *,
+        rtol: float = RTOL,
+        atol: float = ATOL,
+        max_step_time: float = MAX_STEP_TIME,
+        max_switches: int = MAX_SWITCHES,
+        stepper: Stepper | None = None,
+    ) -> None:
+        p = _finite_vector("parameters", p, system.parameters)
+        self._system = system
+        self._max_switches = max_switches
+        self._stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
+        self._decisions = Decisions(system, p)
+        self._limit = min(max_step_time, system.control.horizon)
+        self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
+
+    def run(
+        self,
+        state: Array,
+        steps: int = 1,
+        *,
+        dense: bool = False,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> Trajectory:
+        """Simulate up to ``steps`` steps from a state just after an impact.
+
+        Parameters
+        ----------
+        state : ndarray, shape (n_z,) - (shape [rad], x [m], rates [rad/s], dx [m/s]); x is counted from zero.
+        steps : number of steps wanted.
+        dense : sample every arc at Chebyshev points instead of its two ends.
+        should_stop : asked before every step; when true the trajectory ends with the steps made so far.
+
+        Raises
+        ------
+        ValueError
+            If ``state`` does not have one finite value per state of the system, or ``steps`` is less than one.
+        """
+        if steps < 1:
+            raise ValueError(f"steps = {steps}: at least one step is needed")
+        start = z = self._after_impact(state)
+        made: list[Step] = []
+        while len(made) < steps:
+            if should_stop is not None and should_stop():
+                break
+            outcome = self.step(z, dense=dense, number=len(made) + 1)
+            if outcome.step is not None:
+                made.append(outcome.step)
+            if outcome.step is None or outcome.step.impact is None:
+                return Trajectory(start=start, steps=tuple(made), ending=outcome.ending, message=outcome.message)
+            z = outcome.step.impact.state
+        message = f"{len(made)} of {steps} steps" + ("" if len(made) == steps else ", then stopped on request")
+        return Trajectory(start=start, steps=tuple(made), ending=Ending.COMPLETED, message=message)
+
+    def step(self, state: Array, *, dense: bool = False, number: int = 1) -> StepOutcome:
+        """Simulate one step from a state just after an impact; ``number`` is its number in the message."""
+        moment = _Moment(0.0, self._after_impact(state), 0, 0)
+        mode: Mode | None = None
+        following: Mode | ImpactRecord | Refusal = self._first_mode(moment)
+        arcs: list[Arc] = []
+        while isinstance(following, Mode):
+            mode = following
+            arrival = self._advance(mode, moment)
+            if arrival.time > moment.time:
+                arcs.append(self._arc(mode, moment, arrival, dense))
+            following, moment = self._follow(mode, moment, arrival)
+        if isinstance(following, ImpactRecord):
+            step = Step(arcs=tuple(arcs), impact=following)
+            return StepOutcome(step=step, ending=Ending.COMPLETED, message=f"step {number} completed")
+        incomplete = Step(arcs=tuple(arcs), impact=None) if arcs else None
+        return StepOutcome(
+            step=incomplete, ending=following.ending, message=self._describe(following, number, mode, moment)
+        )
+
+    def _after_impact(self, state: Array) -> Array:
+        z = _finite_vector("state", state, self._system.state_names)
+        z[self._system.n_shape] = 0.0
+        return z
+
+    def _first_mode(self, moment: _Moment) -> Mode | Refusal:
+        slip_velocity = float(moment.state[-1])
+        return Mode.slip(slip_velocity) if slip_velocity != 0 else self._at_rest(moment)
+
+    def _at_rest(self, moment: _Moment) -> Mode | Refusal:
+        return self._decisions.at_rest(moment.time, moment.state, self._system.control.data(moment.segment))
+
+    def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
+        """The arc from here to its first event, the control's next breakpoint or the time limit."""
+        end = (*self._breakpoints, self._limit)[moment.segment]
+        data = self._system.control.data(moment.segment)
+        arrival = self._stepper.advance(mode, data, moment.time, moment.state, end)
+        if arrival.event == "slip_velocity":
+            arrival.state[-1] = 0.0  # the foot has come to rest; what is left is rounding
+        return arrival
+
+    def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
+        times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
+        if dense:
+            data = self._system.control.data(moment.segment)
+            times, states = sample(self._stepper, mode, data, moment.time, arrival.time, moment.state)
+            states[-1] = arrival.state
+        return Arc(mode=mode, segment=moment.segment, times=times, states=states)
+
+    def _follow(self, mode: Mode, moment: _Moment, arrival: Arrival) -> tuple[Mode | ImpactRecord | Refusal, _Moment]:
+        """What comes after an arc: a mode, the impact, or the end of the motion; and the moment it begins."""
+        here = replace(moment, time=arrival.time, state=arrival.state)
+        if arrival.failure:
+            return Refusal(Ending.NUMERICAL, arrival.failure), here
+        if arrival.event is None:
+            return self._pass_breakpoint(mode, here)
+        if arrival.event in FATAL:
+            return FATAL[arrival.event], here
+        if arrival.event == "touchdown":
+            return self._decisions.impact(here.state), here
+        here = replace(here, switches=here.switches + 1)
+        if here.switches > self._max_switches:
+            return Refusal(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
+        return ONSETS.get(arrival.event) or self._at_rest(here), here
+
+    def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Refusal, _Moment]:
+        """The next segment of the control; its torques may jump, so that a foot at rest is asked anew."""
+        if moment.segment == len(self._breakpoints):
+            return Refusal(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s"), moment
+        moment = replace(moment, segment=moment.segment + 1)
+        return (self._at_rest(moment) if mode is Mode.STICK else mode), moment
+
+    def _describe(self, refusal: Refusal, number: int, mode: Mode | None, moment: _Moment) -> str:
+        values = ", ".join(
+            f"{name} = {value:.6g}" for name, value in zip(self._system.state_names, moment.state, strict=True)
+        )
+        where = "in mode " + mode if mode is not None else "at the choice of the first mode"
+        return f"{refusal.reason}: step {number}, {moment.time:.6g} s after the impact, {where}, at {values}"
+
+
+def _finite_vector(what: str, values: Array, names: tuple[str, ...]) -> Array:
+    """A copy of ``values`` as a vector with one finite entry per name."""
+    vector = np.array(values, dtype=float)
+    if vector.shape != (len(names),):
+        raise ValueError(f"{what} of shape {vector.shape}: one value is needed for each of {', '.join(names)}")
+    wrong = [f"{name} = {value}" for name, value in zip(names, vector, strict=True) if not np.isfinite(value)]
+    if wrong:
+        raise ValueError(f"{what} must be finite, not {', '.join(wrong)}")
+    return vector

@@ -1,0 +1,56 @@
+"""The seam between the hybrid simulator and the integrator: advance along one arc, until an event or a time limit.
+
+A mode takes its margins for granted (``gaitopt.mechanics.margin_names``); an event is a margin falling through zero.
+
+* ``touchdown`` is armed once it has been positive after the impact: the feet are level at the start of every step,
+  and the legs pass each other in mid-swing, where this margin rises through zero.
+* Every other margin must be positive all along the arc. One that starts at zero (the slip velocity at the onset of
+  slip, a double root; the edge of the cone at re-sticking) is no event if it leaves zero upwards.
+* A margin that only touches zero, by less than rounding, is no event.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.mechanics import Mode
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arrival:
+    """Where an arc ends, and why.
+
+    Attributes
+    ----------
+    time : time since the last impact [s].
+    state : ndarray, shape (n_z,) - state there.
+    event : the margin that fell to zero; None at the time limit.
+    failure : what kept the integrator from going on, in words; empty if nothing did.
+    """
+
+    time: float
+    state: Array
+    event: str | None = None
+    failure: str = ""
+
+
+class Stepper(Protocol):
+    """An integrator of one system at fixed parameters."""
+
+    def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
+        """Integrate one arc from ``time`` to its first event, or to ``limit``.
+
+        Parameters
+        ----------
+        mode : contact mode of the stance foot.
+        data : ndarray, shape (n_r,) - segment data of the control.
+        time, limit : times since the last impact [s].
+        state : ndarray, shape (n_z,) - state at ``time``.
+        """
+
+    def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
+        """States at ascending ``times`` of an arc that starts with ``state`` at the first; shape (m, n_z)."""
