@@ -1,0 +1,24 @@
+"""Runs on disk: files that appear whole or not at all, and lines that survive being cut off."""
+
+from gaitopt.store.files import write_whole
+from gaitopt.store.lines import LineWriter, read_lines
+from gaitopt.store.manifest import Manifest, read_manifest
+from gaitopt.store.run import Run, check_folder, find_run, read_run, run_folder, write_run
+from gaitopt.store.text import Table, csv_text, json_text
+
+__all__ = [
+    "LineWriter",
+    "Manifest",
+    "Run",
+    "Table",
+    "check_folder",
+    "csv_text",
+    "find_run",
+    "json_text",
+    "read_lines",
+    "read_manifest",
+    "read_run",
+    "run_folder",
+    "write_run",
+    "write_whole",
+]

@@ -1,0 +1,75 @@
+"""Records and tables as text: JSON and CSV with every digit, and nothing that a strict reader refuses."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+MODE_COLUMN = "mode"
+"""The one column of a trajectory that holds words."""
+
+Cell = float | str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """Rows under a header; all cells are numbers except those under ``mode``."""
+
+    header: tuple[str, ...]
+    rows: Iterable[Sequence[Cell]]
+
+
+def json_text(record: Mapping[str, Any], *, indent: int | None = None) -> str:
+    """JSON of a record: floats to the last digit, NaN and infinities as null."""
+    return json.dumps(_plain(record), indent=indent, allow_nan=False, ensure_ascii=False)
+
+
+def csv_text(table: Table) -> str:
+    """CSV of a table: floats to the last digit, NaN and infinities as empty cells."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.header)
+    writer.writerows([_cell(value) for value in row] for row in table.rows)
+    return text.getvalue()
+
+
+def parse_csv(text: str) -> Table:
+    """Parse what ``csv_text`` wrote; an empty cell is NaN.
+
+    Raises
+    ------
+    ValueError
+        If a row is cut off or a cell is not a number; the message names its line.
+    """
+    reader = csv.reader(io.StringIO(text))
+    header = tuple(next(reader, ()))
+    words = [name == MODE_COLUMN for name in header]
+    rows: list[tuple[Cell, ...]] = []
+    for row in reader:
+        if len(row) != len(header):
+            raise ValueError(f"line {reader.line_num} has {len(row)} cells where the header has {len(header)}")
+        try:
+            rows.append(tuple(cell if word else float(cell or "nan") for cell, word in zip(row, words, strict=True)))
+        except ValueError as error:
+            raise ValueError(f"line {reader.line_num}: {error}") from error
+    return Table(header=header, rows=tuple(rows))
+
+
+def _plain(value: Any) -> Any:
+    """The same in the types that JSON knows; arrays and NumPy scalars included."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    return value
+
+
+def _cell(value: Cell) -> Cell:
+    return "" if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,209 @@
+"""A run folder holds one problem, is complete or says that it is not, and is never taken from anyone else."""
+
+import dataclasses
+import errno
+import hashlib
+import json
+import os
+import platform
+from pathlib import Path
+
+import pytest
+
+from gaitopt.errors import StorageError
+from gaitopt.store import Table, check_folder, find_run, read_run, run_folder, write_run
+from gaitopt.store import files as store_files
+
+GAIT = {"problem": "walk", "status": "converged", "period": 1 / 3, "required_friction": None}
+TRAJECTORY = Table(header=("t", "mode", "theta"), rows=((0.0, "stick", -0.1), (1 / 3, "stick", 0.1)))
+FILES = ["gait.json", "manifest.json", "problem.yaml", "resolved.json", "trajectory.csv"]
+
+
+@dataclasses.dataclass(frozen=True)
+class SomeProblem:
+    """The part of a Problem that the store reads."""
+
+    name: str = "walk"
+    friction: float = 0.2
+    text: str = "name: walk  # verbatim\r\n"
+
+    def resolved(self):
+        return {"name": self.name, "friction": self.friction}
+
+    @property
+    def digest(self):
+        return hashlib.sha256(json.dumps(self.resolved()).encode()).hexdigest()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_run(tmp_path / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_run_is_read_back_as_it_was_written(folder):
+    run = read_run(folder)
+    assert sorted(contents(folder)) == FILES
+    assert run.problem_text == SomeProblem().text
+    assert run.resolved == SomeProblem().resolved()
+    assert run.gait == GAIT
+    assert run.trajectory == TRAJECTORY
+    assert run.manifest.hash == SomeProblem().digest
+
+
+def test_the_manifest_names_versions_and_platform_but_no_host(folder):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["schema"] == 1
+    assert {"gaitopt", "python", "casadi", "numpy", "scipy"} <= manifest["versions"].keys()
+    assert manifest["platform"]["system"] == platform.system()
+    assert platform.node() not in (folder / "manifest.json").read_text()
+
+
+def test_the_same_problem_replaces_its_run(folder):
+    write_run(folder, problem=SomeProblem(), gait=GAIT | {"period": 2.0}, trajectory=TRAJECTORY)
+    assert read_run(folder).gait["period"] == 2.0
+    assert sorted(contents(folder)) == FILES
+
+
+def test_another_problem_is_refused_and_changes_nothing(folder):
+    before = contents(folder)
+    with pytest.raises(StorageError, match="holds another problem"):
+        write_run(folder, problem=SomeProblem(friction=0.3), gait=GAIT, trajectory=TRAJECTORY)
+    assert contents(folder) == before
+
+
+def test_a_foreign_folder_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("precious")
+    with pytest.raises(StorageError, match="not a run of gaitopt"):
+        write_run(tmp_path, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+    assert contents(tmp_path) == {"thesis.tex": b"precious"}
+
+
+def test_a_manifest_of_another_tool_is_foreign(tmp_path):
+    (tmp_path / "manifest.json").write_text('{"format": "web app", "schema": 99}')
+    with pytest.raises(StorageError, match="not the manifest of a gaitopt run"):
+        read_run(tmp_path)
+
+
+def test_a_newer_run_is_named_and_left_alone(folder):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 2, "hash": {"sha3": "0"}}))
+    before = contents(folder)
+    with pytest.raises(StorageError, match=r"newer gaitopt \(schema 2"):
+        read_run(folder)
+    with pytest.raises(StorageError, match="newer gaitopt"):
+        write_run(folder, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("manifest.json", '{"format": "gaitopt r', "is not JSON"),
+        ("manifest.json", '{"format": "gaitopt run", "schema": 1}', "problem: Field required"),
+        ("manifest.json", '{"format": "gaitopt run", "schema": 1, "problem": "walk", "hash": 7}', "hash: "),
+        ("gait.json", '{"status": "conv', "is not JSON"),
+        ("gait.json", "[]", "not a JSON object"),
+        ("resolved.json", "\0", "is not JSON"),
+        ("trajectory.csv", "t,mode,theta\n0.0,stick\n", "line 2 has 2 cells"),
+    ],
+)
+def test_a_broken_file_is_named_and_left_alone(folder, name, text, words):
+    (folder / name).write_text(text)
+    before = contents(folder)
+    with pytest.raises(StorageError, match=rf"{name}.*{words}.*broken and was left alone"):
+        read_run(folder)
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("name", ["problem.yaml", "resolved.json", "trajectory.csv"])
+def test_a_missing_file_is_named(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(StorageError, match=rf"{name} is missing"):
+        read_run(folder)
+
+
+def test_bytes_that_are_not_text_are_named(folder):
+    (folder / "problem.yaml").write_bytes(b"\xff\xfe")
+    with pytest.raises(StorageError, match=r"problem\.yaml: it is not UTF-8 text"):
+        read_run(folder)
+
+
+@pytest.mark.parametrize("written", range(len(FILES)))
+def test_a_run_interrupted_after_any_file_is_unfinished_and_can_be_written_again(tmp_path, monkeypatch, written):
+    remaining = [written]
+
+    def interrupted(folder):
+        if remaining[0] == 0:
+            raise KeyboardInterrupt
+        remaining[0] -= 1
+
+    folder = run_folder(SomeProblem(), tmp_path)
+    folder.mkdir()
+    monkeypatch.setattr(os, "fsync", lambda _: interrupted(folder))
+    monkeypatch.setattr(store_files, "sync_folder", lambda _: None)
+    with pytest.raises(KeyboardInterrupt):
+        write_run(folder, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+    monkeypatch.undo()
+    assert len(contents(folder)) == written
+    assert find_run(SomeProblem(), tmp_path) is None
+    with pytest.raises(StorageError):
+        read_run(folder)
+    write_run(folder, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+    assert find_run(SomeProblem(), tmp_path) == folder
+
+
+def test_a_full_disk_names_the_file_and_what_was_kept(tmp_path, monkeypatch):
+    replace = Path.replace
+
+    def full_at_trajectory(path, target):
+        if target.name == "trajectory.csv":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", full_at_trajectory)
+    kept = r"trajectory\.csv: No space left on device; kept whole in .*: manifest.json, problem.yaml, resolved.json$"
+    with pytest.raises(StorageError, match=kept) as caught:
+        write_run(tmp_path / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+    assert caught.value.exit_code == 6
+    assert sorted(contents(tmp_path / "run")) == ["manifest.json", "problem.yaml", "resolved.json"]
+
+
+def test_leftovers_of_a_killed_writer_do_not_make_a_folder_foreign(tmp_path):
+    (tmp_path / ".manifest.json.4711.tmp").write_text('{"for')
+    check_folder(tmp_path, SomeProblem())
+
+
+@pytest.mark.parametrize(
+    "name", ["../evil", "..", "/etc", "a/b\\c", "", ".hidden", "x" * 300, "ñandú läuft", "a\nb\0c"]
+)
+def test_no_name_leads_out_of_the_results(tmp_path, name):
+    folder = run_folder(SomeProblem(name=name), tmp_path)
+    assert folder.resolve().parent == tmp_path.resolve()
+    write_run(folder, problem=SomeProblem(name=name), gait=GAIT, trajectory=TRAJECTORY)
+    assert find_run(SomeProblem(name=name), tmp_path) == folder
+
+
+def test_a_folder_is_named_after_problem_and_hash():
+    assert run_folder(SomeProblem()) == Path("results") / f"walk-{SomeProblem().digest[:8]}"
+
+
+def test_a_problem_without_a_run_has_none(tmp_path):
+    assert find_run(SomeProblem(), tmp_path / "results") is None
+
+
+def test_a_file_in_place_of_the_folder_is_named(tmp_path):
+    (tmp_path / "run").write_text("")
+    with pytest.raises(StorageError, match="Not a directory; name another with -o"):
+        write_run(tmp_path / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageError, match="file"):
+        write_run(tmp_path / "file" / "deeper" / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+    with pytest.raises(StorageError, match="File name too long"):
+        write_run(tmp_path / ("x" * 300), problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
