@@ -8,6 +8,12 @@
 
 The former stance foot is free during the impact. After it the feet swap roles: the colliding foot becomes
 the origin of the coordinates and the walker relabels its shape.
+
+With the velocity v of the colliding foot in place of that of the stance foot, the impulse acts on v alone, and
+
+    F = C (v_plus - v_minus)        C = (W_swing M^-1 W_swing')^-1, the apparent mass of the colliding foot
+
+without an inverse of M, which is singular for walkers whose mass sits in a single point.
 """
 
 from dataclasses import dataclass
@@ -29,7 +35,7 @@ class Impact:
     impulse : SX, shape (2,) - contact impulse (F_t, F_n) at the colliding foot [N s].
     slip_velocity : SX - tangential velocity of the colliding foot just after the impact [m/s].
     lift_velocity : SX - normal velocity of the former stance foot just after the impact [m/s].
-    painleve : SX - det(C) w_n' M^-1 Gamma at the colliding foot; must be positive where it slips.
+    painleve : SX - det(C) w_n' M^-1 Gamma, the apparent mass of the slipping foot [kg]; it must be positive.
     """
 
     z_plus: SX
@@ -42,21 +48,31 @@ class Impact:
 def impact(eom: EquationsOfMotion, mode: Mode, law: ImpactLaw, friction: SX) -> Impact:
     """The impact after which the colliding foot is in ``mode``; whether that is consistent is not decided here."""
     n = len(eom.walker.shape)
-    response = solve_spd(eom.M, eom.W_swing.T)
-    A = eom.W_swing @ response  # inverse apparent mass of the colliding foot
+    reach = eom.W_swing[:, :n]  # the swing foot is the stance foot plus a function of the shape
+    foot_mass = eom.M[n:, n:]
+    coupling = eom.M[n:, :n] - foot_mass @ reach
+    shape_mass = eom.M[:n, :n] - reach.T @ eom.M[n:, :n] - coupling.T @ reach
+    response = solve_spd(shape_mass, coupling.T)
+    C = foot_mass - coupling @ response
+
     v_minus = eom.W_swing @ eom.dq
     mu = friction if law is ImpactLaw.COULOMB else SX(0)
     s = mode.direction
-    inverse_mass = A[1, 1] - mu * s * A[1, 0]
-    impulse = -solve_spd(A, v_minus) if mode is Mode.STICK else -v_minus[1] / inverse_mass * vertcat(-mu * s, 1)
-    dq_plus = eom.dq + response @ impulse
-    v_plus = v_minus + A @ impulse
-    shape_rates = jtimes(eom.mechanism.relabel, eom.z[:n], dq_plus[:n])
-    dx_plus = SX(0) if mode is Mode.STICK else v_plus[0]
+    painleve = C[0, 0] + mu * s * C[1, 0]
+    dv_n = -v_minus[1]
+    dv_t = -v_minus[0] if mode is Mode.STICK else -(C[0, 1] + mu * s * C[1, 1]) * dv_n / painleve
+    dv = vertcat(dv_t, dv_n)
+    rates = eom.dq[:n] - response @ dv
+    slip_velocity = SX(0) if mode is Mode.STICK else v_minus[0] + dv_t
     return Impact(
-        z_plus=vertcat(eom.mechanism.relabel, eom.mechanism.swing_foot[0], shape_rates, dx_plus),
-        impulse=impulse,
-        slip_velocity=v_plus[0],
-        lift_velocity=dq_plus[-1],
-        painleve=inverse_mass,
+        z_plus=vertcat(
+            eom.mechanism.relabel,
+            eom.mechanism.swing_foot[0],
+            jtimes(eom.mechanism.relabel, eom.z[:n], rates),
+            slip_velocity,
+        ),
+        impulse=C @ dv,
+        slip_velocity=slip_velocity,
+        lift_velocity=-(reach @ rates)[1],
+        painleve=painleve,
     )
