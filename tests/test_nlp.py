@@ -91,12 +91,12 @@ def test_error_estimate_is_the_error():
     coarse = Transcription(system, layout(problem.sequence, [gait.step.period], []).refined([5]))
     fractions = np.linspace(gait.shooting.times[0], gait.shooting.times[-1], 6)
     start = coarse.pack(integrate_to(system, Mode.STICK, gait.state, fractions, gait.p, np.zeros(0)).T, [fractions[-1]])
-    w = polish(coarse, start, gait.p).w
-    nodes, durations = integration_error(coarse, w, gait.p)
-    actual = gait.step.period - coarse.unpack(w)[1][0]
+    at = polish(coarse, start, gait.p).at
+    nodes, durations = integration_error(coarse, at)
+    actual = gait.step.period - coarse.unpack(at.w)[1][0]
     assert abs(actual) > 1e-9
     assert durations[0] == pytest.approx(actual, rel=0.05)
-    assert nodes[0, 0] == pytest.approx(gait.state[0] - w[0], rel=0.05)
+    assert nodes[0, 0] == pytest.approx(gait.state[0] - at.w[0], rel=0.05)
 
 
 def test_solution_is_right_to_its_promise():

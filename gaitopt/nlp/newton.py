@@ -1,8 +1,8 @@
-"""Newton's method on the square periodic problem, and what its factored Jacobian tells besides.
+"""Newton's method on the square periodic problem, and what its Jacobian tells besides.
 
-J dw = -residual                       polish of a solution
-J dw = -halved defects                 error of the solution by the finer integration
-A dW = lift,  DPi = impact' dW_K       return map's derivative, A being J without the periodicity's z_K
+    J dw = -residual                       polish of a solution
+    J dw = -halved defects                 error of the solution by the finer integration
+    A dW = lift,  DPi = impact' dW_K       return map's derivative, A being J without the periodicity's z_K
 """
 
 from dataclasses import dataclass
@@ -25,42 +25,66 @@ NEWTON_STEPS = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Polished:
-    """Solution of the square problem.
+class Linearisation:
+    """The equalities at one point.
 
     Attributes
     ----------
-    w : ndarray - unknowns.
-    residual : largest violation of the equalities.
-    regular : False where the Jacobian is singular and nothing was changed.
+    w, p : ndarray - unknowns and parameters.
+    residual : ndarray, shape (n,) - equalities.
+    jacobian : sparse, shape (n, n + n_free) - in nodes, durations and freed parameters.
     """
 
     w: Array
-    residual: float
+    p: Array
+    residual: Array
+    jacobian: csc_matrix
+
+    @property
+    def square(self) -> csc_matrix:
+        """Jacobian in nodes and durations alone; shape (n, n)."""
+        return self.jacobian[:, : self.residual.size]
+
+    @property
+    def size(self) -> float:
+        """Largest violation of the equalities."""
+        return float(np.abs(self.residual).max())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Polished:
+    """Solution of the square problem; ``regular`` is False where the Jacobian is singular and nothing was changed."""
+
+    at: Linearisation
     regular: bool
+
+
+def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
+    """Equalities and their sparse Jacobian at ``w``."""
+    residual, jacobian = problem.residual(w, p)
+    return Linearisation(w=w, p=p, residual=np.asarray(residual).ravel(), jacobian=_sparse(jacobian))
 
 
 def polish(problem: Transcription, w: Array, p: Array) -> Polished:
     """Bring a solution of IPOPT down to rounding; freed parameters stay where they are."""
-    best, lowest = w, float(np.abs(_residual(problem, w, p)[0]).max())
+    best = linearise(problem, w, p)
     for _ in range(NEWTON_STEPS):
-        residual, jacobian = _residual(problem, best, p)
+        if best.size < NEWTON_TOLERANCE:
+            break
         try:
-            step = splu(jacobian).solve(residual)
+            step = splu(best.square).solve(best.residual)
         except RuntimeError:  # singular
-            return Polished(w=best, residual=lowest, regular=False)
-        trial = best.copy()
+            return Polished(at=best, regular=False)
+        trial = best.w.copy()
         trial[: step.size] -= step
-        size = float(np.abs(_residual(problem, trial, p)[0]).max())
-        if not size < lowest:
+        candidate = linearise(problem, trial, p)
+        if not candidate.size < best.size:
             break
-        best, lowest = trial, size
-        if lowest < NEWTON_TOLERANCE:
-            break
-    return Polished(w=best, residual=lowest, regular=True)
+        best = candidate
+    return Polished(at=best, regular=True)
 
 
-def integration_error(problem: Transcription, w: Array, p: Array) -> tuple[Array, Array]:
+def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array, Array]:
     """Estimated error of a solution: by how much a finer integration would move it.
 
     Returns
@@ -68,36 +92,28 @@ def integration_error(problem: Transcription, w: Array, p: Array) -> tuple[Array
     nodes : ndarray, shape (n_z, K + 1) - change of the node states.
     durations : ndarray, shape (n_phases,) - change of the durations [s].
     """
-    _, jacobian = _residual(problem, w, p)
-    difference = np.asarray(problem.halved_defects(w, p)).ravel()
-    right = np.zeros(jacobian.shape[0])
+    difference = np.asarray(problem.halved_defects(at.w, at.p)).ravel()
+    right = np.zeros(at.residual.size)
     right[: difference.size] = -difference
-    nodes, durations, _ = problem.unpack(np.append(splu(jacobian).solve(right), problem.unpack(w)[2]))
+    nodes, durations, _ = problem.unpack(splu(at.square).solve(right))
     return nodes, durations
 
 
-def return_map_jacobian(problem: Transcription, w: Array, p: Array) -> Array:
+def return_map_jacobian(problem: Transcription, at: Linearisation) -> Array:
     """Derivative of the return map on the section by implicit differentiation of the equalities; (n_xi, n_xi)."""
-    system, n_z = problem.system, problem.system.n_z
-    _, jacobian = _residual(problem, w, p)
+    system, n_z, n = problem.system, problem.system.n_z, at.residual.size
     last = slice((problem.n_nodes - 1) * n_z, problem.n_nodes * n_z)
-    periodicity = slice(jacobian.shape[0] - n_z, jacobian.shape[0])
-    reset = -jacobian[periodicity, last].toarray()
-    opened = jacobian.tolil()
-    opened[periodicity, last] = 0.0
-    full = problem.full_parameters(p, problem.unpack(w)[2])
+    opened = at.square
+    reset = -opened[n - n_z :, last].toarray()
+    opened = opened.tolil()
+    opened[n - n_z :, last] = 0.0
+    full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
     indices = system.section(problem.layout.sequence.impact)
-    right = np.zeros((jacobian.shape[0], indices.size))
-    right[periodicity] = np.asarray(system.lift_jacobian(w[system.section(Mode.SLIP_FORWARD)], full))[:, : indices.size]
+    lift = np.asarray(system.lift_jacobian(at.w[system.section(Mode.SLIP_FORWARD)], full))
+    right = np.zeros((n, indices.size))
+    right[n - n_z :] = lift[:, : indices.size]
     response = splu(opened.tocsc()).solve(right)
     return (reset @ response[last])[indices]
-
-
-def _residual(problem: Transcription, w: Array, p: Array) -> tuple[Array, csc_matrix]:
-    """Equalities and their Jacobian in nodes and durations (freed parameters held)."""
-    residual, jacobian = problem.residual(w, p)
-    n = residual.numel()
-    return np.asarray(residual).ravel(), _sparse(jacobian)[:, :n]
 
 
 def _sparse(matrix: DM) -> csc_matrix:

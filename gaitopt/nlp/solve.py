@@ -141,7 +141,7 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
     """Polish, refine until the integration error is small, and assemble the gait."""
     transcription, p, system = attempt.transcription, attempt.p, attempt.transcription.system
     polished = polish(transcription, attempt.result.w, p)
-    nodes, durations = integration_error(transcription, polished.w, p)
+    nodes, durations = integration_error(transcription, polished.at)
     for _ in range(MAX_REFINEMENTS):
         errors = _phase_errors(transcription, nodes, durations)
         if errors.max() < ERROR_TOLERANCE:
@@ -149,13 +149,13 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
         growth = np.maximum((SAFETY * errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
         wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in transcription.layout.arcs]
         finer = Transcription(system, transcription.layout.refined(wanted))
-        polished = polish(finer, _resample(transcription, finer, polished.w, p), p)
+        polished = polish(finer, _resample(transcription, finer, polished.at.w, p), p)
         transcription = finer
-        nodes, durations = integration_error(transcription, polished.w, p)
+        nodes, durations = integration_error(transcription, polished.at)
     errors = _phase_errors(transcription, nodes, durations)
-    step = assemble_step(transcription, polished.w, p)
-    trouble = _trouble(transcription, polished.w, p, polished.residual, errors)
-    states, _, _ = transcription.unpack(polished.w)
+    step = assemble_step(transcription, polished.at.w, p)
+    trouble = _trouble(transcription, polished.at.w, p, polished.at.size, errors)
+    states, _, _ = transcription.unpack(polished.at.w)
     return Gait(
         problem=problem,
         system=system,
@@ -164,13 +164,13 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
         message=attempt.result.words if trouble is None else trouble,
         step=step if trouble is None else None,
         shooting=Shooting(
-            times=transcription.node_times(polished.w),
+            times=transcription.node_times(polished.at.w),
             states=states.T,
             intervals=tuple(arc.intervals for arc in transcription.layout.arcs),
-            residual=polished.residual,
+            residual=polished.at.size,
             errors=errors,
         ),
-        multipliers=floquet_multipliers(return_map_jacobian(transcription, polished.w, p)),
+        multipliers=floquet_multipliers(return_map_jacobian(transcription, polished.at)),
         measures=measure(system, p, step),
         solver=solver,
     )
