@@ -92,15 +92,17 @@ def read_objective(data: object, asked: Asked, faults: list[Fault]) -> dict[str,
     if not isinstance(data, Mapping) or not data:
         faults.append(Fault(path, f"{shown(data)} is neither a NAME nor a mapping {{NAME: weight}}"))
         return {}
-    for name, weight in data.items():
-        why = asked.objection(name)
+    weights = {}
+    for name, value in data.items():
+        why, weight = asked.objection(name), _number(value)
         if why:
             faults.append(Fault((*path, name), why))
-        elif not _is_number(weight) or weight == 0:
-            faults.append(
-                Fault((*path, name), f"{shown(weight)} is not a weight: a number, negative to maximise, not 0")
-            )
-    return {name: float(weight) for name, weight in data.items() if _is_number(weight)}
+        elif not weight:
+            message = f"{shown(value)} is not a weight: give a number, negative to maximise, not 0"
+            faults.append(Fault((*path, name), message))
+        else:
+            weights[name] = weight
+    return weights
 
 
 def read_constraints(data: object, asked: Asked, faults: list[Fault]) -> dict[str, Range]:
@@ -119,6 +121,7 @@ def read_constraints(data: object, asked: Asked, faults: list[Fault]) -> dict[st
             faults.append(Fault(("constraints", name), why))
         elif found := _read_range(value, asked.is_angle(name), ("constraints", name), faults):
             ranges[name] = found
+            faults += _contradiction(name, found, asked.free)
     return ranges
 
 
@@ -144,9 +147,8 @@ def check_unknowns(
 
 def _read_range(value: object, angle: bool, path: Key, faults: list[Fault]) -> Range | None:
     if not isinstance(value, Mapping):
-        try:
-            number = TypeAdapter[float](Angle if angle else Number).validate_python(value)
-        except ValidationError:
+        number = _number(value, angle=angle)
+        if number is None:
             wanted = "a number or {min: a, max: b}, in SI" + (" or with deg" if angle else "")
             faults.append(Fault(path, f"{shown(value)} is not a constraint: {wanted}"))
             return None
@@ -165,5 +167,16 @@ def _read_range(value: object, angle: bool, path: Key, faults: list[Fault]) -> R
     return found
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+def _contradiction(name: str, span: Range, free: Mapping[str, Free]) -> list[Fault]:
+    """A constraint on a freed parameter has to leave something of the parameter's own bounds."""
+    if name not in free or not (span.minimum > free[name].upper or span.maximum < free[name].lower):
+        return []
+    bounds = f"[{free[name].lower:g}, {free[name].upper:g}]"
+    return [Fault(("constraints", name), f"contradicts the bounds {bounds} of {name}: no value satisfies both")]
+
+
+def _number(value: object, *, angle: bool = False) -> float | None:
+    try:
+        return TypeAdapter[float](Angle if angle else Number).validate_python(value)
+    except ValidationError:
+        return None

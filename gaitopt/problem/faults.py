@@ -146,5 +146,6 @@ _WANTED: Mapping[str, Any] = {
     "greater_than_equal": "must be at least {ge:g}",
     "less_than": "must be less than {lt:g}",
     "less_than_equal": "must be at most {le:g}",
+    "string_too_long": "must have at most {max_length} characters",
     "string_pattern_mismatch": "has characters that are not allowed",
 }

@@ -14,7 +14,7 @@ from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, read_section, shown
 from gaitopt.problem.sections import GaitSection, Guess, GuessSection, state_section
 
-SAME_STATE = 1e-6  # relative: how far a state written with six digits may be off the section that it repeats
+SAME_STATE = 1e-5  # relative: a state written with six digits may be off by half of this
 
 
 def read_gait(

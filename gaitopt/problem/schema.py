@@ -26,6 +26,8 @@ ANGLE_TEXT = {
     "type": "string",
     "pattern": rf"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*({'|'.join(ANGLE_UNITS)})\s*$",
 }
+LIMIT_NAMES = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
+"""Where a validator stands between type and limits, pydantic keeps its own names of the limits."""
 NUMBER_OR_ANGLE = {"anyOf": [{"type": "number"}, ANGLE_TEXT]}
 RANGE = {
     "type": "object",
@@ -65,6 +67,7 @@ def problem_schema() -> dict[str, Any]:
         },
     }
     head["required"] += ["walker", "gait"]
+    head["description"] = "One periodic gait of a walker that may slip. SI units; angles in rad, or with deg."
     return {"$schema": DIALECT, "title": "gaitopt problem", **head}
 
 
@@ -109,7 +112,9 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         number = entry.get("type") == "number" or {"type": "number"} in entry.get("anyOf", [])
         if not number or not (is_angle(field) or key in may_be_free):
             continue
-        value = NUMBER_OR_ANGLE if is_angle(field) else {k: v for k, v in entry.items() if k != "description"}
+        value = {LIMIT_NAMES.get(k, k): v for k, v in entry.items() if k != "description"}
+        if is_angle(field):
+            value = {"anyOf": [*value.get("anyOf", [value]), ANGLE_TEXT]}
         choices = [value, _free(value)] if key in may_be_free else [value]
         schema["properties"][key] = {"description": entry.get("description", ""), "anyOf": choices}
     return schema

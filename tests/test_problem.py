@@ -1,0 +1,313 @@
+"""A problem is complete, in SI, and identified by what determines its gait; the catalogue holds the paper's gaits."""
+
+import json
+import math
+import pickle
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Annotated
+
+import pytest
+from pydantic import Field
+
+from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.mechanics.compass_biped import CompassBiped
+from gaitopt.mechanics.modes import ImpactLaw, Mode
+from gaitopt.mechanics.reference import BeyondEnd
+from gaitopt.mechanics.units import NonNegative
+from gaitopt.problem import (
+    ConstantTorqueSpec,
+    CurveReference,
+    Free,
+    GaitReference,
+    NoControlSpec,
+    PDSpec,
+    Range,
+    load_problem,
+    parse_problem,
+    problem_names,
+    restore_problem,
+)
+
+PAPER = {
+    "rimless-wheel-stick": (1.0, ("stick",), "stick"),
+    "rimless-wheel-slip": (0.4, ("stick", "slip_forward"), "stick"),
+    "compass-passive-stick": (0.2, ("stick",), "stick"),
+    "compass-passive-a": (0.14, ("slip_forward", "stick", "slip_backward"), "stick"),
+    "compass-passive-b": (0.14, ("slip_forward", "stick"), "slip_forward"),
+    "compass-torque-stick": (0.25, ("stick",), "stick"),
+    "compass-torque-slip": (0.14, ("slip_forward", "stick", "slip_backward"), "stick"),
+    "compass-torque-impact-slip": (0.2, ("slip_forward", "stick"), "slip_forward"),
+    "compass-pd-impact-slip": (0.2, ("slip_forward", "stick"), "slip_forward"),
+}
+FREE_TORQUES = {
+    "control.ankle": {"free": [0, 2], "guess": 1.65},
+    "walker.slope": {"free": ["-1 deg", "1 deg"], "guess": 0},
+    "objective": "cost_of_transport",
+    "constraints": {"speed": {"min": 0.3}, "walker.slope": "0.5 deg"},
+}
+
+
+def walking(name="walk", control="{type: none}"):
+    return load_problem("compass-passive-b").text.replace(
+        "name: compass-passive-b", f"name: {name}\ncontrol: {control}"
+    )
+
+
+def tracking(reference):
+    return f"{{type: pd, kp: 15, kd: 15, reference: {{gait: {reference}, beyond_end: hold}}}}"
+
+
+def error_of(problem, overrides):
+    with pytest.raises(ProblemError) as caught:
+        problem.replace(overrides)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_every_gait_of_the_paper_has_its_problem(name):
+    problem = load_problem(name)
+    assert name in problem_names()
+    assert problem.name == name
+    assert (problem.friction, problem.sequence.phases, problem.sequence.impact) == PAPER[name]
+    assert problem.path.name == f"{name}.yaml"
+    assert problem.text == problem.path.read_text()
+    assert 0 < len(problem.about) <= 120
+
+
+@pytest.mark.parametrize("name", problem_names())
+def test_every_named_problem_is_called_like_its_file_and_returns_from_its_record(name):
+    problem = load_problem(name)
+    assert problem.name == name
+    record = json.loads(json.dumps(problem.resolved(), allow_nan=False))
+    assert restore_problem(record).resolved() == problem.resolved()
+    assert problem.replace({}).digest == problem.digest
+
+
+def test_what_the_guess_leaves_out_follows_from_the_section():
+    compass = load_problem("compass-passive-a")
+    assert tuple(compass.guess.state) == compass.walker.state_names()
+    assert compass.guess.state["theta2"] == compass.guess.state["theta1"] == -0.1478
+    assert compass.guess.state["x"] == compass.guess.state["dx"] == 0.0
+    assert load_problem("rimless-wheel-stick").guess.state["theta"] == -math.pi / 10
+
+
+def test_a_state_that_repeats_the_section_is_taken_as_it_is():
+    text = load_problem("compass-passive-a").text.replace("theta1: -0.1478,", "theta1: -8 deg, theta2: -0.139626,", 1)
+    assert parse_problem(text).guess.state["theta2"] == math.radians(-8)
+
+
+def test_parameters_come_in_the_order_walker_friction_control():
+    problem = load_problem("compass-torque-slip")
+    assert list(problem.parameters) == [
+        *(f"walker.{key}" for key in CompassBiped.model_fields),
+        "friction",
+        "control.ankle",
+        "control.hip",
+    ]
+    assert problem.parameters["control.ankle"] == 1.65
+    assert list(load_problem("compass-pd-impact-slip").parameters)[-2:] == ["control.kp", "control.kd"]
+
+
+def test_controls_are_told_apart_by_their_type():
+    assert load_problem("compass-passive-a").control == NoControlSpec()
+    assert load_problem("compass-torque-stick").control == ConstantTorqueSpec(torques={"ankle": 1.65, "hip": 0.54})
+    tracked = GaitReference(gait="compass-passive-b", beyond_end=BeyondEnd.FLOW)
+    assert load_problem("compass-pd-impact-slip").control == PDSpec(kp=15, kd=15, reference=tracked)
+
+
+def test_a_curve_may_be_the_reference_and_is_an_unknown():
+    curve = "{type: pd, kp: 9, kd: 3, reference: {curve: {degree: 5, start: compass-passive-b}, beyond_end: off}}"
+    problem = parse_problem(walking(control=curve) + "objective: cost_of_transport\n")
+    reference = problem.control.reference
+    assert isinstance(reference, CurveReference)
+    assert (reference.degree, reference.start, reference.beyond_end) == (5, "compass-passive-b", BeyondEnd.OFF)
+    assert problem.reference_problem().name == "compass-passive-b"
+    assert restore_problem(problem.resolved()).digest == problem.digest
+
+
+def test_unknowns_objective_and_constraints_are_read_in_si():
+    problem = load_problem("compass-torque-slip").replace(FREE_TORQUES)
+    assert problem.free == {
+        "walker.slope": Free(lower=-math.radians(1), upper=math.radians(1), guess=0.0),
+        "control.ankle": Free(lower=0.0, upper=2.0, guess=1.65),
+    }
+    assert problem.objective == {"cost_of_transport": 1.0}
+    assert problem.constraints == {
+        "speed": Range(minimum=0.3, maximum=math.inf),
+        "walker.slope": Range(minimum=math.radians(0.5), maximum=math.radians(0.5)),
+    }
+    assert problem.parameters["control.ankle"] == 1.65
+    assert restore_problem(problem.resolved()) == restore_problem(problem.replace({}).resolved())
+
+
+def test_overrides_change_what_they_name_and_nothing_else():
+    problem = load_problem("compass-passive-a")
+    other = problem.replace(
+        {"friction": 0.16, "walker.slope": "2 deg", "gait.phases": ["stick"], "gait.guess.state.theta1": -0.2}
+    )
+    assert (other.friction, other.walker.slope) == (0.16, math.radians(2))
+    assert other.sequence.phases == (Mode.STICK,)
+    assert other.guess.state["theta1"] == other.guess.state["theta2"] == -0.2
+    assert other.guess.state["dtheta1"] == problem.guess.state["dtheta1"]
+    assert problem.friction == 0.14
+
+
+def test_a_freed_parameter_can_be_fixed_and_its_guess_changed():
+    problem = load_problem("compass-torque-slip").replace(FREE_TORQUES)
+    assert problem.replace({"control.ankle.guess": 1.0}).parameters["control.ankle"] == 1.0
+    fixed = problem.replace({"control.ankle": 0.3})
+    assert list(fixed.free) == ["walker.slope"]
+    assert fixed.control.torques["ankle"] == 0.3
+
+
+def test_a_constraint_whose_name_has_dots_can_be_overridden():
+    problem = load_problem("compass-torque-slip").replace(FREE_TORQUES)
+    other = problem.replace({"constraints.state.theta1.max": "-5 deg", "constraints.speed.min": 0.4})
+    assert other.constraints["state.theta1"] == Range(minimum=-math.inf, maximum=math.radians(-5))
+    assert other.constraints["speed"].minimum == 0.4
+
+
+def test_durations_go_with_the_phases_they_belonged_to():
+    problem = load_problem("compass-passive-a").replace({"gait.guess.durations": [0.1, 0.6, 0.03]})
+    assert problem.guess.durations == (0.1, 0.6, 0.03)
+    assert problem.replace({"gait.phases": ["stick", "slip_backward", "stick"]}).guess.durations == (0.1, 0.6, 0.03)
+    assert problem.replace({"gait.phases": ["stick"]}).guess.durations is None
+    message = error_of(problem, {"gait.phases": ["stick"], "gait.guess.durations": [0.1, 0.6]})
+    assert message.startswith("--set gait.guess.durations: 2 given, but it takes one duration per phase (stick)")
+
+
+def test_the_slip_velocity_goes_with_the_slipping_impact():
+    problem = load_problem("compass-passive-b")
+    assert problem.replace({"gait.impact": "stick"}).guess.state["dx"] == 0.0
+    assert error_of(load_problem("compass-passive-a"), {"gait.impact": "slip_forward"}).startswith(
+        "--set gait.impact: gait.guess.state.dx: is missing"
+    )
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"friction": -1}, "--set friction: -1 must be at least 0 (coefficient of friction mu)"),
+        ({"walker.leg_mas": 3}, "--set walker.leg_mas: unknown key; did you mean leg_mass or leg_com?"),
+        ({"friction.x": 1}, "--set friction.x: friction is 0.14 and has no keys: set it as a whole"),
+        ({"frction": 1, "name": "a/b"}, "--set frction: unknown key; did you mean friction?\n--set name: 'a/b' has"),
+        ({"walker.leg_com": 2}, "--set walker.leg_com: walker: leg_com = 2 m must be less than leg_length = 1.6 m"),
+        ({"control.type": "pd"}, "--set control.type: control.kd: is missing"),
+        ({"gait.guess.state.theta1": "x"}, "--set gait.guess.state.theta1: write an angle as a number in rad"),
+        ({"control": 3}, "--set control: control.type: is missing"),
+        ({"gait": None}, "--set gait: nothing (null) stands where a mapping belongs"),
+        ({"objective": "speed"}, "--set objective: too few unknowns"),
+    ],
+)
+def test_a_wrong_override_is_reported_under_its_key(overrides, message):
+    assert error_of(load_problem("compass-passive-a"), overrides).startswith(message)
+
+
+def test_the_digest_covers_everything_but_the_text_about():
+    problem = load_problem("compass-pd-impact-slip")
+    assert problem.hash8 == problem.digest[:8]
+    assert len(problem.digest) == 64
+    assert problem.replace({"about": "another text"}).digest == problem.digest
+    changes = [
+        {"name": "other"},
+        {"friction": 0.21},
+        {"walker.leg_mass": 5},
+        {"impact_law": "frictionless"},
+        {"control.kp": 14},
+        {"control.reference.beyond_end": "off"},
+        {"control.reference.gait": "compass-passive-a"},
+        {"gait.guess.state.theta1": -0.08},
+        {"gait.guess.durations": [0.1, 0.5]},
+    ]
+    assert len({problem.digest, *(problem.replace(change).digest for change in changes)}) == len(changes) + 1
+
+
+def test_numbers_that_are_equal_make_equal_digests():
+    problem = load_problem("compass-passive-a")
+    assert problem.replace({"walker.slope": "0 deg"}).digest == problem.replace({"walker.slope": 0}).digest
+    assert problem.replace({"impact_law": ImpactLaw.COULOMB}).digest == problem.digest
+
+
+def test_the_digest_covers_the_reference(tmp_path):
+    file = tmp_path / "walk.yaml"
+    file.write_text(walking())
+    text = walking("track", tracking("walk.yaml"))
+    before = parse_problem(text, tmp_path / "track.yaml").digest
+    file.write_text(walking().replace("friction: 0.14", "friction: 0.15"))
+    assert parse_problem(text, tmp_path / "track.yaml").digest != before
+    file.write_text(walking() + "# only a comment\n")
+    assert parse_problem(text, tmp_path / "track.yaml").digest == before
+
+
+def test_overrides_never_touch_the_reference():
+    problem = load_problem("compass-pd-impact-slip")
+    other = problem.replace({"friction": 0.3, "walker.leg_mass": 5})
+    assert other.reference_problem().digest == problem.reference_problem().digest
+    assert other.reference_problem().friction == 0.14
+    assert load_problem("compass-passive-a").reference_problem() is None
+
+
+def test_a_reference_is_found_relative_to_its_file(tmp_path):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "walk.yaml").write_text(walking())
+    (tmp_path / "track.yaml").write_text(walking("track", tracking("far/walk.yaml")))
+    problem = load_problem(tmp_path / "track.yaml")
+    assert problem.reference_problem().path == tmp_path / "far" / "walk.yaml"
+    assert restore_problem(problem.resolved()).reference_problem().name == "walk"
+
+
+def test_references_that_run_in_a_circle_are_refused(tmp_path):
+    for name, other in (("one", "two"), ("two", "three"), ("three", "one")):
+        (tmp_path / f"{name}.yaml").write_text(walking(name, tracking(f"{other}.yaml")))
+    with pytest.raises(ProblemError, match="references run in a circle: one -> two -> three -> one"):
+        load_problem(tmp_path / "one.yaml")
+    (tmp_path / "self.yaml").write_text(walking("self", tracking("./self.yaml")))
+    with pytest.raises(ProblemError, match="circle: self -> self"):
+        load_problem(tmp_path / "self.yaml")
+
+
+def test_a_fault_of_the_reference_is_told_with_its_own_place(tmp_path):
+    (tmp_path / "walk.yaml").write_text(walking().replace("friction: 0.14", "friction: -1"))
+    with pytest.raises(ProblemError, match=r"control\.reference\.gait: .*walk\.yaml:\d+:1 friction: -1 must be"):
+        parse_problem(walking("track", tracking("walk.yaml")), tmp_path / "track.yaml")
+
+
+def test_an_unknown_name_lists_near_misses_and_says_that_a_path_will_do():
+    with pytest.raises(UnknownNameError, match=r"did you mean compass-passive-a or .*path of a \.yaml file") as caught:
+        load_problem("compass-passiv-a")
+    assert caught.value.exit_code == 2
+    with pytest.raises(UnknownNameError, match=r"allowed: .*rimless-wheel-slip"):
+        load_problem("zzz")
+
+
+def test_a_problem_can_be_loaded_from_a_path(tmp_path):
+    path = tmp_path / "mine.yml"
+    path.write_text(walking())
+    assert load_problem(path).digest == load_problem(str(path)).digest
+
+
+def test_a_problem_can_be_sent_to_another_process():
+    problem = load_problem("compass-pd-impact-slip")
+    assert pickle.loads(pickle.dumps(problem)).digest == problem.digest  # noqa: S301
+
+
+class HeavyCompass(CompassBiped):
+    """A walker of a user's own, not registered."""
+
+    model = "heavy_compass"
+    load: Annotated[NonNegative, Field(description="what it carries [kg]")]
+
+    @classmethod
+    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace):
+        return (free.theta1, free.theta1)
+
+
+def test_a_walker_of_the_users_own_can_be_given_with_the_file():
+    text = walking().replace("compass_biped", "heavy_compass\n  load: 3", 1)
+    problem = parse_problem(text, walkers=[HeavyCompass])
+    assert problem.parameters["walker.load"] == 3.0
+    assert problem.replace({"walker.load": 4}).walker == problem.walker.model_copy(update={"load": 4.0})
+    assert restore_problem(problem.resolved(), walkers=[HeavyCompass]).digest == problem.digest
+    with pytest.raises(ProblemError, match="no walker is called 'heavy_compass'"):
+        parse_problem(text, Path("gait.yaml"))

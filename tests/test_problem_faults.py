@@ -1,0 +1,385 @@
+"""Everything that is wrong with a problem file is said at once: place, key, what is wrong, what is allowed."""
+
+from pathlib import Path
+
+import pytest
+
+from gaitopt.errors import ProblemError
+from gaitopt.problem import parse_problem
+
+GAIT = """\
+name: walk
+walker:
+  model: compass_biped
+  leg_length: 1.6
+  leg_mass: 4
+  leg_com: 0.8
+  hip_mass: 2
+  gravity: 9.8
+  slope: 1 deg
+friction: 0.2
+control: {type: constant_torque, ankle: 0.1, hip: 0.2}
+gait:
+  phases: [slip_forward, stick]
+  impact: stick
+  guess:
+    state: {theta1: -0.15, dtheta1: 0.7, dtheta2: -0.5}
+    durations: [0.1, 0.6]
+"""
+WHEEL = """\
+name: roll
+walker: {model: rimless_wheel, spokes: 10, radius: 1, mass: 1, inertia_ratio: 0.5, gravity: 1, slope: 13 deg}
+friction: 1
+gait: {phases: [stick], impact: stick, guess: {state: {dtheta: 0.76}}}
+"""
+TORQUES = "{type: constant_torque, ankle: 0.1, hip: 0.2}"
+HIP = "hip: {free: [-1, 1], guess: 0.2}"
+
+
+def faults(text):
+    with pytest.raises(ProblemError) as caught:
+        parse_problem(text, Path("gait.yaml"))
+    assert caught.value.exit_code == 3
+    return str(caught.value).splitlines()
+
+
+def changed(*pairs, text=GAIT, add=""):
+    for old, new in pairs:
+        assert text.count(old) >= 1
+        text = text.replace(old, new, 1)
+    return text + add
+
+
+def only(text):
+    (line,) = faults(text)
+    return line
+
+
+def test_the_examples_of_this_file_are_right():
+    assert parse_problem(GAIT).walker.leg_mass == 4.0
+    assert parse_problem(WHEEL).walker.spokes == 10
+
+
+def test_all_faults_of_a_file_come_at_once_in_the_order_of_their_lines():
+    text = changed(
+        ("leg_mass: 4", "leg_mas: 4"),
+        ("leg_com: 0.8", "leg_com: true"),
+        ("friction: 0.2", "friction: -1\nfrction: 0.3"),
+        ("ankle: 0.1", "knee: 0.1"),
+        ("slip_forward, stick]", "stick, stick]"),
+        ("theta1: -0.15", "theta: -0.15"),
+        ("[0.1, 0.6]", "[0.1]"),
+    )
+    assert faults(text) == [
+        "gait.yaml:2:1 walker.leg_mass: is missing (point mass on each leg [kg])",
+        "gait.yaml:5:3 walker.leg_mas: unknown key; did you mean leg_mass or leg_com?",
+        "gait.yaml:6:3 walker.leg_com: true is not a number (distance of the leg's mass from its foot [m])",
+        "gait.yaml:10:1 friction: -1 must be at least 0 (coefficient of friction mu)",
+        "gait.yaml:11:1 frction: unknown key; did you mean friction?",
+        "gait.yaml:12:1 control.ankle: is missing (torque of the ankle [N m])",
+        "gait.yaml:12:34 control.knee: unknown key; allowed: type, ankle, hip",
+        "gait.yaml:14:3 gait.phases: phases 1 and 2 are both stick: merge them into one",
+        "gait.yaml:17:13 gait.guess.state.theta: unknown key; did you mean theta2 or theta1?",
+        "gait.yaml:18:5 gait.guess.durations: 1 given, but it takes one duration per phase (stick, stick); "
+        "or leave durations out",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "words"),
+    [
+        ("leg_mass: 4", "leg_mass: -4", "5:3 walker.leg_mass", "-4 must be greater than 0"),
+        ("leg_mass: 4", "leg_mass: 4 kg", "5:3 walker.leg_mass", "'4 kg' is not a number"),
+        ("leg_mass: 4", "leg_mass:", "5:3 walker.leg_mass", "nothing (null) is not a number"),
+        ("gravity: 9.8", "gravity: .nan", "8:3 walker.gravity", "nan is not a finite number"),
+        ("gravity: 9.8", "gravity: .inf", "8:3 walker.gravity", "inf is not a finite number"),
+        ("gravity: 9.8", "gravity: 1e999", "8:3 walker.gravity", "inf is not a finite number"),
+        ("slope: 1 deg", "slope: 90 deg", "9:3 walker.slope", "'90 deg' must be less than 1.5708"),
+        (
+            "slope: 1 deg",
+            "slope: 1 grad",
+            "9:3 walker.slope",
+            "write an angle as a number in rad, or with its unit: 1 deg, 0.1 rad; not '1 grad'",
+        ),
+        (
+            "compass_biped",
+            "compas_biped",
+            "3:3 walker.model",
+            "no walker is called 'compas_biped'; did you mean compass_biped?",
+        ),
+        (
+            "compass_biped",
+            "centaur",
+            "3:3 walker.model",
+            "no walker is called 'centaur'; allowed: compass_biped, rimless_wheel",
+        ),
+        ("impact: stick", "impact: stik", "14:3 gait.impact", "'stik' is not one of the choices; did you mean stick?"),
+        (
+            "stick]",
+            "slp_forward]",
+            "13:26 gait.phases[1]",
+            "'slp_forward' is not one of the choices; did you mean slip_forward",
+        ),
+        ("[slip_forward, stick]", "stick", "13:3 gait.phases", "'stick' is not a list"),
+        ("[0.1, 0.6]", "[0.1, -0.6]", "17:22 gait.guess.durations[1]", "-0.6 must be greater than 0"),
+        (
+            "theta1: -0.15, ",
+            "",
+            "16:5 gait.guess.state.theta1",
+            "is missing; after this impact the section is theta1, dtheta1, dtheta2",
+        ),
+        (
+            "theta1: -0.15",
+            "theta1: -0.15, theta2: 0.15",
+            "16:28 gait.guess.state.theta2",
+            "0.15 contradicts the section, just after the impact it is -0.15: leave it out",
+        ),
+        (
+            "dtheta2: -0.5",
+            "dtheta2: -0.5, dx: 0.2",
+            "16:57 gait.guess.state.dx",
+            "0.2 contradicts the impact: after stick it is = 0 (leave it out)",
+        ),
+        ("name: walk", "name: ../walk", "1:1 name", "'../walk' has characters that are not allowed"),
+        ("name: walk", "name: [walk]", "1:1 name", "['walk'] is not a text"),
+        (
+            "friction: 0.2",
+            "friction: 0.2\nimpact_law: columb",
+            "11:1 impact_law",
+            "'columb' is not one of the choices; did you mean coulomb?",
+        ),
+        (
+            "type: constant_torque",
+            "type: constant_torq",
+            "11:11 control.type",
+            "no control law is called 'constant_torq'; did you mean constant_torque?",
+        ),
+        (TORQUES, "{ankle: 1}", "11:1 control.type", "is missing; allowed: none, constant_torque, pd"),
+        (TORQUES, "{type: none, ankle: 1}", "11:23 control.ankle", "unknown key; allowed: type"),
+    ],
+)
+def test_a_wrong_value_is_named_with_place_range_and_remedy(old, new, place, words):
+    line = only(changed((old, new)))
+    assert line.startswith(f"gait.yaml:{place}: {words}")
+
+
+@pytest.mark.parametrize("key", ["name", "walker", "friction", "gait"])
+def test_a_missing_section_is_named(key):
+    text = "\n".join(line for line in WHEEL.splitlines() if not line.startswith(key))
+    assert only(text).startswith(f"gait.yaml:1:1 {key}: is missing")
+
+
+@pytest.mark.parametrize("key", ["walker", "gait"])
+def test_a_section_that_is_no_mapping_is_named(key):
+    lines = [f"{key}: 3" if line.startswith(key) else line for line in WHEEL.splitlines()]
+    assert f" {key}: 3 stands where a mapping belongs" in only("\n".join(lines))
+
+
+def test_a_centre_of_mass_beyond_the_leg_is_refused():
+    assert only(changed(("leg_com: 0.8", "leg_com: 1.8"))).startswith(
+        "gait.yaml:2:1 walker: leg_com = 1.8 m must be less than leg_length = 1.6 m"
+    )
+
+
+def test_a_wheel_has_at_least_three_spokes():
+    assert only(changed(("spokes: 10", "spokes: 2"), text=WHEEL)) == (
+        "gait.yaml:2:32 walker.spokes: 2 must be at least 3 (number of spokes)"
+    )
+    assert "10.5 is not an integer" in only(changed(("spokes: 10", "spokes: 10.5"), text=WHEEL))
+
+
+def test_a_slipping_impact_is_followed_by_its_slip_and_needs_a_slip_velocity():
+    lines = faults(changed(("impact: stick", "impact: slip_backward")))
+    assert lines == [
+        "gait.yaml:13:3 gait.phases: after an impact with slip_backward the foot is already slipping: "
+        "the first phase must be slip_backward, not slip_forward",
+        "gait.yaml:16:5 gait.guess.state.dx: is missing; after this impact the section is theta1, dtheta1, dtheta2, dx",
+    ]
+
+
+def test_the_slip_velocity_has_the_sign_of_the_impact():
+    text = changed(("impact: stick", "impact: slip_forward"), ("dtheta2: -0.5", "dtheta2: -0.5, dx: -0.2"))
+    assert only(text).endswith("gait.guess.state.dx: -0.2 contradicts the impact: after slip_forward it is > 0")
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "a/b", "a\\\\b", "/a", "a\\n", "-a", "a" * 81])
+def test_a_name_cannot_leave_the_folder_of_its_runs(name):
+    assert only(changed(("name: walk", f'name: "{name}"'))).startswith("gait.yaml:1:1 name: ")
+
+
+def test_a_sequence_needs_a_phase():
+    assert "a step needs at least one phase" in faults(changed(("[slip_forward, stick]", "[]")))[0]
+
+
+def test_a_passive_walker_has_no_control_law():
+    line = only(changed(text=WHEEL, add="control: {type: pd}"))
+    assert line == (
+        "gait.yaml:5:11 control.type: rimless_wheel has no actuators, so that pd has nothing to act on; allowed: none"
+    )
+
+
+@pytest.mark.parametrize(
+    ("law", "key", "words"),
+    [
+        (
+            "kd: -1, reference: {gait: compass-passive-b, beyond_end: flow}",
+            "kd",
+            "-1 must be at least 0 (gain on the rate",
+        ),
+        ("kd: 1", "reference", "is missing (motion that the joints track)"),
+        ("kd: 1, reference: 3", "reference", "3 stands where a mapping belongs; keys: gait, beyond_end"),
+        ("kd: 1, reference: {gait: compass-passive-b}", "reference.beyond_end", "is missing"),
+        ("kd: 1, reference: {beyond_end: hold}", "reference.gait", "is missing"),
+        (
+            "kd: 1, reference: {gait: compass-passive-b, beyond_end: flw}",
+            "reference.beyond_end",
+            "'flw' is not one of the choices; did you mean flow?",
+        ),
+        (
+            "kd: 1, reference: {gait: compass-passive-x, beyond_end: off}",
+            "reference.gait",
+            "the reference 'compass-passive-x' cannot be used: no problem is called 'compass-passive-x'; did you mean",
+        ),
+        (
+            "kd: 1, reference: {gait: nowhere.yaml, beyond_end: off}",
+            "reference.gait",
+            "the reference 'nowhere.yaml' cannot be used: nowhere.yaml:1:1: no such file",
+        ),
+        (
+            "kd: 1, reference: {gait: rimless-wheel-slip, beyond_end: off}",
+            "reference.gait",
+            "the reference 'rimless-wheel-slip' is a rimless_wheel, which has no theta1, theta2 to track",
+        ),
+        (
+            "kd: 1, reference: {curve: {degree: 0, start: compass-passive-b}, beyond_end: hold}",
+            "reference.curve.degree",
+            "0 must be at least 1 (degree of the curve of each joint)",
+        ),
+        (
+            "kd: 1, reference: {curve: {degree: 5, start: compass-passive-b}, beyond_end: flow}",
+            "reference.beyond_end",
+            "'flow' is not one of the choices; allowed: linear, hold, off",
+        ),
+    ],
+)
+def test_a_wrong_pd_law_is_named(law, key, words):
+    place, line = only(changed((TORQUES, f"{{type: pd, kp: 1, {law}}}"))).split(" ", 1)
+    assert place.startswith("gait.yaml:11:")
+    assert line.startswith(f"control.{key}: {words}")
+
+
+def test_a_wrong_gain_and_a_wrong_reference_come_at_once():
+    lines = faults(changed((TORQUES, "{type: pd, kp: x, kd: 1, reference: {curve: {degree: 2.5}, beyond_end: flow}}")))
+    assert [line.split()[1] for line in lines] == [
+        "control.kp:",
+        "control.reference.curve.start:",
+        "control.reference.curve.degree:",
+        "control.reference.beyond_end:",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("new", "place", "words"),
+    [
+        ("hip: {free: [1, -1], guess: 0.2}", "11:52 control.hip.free", "is empty: [1, -1] needs lo < hi"),
+        ("hip: {free: [1, 1], guess: 1}", "11:52 control.hip.free", "is empty: [1, 1] needs lo < hi"),
+        ("hip: {free: [-1, 1], guess: 2}", "11:67 control.hip.guess", "2 is outside of its bounds [-1, 1]"),
+        ("hip: {free: [-1, x], guess: 0}", "11:63 control.hip.free[1]", "'x' is not a number"),
+        ("hip: {free: [-1, .inf], guess: 0}", "11:63 control.hip.free[1]", "inf is not a finite number"),
+        ("hip: {free: [-1, 1], guess: y}", "11:67 control.hip.guess", "'y' is not a number"),
+        ("hip: {free: [-1], guess: 0}", "11:52 control.hip.free", "has 1 entries where 2 belong"),
+        ("hip: {free: [-1, 1]}", "11:46 control.hip.guess", "is missing"),
+    ],
+)
+def test_a_wrong_unknown_is_named(new, place, words):
+    line = only(changed(("hip: 0.2", new), add="objective: speed\n"))
+    assert line.startswith(f"gait.yaml:{place}: {words}")
+
+
+def test_the_bounds_of_an_unknown_are_held_to_the_range_of_its_parameter():
+    text = changed(("friction: 0.2", "friction: {free: [-0.1, 0.3], guess: 0.2}"), add="objective: friction\n")
+    assert only(text) == "gait.yaml:10:19 friction.free[0]: -0.1 must be at least 0 (coefficient of friction mu)"
+    text = changed(("leg_com: 0.8", "leg_com: {free: [0.5, 1.7], guess: 0.8}"), add="objective: speed\n")
+    assert only(text).startswith("gait.yaml:6:25 walker.leg_com.free[1]: leg_com = 1.7 m must be less than")
+
+
+def test_an_integer_cannot_be_free():
+    text = changed(("spokes: 10", "spokes: {free: [5, 12], guess: 10}"), text=WHEEL, add="objective: speed\n")
+    assert "walker.spokes: cannot be free" in only(text)
+
+
+@pytest.mark.parametrize(
+    ("asked", "place", "words"),
+    [
+        (
+            "objective: cost_of_transpor",
+            "18:1 objective",
+            "cost_of_transpor is no scalar of a gait and no freed parameter; did you mean cost_of_transport",
+        ),
+        (
+            "objective: {spee: 1}",
+            "18:13 objective.spee",
+            "is no scalar of a gait and no freed parameter; did you mean speed?",
+        ),
+        (
+            "objective: {control.ankle: 1}",
+            "18:13 objective.control.ankle",
+            "is no scalar of a gait and no freed parameter; did you mean control.hip?",
+        ),
+        (
+            "objective: {speed: 0}",
+            "18:13 objective.speed",
+            "0 is not a weight: give a number, negative to maximise, not 0",
+        ),
+        ("objective: 3", "18:1 objective", "3 is neither a NAME nor a mapping {NAME: weight}"),
+        ("constraints: [speed]", "18:1 constraints", "['speed'] is not a mapping {NAME: value} or {NAME: {min, max}}"),
+        ("constraints: {speed: {min: 1, max: 0.5}}", "18:15 constraints.speed", "is empty: min = 1 is above max = 0.5"),
+        (
+            "constraints: {control.hip: {min: 2}}",
+            "18:15 constraints.control.hip",
+            "contradicts the bounds [-1, 1] of control.hip: no value satisfies both",
+        ),
+        ("constraints: {speed: {}}", "18:15 constraints.speed", "has neither min nor max: give one or both"),
+        ("constraints: {speed: {minimum: 1}}", "18:23 constraints.speed.minimum", "unknown key; did you mean min?"),
+        ("constraints: {speed: {max: .inf}}", "18:23 constraints.speed.max", "inf is not a finite number"),
+        (
+            "constraints: {speed: fast}",
+            "18:15 constraints.speed",
+            "'fast' is not a constraint: a number or {min: a, max: b}, in SI",
+        ),
+        (
+            "constraints: {speed: 0.4, period: 0.7}",
+            "18:1 constraints",
+            "too few unknowns: 2 equalities (speed, period) for 1 free parameters",
+        ),
+    ],
+)
+def test_a_wrong_demand_is_named(asked, place, words):
+    line = only(changed(("hip: 0.2", HIP), add=f"{asked}\n"))
+    assert line.startswith(f"gait.yaml:{place}: {words}")
+
+
+def test_too_few_and_too_many_unknowns_are_said_plainly():
+    assert only(changed(add="objective: speed\n")).startswith("gait.yaml:18:1 objective: too few unknowns")
+    assert only(changed(add="constraints: {speed: 0.4}\n")).startswith("gait.yaml:18:1 constraints: too few unknowns")
+    assert only(changed(("hip: 0.2", HIP))).startswith("gait.yaml:11:46 control.hip: too many unknowns")
+
+
+@pytest.mark.parametrize(
+    "name", ["work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque"]
+)
+def test_a_passive_walker_has_no_torque_to_ask_for(name):
+    text = changed(("slope: 13 deg", "slope: {free: [5 deg, 15 deg], guess: 13 deg}"), text=WHEEL)
+    assert "this walker is passive" in only(f"{text}objective: {name}\n")
+    assert "this walker is passive" in only(f"{text}constraints: {{{name}: {{max: 1}}}}\n")
+
+
+def test_required_friction_cannot_be_asked_of_a_gait_that_never_sticks():
+    text = changed(("hip: 0.2", HIP), ("[slip_forward, stick]", "[slip_forward]"), ("[0.1, 0.6]", "[0.7]"))
+    assert "is defined by sticking phases" in only(f"{text}objective: required_friction\n")
+
+
+def test_a_fault_is_one_printable_line_whatever_the_file_says():
+    (line,) = faults(changed(add='"bad\\x1b[31m\\nkey": 1\n'))
+    assert line.isprintable()
+    assert line.startswith("gait.yaml:18:1 'bad\\x1b[31m\\nkey': unknown key")

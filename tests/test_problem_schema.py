@@ -1,0 +1,115 @@
+"""The schema of a problem file tells an editor every key, with its unit and range, and no other."""
+
+import json
+import re
+
+import pytest
+
+from gaitopt.mechanics.walker import registered_walkers
+from gaitopt.problem import load_problem, problem_names, problem_schema
+from gaitopt.problem.source import parse_source
+
+TYPES = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
+LIMITS = {
+    "minimum": lambda value, limit: value >= limit,
+    "maximum": lambda value, limit: value <= limit,
+    "exclusiveMinimum": lambda value, limit: value > limit,
+    "exclusiveMaximum": lambda value, limit: value < limit,
+    "pattern": lambda value, limit: re.search(limit, value) is not None,
+    "maxLength": lambda value, limit: len(value) <= limit,
+    "minItems": lambda value, limit: len(value) >= limit,
+    "maxItems": lambda value, limit: len(value) <= limit,
+    "minProperties": lambda value, limit: len(value) >= limit,
+    "required": lambda value, limit: set(limit) <= set(value),
+    "enum": lambda value, limit: value in limit,
+    "const": lambda value, limit: value == limit,
+    "anyOf": lambda value, limit: any(accepts(schema, value) for schema in limit),
+    "oneOf": lambda value, limit: sum(accepts(schema, value) for schema in limit) == 1,
+    "items": lambda value, limit: all(accepts(limit, item) for item in value),
+}
+WORDS = {"title", "description", "default", "$schema", "type", "properties", "additionalProperties"}
+
+
+def accepts(schema, value):
+    """Whether ``value`` is valid; JSON Schema as far as the problem schema uses it, and no further."""
+    assert schema.keys() <= LIMITS.keys() | WORDS
+    wanted = TYPES.get(schema.get("type"), object)
+    if not isinstance(value, wanted) or (isinstance(value, bool) and wanted is not object):
+        return False
+    if isinstance(value, dict) and "properties" in schema | {"properties": {}}:
+        other = schema.get("additionalProperties", True)
+        for key, item in value.items():
+            inner = schema.get("properties", {}).get(key, other)
+            if inner is False or (inner is not True and not accepts(inner, item)):
+                return False
+    return all(check(value, schema[word]) for word, check in LIMITS.items() if word in schema)
+
+
+def data_of(name):
+    return parse_source(load_problem(name).text, name).data
+
+
+def test_the_schema_is_json():
+    assert json.loads(json.dumps(problem_schema(), allow_nan=False)) == problem_schema()
+
+
+@pytest.mark.parametrize("name", problem_names())
+def test_the_schema_accepts_every_named_problem(name):
+    assert accepts(problem_schema(), data_of(name))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"friction": {"free": [0.1, 0.2], "guess": 0.14}},
+        {"objective": {"speed": -1, "work": 0.1}},
+        {"objective": "speed"},
+        {"constraints": {"speed": 0.4, "state.theta1": {"min": "-8 deg"}}},
+        {"control": {"type": "constant_torque", "ankle": {"free": [0, 1], "guess": 0.5}, "hip": 1}},
+        {
+            "control": {
+                "type": "pd",
+                "kp": {"free": [0, 100], "guess": 15},
+                "kd": 1,
+                "reference": {"curve": {"degree": 5, "start": "compass-passive-b"}, "beyond_end": "off"},
+            }
+        },
+        {"impact_law": "frictionless"},
+    ],
+)
+def test_the_schema_accepts_whatever_a_file_may_say(change):
+    assert accepts(problem_schema(), {**data_of("compass-passive-a"), **change})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"frction": 0.1},
+        {"friction": -0.1},
+        {"friction": True},
+        {"name": "a/b"},
+        {"walker": {"model": "compass_biped"}},
+        {"control": {"type": "none", "ankle": 1}},
+        {"control": {"ankle": 1, "hip": 1}},
+        {"control": {"type": "pd", "kp": 1, "kd": 1, "reference": {"gait": "x", "beyond_end": "stop"}}},
+        {"constraints": {"speed": {}}},
+        {"gait": {"phases": ["slide"], "impact": "stick", "guess": {"state": {}}}},
+    ],
+)
+def test_the_schema_refuses_what_a_file_may_not_say(change):
+    assert not accepts(problem_schema(), {**data_of("compass-passive-a"), **change})
+
+
+def test_every_parameter_of_every_walker_is_described():
+    walkers = problem_schema()["properties"]["walker"]["oneOf"]
+    assert [walker["properties"]["model"]["const"] for walker in walkers] == list(registered_walkers())
+    for walker in walkers:
+        assert all(entry["description"] for key, entry in walker["properties"].items() if key != "model")
+
+
+def test_the_integer_spokes_cannot_be_free_and_the_slope_takes_degrees():
+    wheel = data_of("rimless-wheel-stick")
+    schema = problem_schema()
+    assert not accepts(schema, wheel | {"walker": wheel["walker"] | {"spokes": {"free": [3, 9], "guess": 5}}})
+    assert accepts(schema, wheel | {"walker": wheel["walker"] | {"slope": {"free": ["1 deg", 0.3], "guess": "5deg"}}})
+    assert not accepts(schema, wheel | {"walker": wheel["walker"] | {"slope": 1.6}})

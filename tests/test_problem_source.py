@@ -1,0 +1,120 @@
+"""A YAML text is read as YAML 1.2 with the place of every key, or refused before anything is built from it."""
+
+from pathlib import Path
+
+import pytest
+
+from gaitopt.errors import ProblemError
+from gaitopt.problem import load_problem, parse_problem, parse_value
+from gaitopt.problem.source import MAX_BYTES, MAX_DEPTH, MAX_VALUES, parse_source
+
+BOMB = "a: &a [x, x]\n" + "".join(f"{name}: &{name} [*{of}, *{of}]\n" for of, name in ("ab", "bc", "cd", "de"))
+
+
+def refusal(text):
+    with pytest.raises(ProblemError) as caught:
+        parse_problem(text, Path("gait.yaml"))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-3", 1e-3),
+        ("no", "no"),
+        ("1:30", "1:30"),
+        ("true", True),
+        ("~", None),
+        ("0o17", 15),
+        ("2020-01-01", "2020-01-01"),
+    ],
+)
+def test_scalars_are_read_as_yaml_1_2(text, value):
+    assert parse_value(text) == value
+
+
+def test_every_key_and_entry_has_its_line_and_column():
+    source = parse_source("a: 1\nb:\n  - c: 2\n  - [3, 4]\n", "gait.yaml")
+    assert source.data == {"a": 1, "b": [{"c": 2}, [3, 4]]}
+    assert source.marks[("b",)] == (2, 1)
+    assert source.marks[("b", 0, "c")] == (3, 5)
+    assert source.marks[("b", 1, 1)] == (4, 9)
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "words"),
+    [
+        (BOMB, "1:4", "anchor 'a' is not allowed"),
+        ("a: *b", "1:4", "alias 'b' is not allowed"),
+        ("a: 1\nb: !!python/name:os.system x", "2:4", "tag 'tag:yaml.org,2002:python/name:os.system' is not allowed"),
+        ("a: 1\n---\nb: 2\n", "2:1", "second document"),
+        ("%YAML 1.1\n---\na: 1:30\n", "2:1", "directives are not allowed"),
+        ("%TAG ! tag:evil,\n---\na: 1\n", "2:1", "directives are not allowed"),
+        ("[" * 100, f"1:{MAX_DEPTH + 1}", f"deeper than {MAX_DEPTH} levels"),
+        ("- 1\n" * (MAX_VALUES + 1), f"{MAX_VALUES}:3", f"more than {MAX_VALUES} keys and values"),
+        ("name: " + "x" * 5000, "1:7", "5000 characters"),
+        ("name: x" + " " * MAX_BYTES, "1:1", "larger than 256 kB"),
+        ("<<: {a: 1}", "1:1", "a key must be a plain word"),
+        ("[a]: 1", "1:1", "a key must be a plain word"),
+        ("1: 1", "1:1", "a key must be a plain word"),
+        ("a: 1\nb: [1, 2", "2:9", "is not YAML"),
+        ("a:\n\tb: 1", "2:1", "is not YAML"),
+        ('a: "\\UFFFFFFFF"', "1:1", "is not YAML"),
+        ("a: 1\nb: \x07", "2:4", "control character U+0007"),
+        ("", "1:1", "no mapping of keys"),
+        ("- 1", "1:1", "no mapping of keys"),
+        ("# nothing but a comment", "1:1", "no mapping of keys"),
+    ],
+)
+def test_text_that_is_no_plain_mapping_is_refused_with_its_place(text, place, words):
+    message = refusal(text)
+    assert message.startswith(f"gait.yaml:{place}")
+    assert words in message
+
+
+def test_a_repeated_key_is_refused_and_both_lines_are_named():
+    source = parse_source("a: 1\nb: 2\na: 3\n", "gait.yaml")
+    assert source.marks[source.faults[0].path] == (3, 1)
+    assert source.faults[0].message == "given twice, before in line 1: keep one"
+
+
+def test_an_integer_beyond_64_bits_is_refused():
+    assert "too large for an integer" in parse_source("a: " + "9" * 50, "gait.yaml").faults[0].message
+    assert "too large for an integer" in parse_source("a: 0x" + "f" * 3000, "gait.yaml").faults[0].message
+
+
+@pytest.mark.parametrize("content", [b"name: \xff\n", b"name: x\nabout: \x80\n"])
+def test_a_file_that_is_not_utf8_is_refused_at_the_byte(tmp_path, content):
+    path = tmp_path / "gait.yaml"
+    path.write_bytes(content)
+    line = content.count(b"\n")
+    column = 7 if line == 1 else 8
+    with pytest.raises(ProblemError, match=rf"gait\.yaml:{line}:{column}: byte 0x(ff|80) is not UTF-8 text"):
+        load_problem(path)
+
+
+def test_a_file_that_is_too_large_is_refused(tmp_path):
+    path = tmp_path / "gait.yaml"
+    path.write_bytes(b"#" * (MAX_BYTES + 1))
+    with pytest.raises(ProblemError, match=r"gait\.yaml:1:1: is larger than 256 kB"):
+        load_problem(path)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    with pytest.raises(ProblemError, match=r"nowhere\.yaml:1:1: no such file; `gaitopt list`"):
+        load_problem(tmp_path / "nowhere.yaml")
+    with pytest.raises(ProblemError, match="is not a file"):
+        load_problem(tmp_path)
+
+
+def test_control_characters_of_a_path_are_not_echoed():
+    with pytest.raises(ProblemError) as caught:
+        load_problem("\x1b[31m\0.yaml")
+    assert str(caught.value).isprintable()
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
+    path = tmp_path / "gait.yaml"
+    path.write_text(load_problem("compass-passive-a").text, encoding="utf-8-sig")
+    assert load_problem(path).digest == load_problem("compass-passive-a").digest
