@@ -15,7 +15,7 @@ from scipy.integrate import DOP853
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.mechanics.saltation import projection, saltation
-from gaitopt.simulation import Buffered
+from gaitopt.simulation.buffered import Buffered
 
 Array = NDArray[np.float64]
 

@@ -88,7 +88,7 @@ class Simulator:
         stepper: Stepper | None = None,
     ) -> None:
         p = _finite_vector("parameters", p, system.parameters)
-        self._system = system
+        self.system, self.p = system, p
         self._max_switches = max_switches
         self._stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
         self._decisions = Decisions(system, p)
@@ -154,8 +154,8 @@ class Simulator:
         )
 
     def _after_impact(self, state: Array) -> Array:
-        z = _finite_vector("state", state, self._system.state_names)
-        z[self._system.n_shape] = 0.0
+        z = _finite_vector("state", state, self.system.state_names)
+        z[self.system.n_shape] = 0.0
         return z
 
     def _first_mode(self, moment: _Moment) -> Mode | Refusal:
@@ -163,12 +163,12 @@ class Simulator:
         return Mode.slip(slip_velocity) if slip_velocity != 0 else self._at_rest(moment)
 
     def _at_rest(self, moment: _Moment) -> Mode | Refusal:
-        return self._decisions.at_rest(moment.time, moment.state, self._system.control.data(moment.segment))
+        return self._decisions.at_rest(moment.time, moment.state, self.system.control.data(moment.segment))
 
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
         end = (*self._breakpoints, self._limit)[moment.segment]
-        data = self._system.control.data(moment.segment)
+        data = self.system.control.data(moment.segment)
         arrival = self._stepper.advance(mode, data, moment.time, moment.state, end)
         if arrival.event == "slip_velocity":
             arrival.state[-1] = 0.0  # the foot has come to rest; what is left is rounding
@@ -177,7 +177,7 @@ class Simulator:
     def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
         times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
         if dense:
-            data = self._system.control.data(moment.segment)
+            data = self.system.control.data(moment.segment)
             times, states = sample(self._stepper, mode, data, moment.time, arrival.time, moment.state)
             states[-1] = arrival.state
         return Arc(mode=mode, segment=moment.segment, times=times, states=states)
@@ -207,7 +207,7 @@ class Simulator:
 
     def _describe(self, refusal: Refusal, number: int, mode: Mode | None, moment: _Moment) -> str:
         values = ", ".join(
-            f"{name} = {value:.6g}" for name, value in zip(self._system.state_names, moment.state, strict=True)
+            f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, moment.state, strict=True)
         )
         where = "in mode " + mode if mode is not None else "at the choice of the first mode"
         return f"{refusal.reason}: step {number}, {moment.time:.6g} s after the impact, {where}, at {values}"
