@@ -106,6 +106,8 @@ def test_parameters_come_in_the_order_walker_friction_control():
         "control.hip",
     ]
     assert problem.parameters["control.ankle"] == 1.65
+    freed = problem.replace(FREE_TORQUES | {"friction": {"free": [0.1, 0.2], "guess": 0.14}})
+    assert list(freed.free) == ["walker.slope", "friction", "control.ankle"]
     assert list(load_problem("compass-pd-impact-slip").parameters)[-2:] == ["control.kp", "control.kd"]
 
 

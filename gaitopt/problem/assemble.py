@@ -40,9 +40,9 @@ UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
 def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> dict[str, Any]:
     """The fields of a problem that its own data determine; they are meaningful only if no fault was added."""
     free: dict[str, Free] = {}
-    head = _read_head(data, free, faults)
     model = _find_model(data, walkers, faults)
     walker = None if model is None else _read_walker(model, data["walker"], free, faults)
+    head = _read_head(data, free, faults)
     control = _read_control(data.get("control", {"type": "none"}), model, free, faults)
     sequence, guess = read_gait(data, model, walker, faults)
     fields: dict[str, Any] = {"walker": walker, "control": control, "sequence": sequence, "guess": guess, "free": free}
@@ -64,9 +64,8 @@ def _read_head(data: Mapping[str, Any], free: dict[str, Free], faults: list[Faul
         if key not in known:
             faults.append(Fault((key,), f"unknown key{near_miss(key, known)}"))
     faults += [Fault((key,), "is missing") for key in ("walker", "gait") if key not in data]
-    return _read_parameters(
-        HeadSection, {k: v for k, v in data.items() if k in HeadSection.model_fields}, (), free, faults
-    )
+    own = {key: value for key, value in data.items() if key in HeadSection.model_fields}
+    return _read_parameters(HeadSection, own, (), free, faults)
 
 
 def _find_model(
@@ -139,29 +138,30 @@ def _read_parameters(
     model: type[Model], data: Mapping[str, Any], path: Key, free: dict[str, Free], faults: list[Fault]
 ) -> Model | None:
     """A section in which numbers may be free; a freed number has its guess."""
-    found: list[Fault] = []
-    freed = {key: value for key, value in data.items() if isinstance(value, Mapping) and "free" in value}
+    freed = {key: data[key] for key in model.model_fields if _is_free(data.get(key))}
     free |= {_dotted_key(path, key): UNREAD for key in freed}
-    parts = {key: read_section(FreeSection, value, (*path, key), found) for key, value in freed.items()}
+    parts = {key: read_section(FreeSection, value, (*path, key), faults) for key, value in freed.items()}
     unknowns = {key: part for key, part in parts.items() if part is not None}
-    broken = {(*path, key) for key in freed.keys() - unknowns.keys()}
-    faults += found
-    found = []
+    found: list[Fault] = []
     plain = {**data, **{key: part.guess for key, part in unknowns.items()}}
     section = read_section(model, plain, path, found)
-    depth = len(path) + 1
-    faults += [
-        Fault((*fault.path, "guess"), fault.message) if fault.path[:depth] in {(*path, k) for k in unknowns} else fault
-        for fault in found
-        if fault.path[:depth] not in broken
-    ]
+    for fault in found:
+        key = fault.path[len(path)] if len(fault.path) > len(path) else None
+        if key in unknowns:
+            faults.append(Fault((*fault.path, "guess"), fault.message))
+        elif key not in freed:  # what is wrong with the mapping of an unknown has been said
+            faults.append(fault)
     if section is None:
         return None
-    for key, part in unknowns.items():
-        span = _read_bounds(model, section, plain, part, (*path, key), faults)
+    for name, part in unknowns.items():
+        span = _read_bounds(model, section, plain, part, (*path, name), faults)
         if span is not None:
-            free[_dotted_key(path, key)] = span
+            free[_dotted_key(path, name)] = span
     return section
+
+
+def _is_free(value: object) -> bool:
+    return isinstance(value, Mapping) and "free" in value
 
 
 def _read_bounds(

@@ -61,11 +61,10 @@ class Problem:
     @property
     def parameters(self) -> dict[str, float]:
         """Every scalar parameter by dotted key, in a fixed order: walker, friction, control."""
-        walker = {key: value for key, value in self.walker if isinstance(value, int | float)}
-        control = self.control.model_dump(exclude={"type", "reference"})
-        control = control.get("torques", control)
-        groups = {f"walker.{key}": value for key, value in walker.items() if not isinstance(value, bool)}
-        return {**groups, "friction": self.friction, **{f"control.{key}": value for key, value in control.items()}}
+        walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
+        scalars = self.control.model_dump(exclude={"type", "reference"})
+        control = {f"control.{key}": value for key, value in scalars.get("torques", scalars).items()}
+        return {**walker, "friction": self.friction, **control}
 
     def reference_problem(self) -> "Problem | None":
         """The problem whose gait the control tracks or its curve starts from; never touched by ``replace``."""
@@ -86,7 +85,6 @@ class Problem:
         faults: list[Fault] = []
         data, place = apply_overrides(problem_data(self), overrides, faults)
         raise_faults(faults, place)
-
         known = {} if self.reference is None else {_reference_name(self.control)[0]: self.reference}
         origin = _Origin(walkers=(type(self.walker),), path=self.path, chain=_chain(self.path))
         return _build(data, place, faults, origin, text=self.text, known=known)
