@@ -23,7 +23,7 @@ RESOLVED = 1e-12
 @lru_cache(maxsize=32)
 def points(count: int) -> Array:
     """Chebyshev points of the second kind on [-1, 1], ascending, ends included; shape (count,)."""
-    return chebyshev.chebpts2(count)
+    return np.asarray(chebyshev.chebpts2(count), dtype=float)
 
 
 @lru_cache(maxsize=32)
@@ -63,32 +63,39 @@ def absolute_integral(values: Array, duration: float) -> float:
 
 
 def roots(values: Array) -> Array:
-    """Simple roots of the curve inside (-1, 1), ascending."""
+    """Roots of the curve inside (-1, 1) at which it changes sign, ascending."""
     s, to_fine = _fine(values.shape[0])
-    fine = to_fine @ values
-    changes = np.flatnonzero(np.sign(fine[:-1]) * np.sign(fine[1:]) < 0)
-    if changes.size == 0:
-        return np.zeros(0)
-    c = coefficients(values)
-    return _newton(c, chebyshev.chebder(c), (s[changes] + s[changes + 1]) / 2)
+    negative = to_fine @ values < 0  # a zero on the grid counts as positive, so that no change is missed or doubled
+    before = np.flatnonzero(negative[:-1] != negative[1:])
+    found = _newton(coefficients(values), s[before], s[before + 1])
+    return found[np.abs(found) < 1]
 
 
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     """Where in [start, 1] the curve is largest, and its value there."""
-    s, to_fine = _fine(values.shape[0])
-    fine = np.where(s >= start, to_fine @ values, -np.inf)
-    best = int(np.argmax(fine))
-    if best in (0, fine.size - 1):
-        return float(s[best]), float(fine[best])
-    slope = chebyshev.chebder(coefficients(values))
-    at = _newton(slope, chebyshev.chebder(slope), s[best : best + 1])
-    value = chebyshev.chebval(at, coefficients(values))
-    return (float(at[0]), float(value[0])) if value[0] >= fine[best] else (float(s[best]), float(fine[best]))
+    c = coefficients(values)
+    fine, _ = _fine(values.shape[0])
+    s = np.concatenate([[start], fine[fine > start]])
+    heights = chebyshev.chebval(s, c)
+    best = int(np.argmax(heights))
+    if 0 < best < s.size - 1:
+        at = _newton(_derivative(c), s[best - 1 : best], s[best + 1 : best + 2])
+        height = chebyshev.chebval(at, c)
+        if height[0] > heights[best]:
+            return float(at[0]), float(height[0])
+    return float(s[best]), float(heights[best])
 
 
-def _newton(c: Array, slope: Array, s: Array) -> Array:
+def _newton(c: Array, lower: Array, upper: Array) -> Array:
+    """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is put back on its edge."""
+    slope = _derivative(c)
+    s = (lower + upper) / 2
     for _ in range(NEWTON_STEPS):
         rate = chebyshev.chebval(s, slope)
         step = np.divide(chebyshev.chebval(s, c), rate, out=np.zeros_like(s), where=rate != 0)
-        s = np.clip(s - step, -1.0, 1.0)
+        s = np.clip(s - step, lower, upper)
     return s
+
+
+def _derivative(c: Array) -> Array:
+    return np.asarray(chebyshev.chebder(c), dtype=float)

@@ -9,7 +9,7 @@ Everything is stated on the ground: y = dy = 0.
 from dataclasses import dataclass
 from types import SimpleNamespace
 
-from casadi import SX, dot, gradient, hessian, jacobian, jtimes, substitute, sum1, vertcat
+from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, substitute, sum1, vertcat
 
 from gaitopt.mechanics.walker import Mechanism, Walker
 
@@ -54,13 +54,20 @@ def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
 
 
 def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
-    """Derive the equations of motion of ``walker`` by differentiating its Lagrangian."""
+    """Derive the equations of motion of ``walker`` by differentiating its Lagrangian.
+
+    Raises
+    ------
+    ValueError
+        If the walker contradicts itself; the message says where.
+    """
     p = SX.sym("p", len(walker.model_fields))
     names = (*walker.shape, "x", "y")
     q = vertcat(*(SX.sym(name) for name in names))
     dq = vertcat(*(SX.sym(f"d{name}") for name in names))
     coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate(names)})
     mechanism = walker.mechanism(coordinates, parameter_namespace(walker, p))
+    _check(walker, mechanism, q[-2:])
 
     kinetic, potential = SX(0), SX(mechanism.potential)
     for body in mechanism.bodies:
@@ -103,3 +110,22 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
             potential=mechanism.potential,
         ),
     )
+
+
+def _check(walker: type[Walker], mechanism: Mechanism, foot: SX) -> None:
+    counts = {
+        "Mechanism.motors": (len(mechanism.motors), "actuators", len(walker.actuators)),
+        "tracked": (len(walker.tracked), "actuators", len(walker.actuators)),
+        "Mechanism.relabel": (SX(mechanism.relabel).numel(), "shape", len(walker.shape)),
+    }
+    for name, (found, other, needed) in counts.items():
+        if found != needed:
+            raise ValueError(f"{walker.__name__}: {name} has {found} entries, but {other} has {needed}")
+    strangers = {*walker.section, *walker.tracked} - {*walker.shape}
+    if strangers:
+        raise ValueError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")
+    points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
+    for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
+        with_foot = jacobian(point, foot)
+        if not with_foot.is_constant() or not DM(with_foot - SX.eye(2)).is_zero():
+            raise ValueError(f"{walker.__name__}: {name} does not move along with the stance foot (q.x, q.y)")

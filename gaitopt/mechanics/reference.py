@@ -10,6 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 from casadi import SX, vertcat
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -52,8 +53,8 @@ class Reference:
 
     @property
     def degree(self) -> int:
-        """Largest degree of all pieces."""
-        return max(piece.angles.shape[1] for piece in self.pieces) - 1
+        """Largest degree of all series."""
+        return max(len(table.T) for piece in self.pieces for table in (piece.angles, piece.rates)) - 1
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -77,8 +78,8 @@ class Reference:
     @staticmethod
     def _at(piece: Piece, t: float) -> tuple[Array, Array]:
         s = 2 * (t - piece.start) / (piece.end - piece.start) - 1
-        angles = np.polynomial.chebyshev.chebval(s, piece.angles.T)
-        return angles, np.polynomial.chebyshev.chebval(s, piece.rates.T)
+        angles, rates = (np.asarray(chebyshev.chebval(s, table.T)) for table in (piece.angles, piece.rates))
+        return angles, rates
 
 
 def evaluate(data: SX, t: SX, n_tracked: int, degree: int) -> tuple[SX, SX, SX]:
