@@ -28,7 +28,7 @@ def points(count: int) -> Array:
 
 @lru_cache(maxsize=32)
 def _analysis(count: int) -> Array:
-    return np.linalg.inv(chebyshev.chebvander(points(count), count - 1))
+    return np.asarray(np.linalg.inv(chebyshev.chebvander(points(count), count - 1)), dtype=float)
 
 
 @lru_cache(maxsize=32)
