@@ -1,16 +1,61 @@
-"""From the unknowns of a solved NLP to a step with arcs, impact and shooting nodes."""
+"""From a solution of the periodic problem to the gait that it is: arcs, impact, multipliers, scalars."""
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.gait import Arc, ImpactRecord, Step, curves
+from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
 from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
 
 COUNTS = (33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved."""
+
+
+def assemble_gait(
+    problem: Problem,
+    transcription: Transcription,
+    at: Linearisation,
+    *,
+    errors: Array,
+    message: str,
+    solver: Mapping[str, float],
+) -> Gait:
+    """The gait at a solution; freed parameters are put into ``p`` and reported.
+
+    Parameters
+    ----------
+    problem : what was asked.
+    at : the equalities at the solution.
+    errors : ndarray, shape (n_phases,) - estimated integration error.
+    """
+    nodes, _, freed = transcription.unpack(at.w)
+    system, p = transcription.system, transcription.full_parameters(at.p, freed)
+    step = assemble_step(transcription, at.w, at.p)
+    return Gait(
+        problem=problem,
+        system=system,
+        p=p,
+        status=Status.CONVERGED,
+        message=message,
+        step=step,
+        shooting=Shooting(
+            times=transcription.node_times(at.w),
+            states=nodes.T,
+            intervals=tuple(arc.intervals for arc in transcription.layout.arcs),
+            residual=at.size,
+            errors=errors,
+        ),
+        multipliers=floquet_multipliers(return_map_jacobian(transcription, at)),
+        measures=measure(system, p, step),
+        freed=dict(zip(transcription.free, map(float, freed), strict=True)),
+        solver=solver,
+    )
 
 
 def assemble_step(problem: Transcription, w: Array, p: Array) -> Step:

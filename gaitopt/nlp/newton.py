@@ -1,8 +1,8 @@
 """Newton's method on the square periodic problem, and what its Jacobian tells besides.
 
-    J dw = -residual                       polish of a solution
-    J dw = -halved defects                 error of the solution by the finer integration
-    A dW = lift,  DPi = impact' dW_K       return map's derivative, A being J without the periodicity's z_K
+J dw = -residual                       polish of a solution
+J dw = -halved defects                 error of the solution by the finer integration
+A dW = lift,  DPi = impact' dW_K       return map's derivative, A being J without the periodicity's z_K
 """
 
 from dataclasses import dataclass

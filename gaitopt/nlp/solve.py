@@ -8,14 +8,14 @@ import numpy as np
 from casadi import Function, vertcat
 from numpy.typing import NDArray
 
-from gaitopt.gait import Gait, Shooting, Status, floquet_multipliers, measure
+from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import HybridSystem
-from gaitopt.nlp.assembly import assemble_step
+from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import complaints, residual_complaint
 from gaitopt.nlp.integrator import ORDER
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.layout import Layout, layout
-from gaitopt.nlp.newton import integration_error, polish, return_map_jacobian
+from gaitopt.nlp.newton import integration_error, polish
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
@@ -153,26 +153,11 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
         transcription = finer
         nodes, durations = integration_error(transcription, polished.at)
     errors = _phase_errors(transcription, nodes, durations)
-    step = assemble_step(transcription, polished.at.w, p)
     trouble = _trouble(transcription, polished.at.w, p, polished.at.size, errors)
-    states, _, _ = transcription.unpack(polished.at.w)
-    return Gait(
-        problem=problem,
-        system=system,
-        p=p,
-        status=Status.CONVERGED if trouble is None else Status.NOT_CONVERGED,
-        message=attempt.result.words if trouble is None else trouble,
-        step=step if trouble is None else None,
-        shooting=Shooting(
-            times=transcription.node_times(polished.at.w),
-            states=states.T,
-            intervals=tuple(arc.intervals for arc in transcription.layout.arcs),
-            residual=polished.at.size,
-            errors=errors,
-        ),
-        multipliers=floquet_multipliers(return_map_jacobian(transcription, polished.at)),
-        measures=measure(system, p, step),
-        solver=solver,
+    if trouble is not None:
+        return Gait(problem=problem, system=system, p=p, status=Status.NOT_CONVERGED, message=trouble, solver=solver)
+    return assemble_gait(
+        problem, transcription, polished.at, errors=errors, message=attempt.result.words, solver=solver
     )
 
 
