@@ -3,12 +3,12 @@
 CasADi returns a vector without an exception when IPOPT fails, and swallows Ctrl-C; both are undone here.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from casadi import MX, Callback, Sparsity, nlpsol, nlpsol_out
+from casadi import DM, MX, Callback, Sparsity, nlpsol, nlpsol_out
 from numpy.typing import NDArray
 
 from gaitopt.gait import Status
@@ -60,22 +60,21 @@ class IpoptResult:
     multipliers: Array
 
 
-class _Watch(Callback):  # type: ignore[misc]
+class _Watch(Callback):
     """Reports every iteration, and stops IPOPT when asked to."""
 
-    def __init__(self, sizes: tuple[int, int, int], progress: Progress | None, should_stop: Callable[[], bool] | None):
+    def __init__(
+        self, n_w: int, n_g: int, n_p: int, progress: Progress | None, should_stop: Callable[[], bool] | None
+    ) -> None:
         super().__init__()
-        self._sizes = dict(
-            zip(("x", "f", "g", "lam_x", "lam_g", "lam_p"), (sizes[0], 1, *_pattern(sizes)), strict=True)
-        )
+        self._sizes = {"x": n_w, "f": 1, "g": n_g, "lam_x": n_w, "lam_g": n_g, "lam_p": n_p}
         self._progress, self._should_stop = progress, should_stop
-        self._bounds: tuple[Array, Array] | None = None
-        self._iteration = 0
+        self._iteration, self._lower, self._upper = 0, np.full(n_g, -np.inf), np.full(n_g, np.inf)
         self.construct("watch", {})
 
-    def bound(self, lower: Array, upper: Array) -> None:
-        """Bounds of g, from which the violation is computed."""
-        self._bounds = (lower, upper)
+    def begin(self, lower: Array, upper: Array) -> None:
+        """Count from zero; violations are of these bounds of g."""
+        self._iteration, self._lower, self._upper = 0, lower, upper
 
     def get_n_in(self) -> int:
         return len(self._sizes)
@@ -83,24 +82,20 @@ class _Watch(Callback):  # type: ignore[misc]
     def get_n_out(self) -> int:
         return 1
 
-    def get_sparsity_in(self, i: int) -> Any:
+    def get_sparsity_in(self, i: int) -> Sparsity:
         return Sparsity.dense(self._sizes[nlpsol_out(i)], 1)
 
-    def eval(self, arguments: list[Any]) -> list[float]:
+    def eval(self, arg: Sequence[DM]) -> list[DM]:
         try:
-            if self._progress is not None and self._bounds is not None:
-                g = np.asarray(arguments[2]).ravel()
-                violation = max(np.max(self._bounds[0] - g, initial=0.0), np.max(g - self._bounds[1], initial=0.0))
+            if self._progress is not None:
+                g = np.asarray(arg[2]).ravel()
+                violation = max(np.max(self._lower - g, initial=0.0), np.max(g - self._upper, initial=0.0))
                 self._progress(self._iteration, float(violation))
             self._iteration += 1
-            return [1.0 if self._should_stop is not None and self._should_stop() else 0.0]
+            stop = self._should_stop is not None and self._should_stop()
         except KeyboardInterrupt:  # raised here by Python, it would be lost in CasADi
-            return [1.0]
-
-
-def _pattern(sizes: tuple[int, int, int]) -> tuple[int, int, int, int]:
-    n_x, n_g, n_p = sizes
-    return n_g, n_x, n_g, n_p
+            stop = True
+        return [DM(float(stop))]
 
 
 class Ipopt:
@@ -122,8 +117,8 @@ class Ipopt:
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
-        self._watch = _Watch((w.numel(), g.numel(), p.numel()), progress, should_stop)
-        options = {
+        self._watch = _Watch(w.numel(), g.numel(), p.numel(), progress, should_stop)
+        options: dict[str, Any] = {
             "print_time": False,
             "iteration_callback": self._watch,
             "error_on_fail": False,
@@ -139,9 +134,8 @@ class Ipopt:
                 "hessian_approximation": "limited-memory" if objective is None else "exact",
             },
         }
-        self._solver = nlpsol(
-            "gait", "ipopt", {"x": w, "p": p, "g": g, "f": 0 if objective is None else objective}, options
-        )
+        nlp: dict[str, Any] = {"x": w, "p": p, "g": g, "f": MX(0) if objective is None else objective}
+        self._solver = nlpsol("gait", "ipopt", nlp, options)
 
     def solve(self, w: Array, p: Array, bounds_w: tuple[Array, Array], bounds_g: tuple[Array, Array]) -> IpoptResult:
         """Solve from ``w`` for parameters ``p`` within bounds on w and g.
@@ -151,7 +145,7 @@ class Ipopt:
         RuntimeError
             If IPOPT ends in a way that only a broken installation or a bug can cause.
         """
-        self._watch.bound(*bounds_g)
+        self._watch.begin(*bounds_g)
         solution = self._solver(x0=w, p=p, lbx=bounds_w[0], ubx=bounds_w[1], lbg=bounds_g[0], ubg=bounds_g[1])
         stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:

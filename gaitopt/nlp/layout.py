@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gaitopt.mechanics import Mode, ModeSequence
 
@@ -73,7 +73,7 @@ class Layout:
         return Layout(sequence=self.sequence, arcs=arcs)
 
 
-def layout(sequence: ModeSequence, durations: Sequence[float], breakpoints: Sequence[float]) -> Layout:
+def layout(sequence: ModeSequence, durations: ArrayLike, breakpoints: Sequence[float]) -> Layout:
     """Cut the phases at those breakpoints that lie inside them.
 
     Parameters

@@ -37,7 +37,11 @@ class Rollout:
 
 
 def roll_out(
-    system: HybridSystem, p: Array, sequence: ModeSequence, state: Array, durations: Sequence[float] | None = None
+    system: HybridSystem,
+    p: Array,
+    sequence: ModeSequence,
+    state: Array,
+    durations: Sequence[float] | Array | None = None,
 ) -> Rollout:
     """Follow ``sequence`` from ``state`` just after an impact; given durations are kept, missing ones are found."""
     time, z = 0.0, state.copy()

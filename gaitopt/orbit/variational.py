@@ -6,8 +6,6 @@ S is the saltation matrix of ``mechanics.saltation``. A breakpoint of the contro
 impact, the same for every neighbouring motion, so that it leaves deviations as they are.
 """
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
@@ -38,7 +36,7 @@ def return_map_jacobian(system: HybridSystem, p: Array, step: Step, section_mode
     indices = system.section(section_mode)
     xi = step.arcs[0].states[0][system.section(Mode.SLIP_FORWARD)]
     deviations = np.asarray(system.lift_jacobian(xi, p))[:, : indices.size]
-    for arc, after in pairwise((*step.arcs, None)):
+    for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
         deviations = _along(system, p, arc, deviations)
         deviations = _across(system, p, arc, after) @ deviations
     assert step.impact is not None, "only a complete step returns to the section"
