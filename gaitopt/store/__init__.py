@@ -3,14 +3,26 @@
 from gaitopt.store.files import write_whole
 from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.manifest import Manifest, read_manifest
-from gaitopt.store.run import Run, check_folder, find_run, read_run, run_folder, write_run
+from gaitopt.store.run import (
+    GAIT_FILE,
+    Run,
+    begin_run,
+    check_folder,
+    find_run,
+    read_run,
+    run_folder,
+    write_run,
+    write_walk,
+)
 from gaitopt.store.text import Table, csv_text, json_text
 
 __all__ = [
+    "GAIT_FILE",
     "LineWriter",
     "Manifest",
     "Run",
     "Table",
+    "begin_run",
     "check_folder",
     "csv_text",
     "find_run",
@@ -20,5 +32,6 @@ __all__ = [
     "read_run",
     "run_folder",
     "write_run",
+    "write_walk",
     "write_whole",
 ]

@@ -10,7 +10,6 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from gaitopt import __version__
 from gaitopt.errors import StorageError
 from gaitopt.store.files import read_text
 
@@ -18,7 +17,7 @@ MANIFEST_FILE = "manifest.json"
 FORMAT = "gaitopt run"
 SCHEMA = 1
 """Raised whenever a reader of the previous schema would misread what is written."""
-PACKAGES = ("casadi", "numpy", "scipy", "pydantic", "ruamel.yaml")
+PACKAGES = ("gaitopt", "casadi", "numpy", "scipy", "pydantic", "ruamel.yaml")
 """Packages on which the numbers of a run depend."""
 
 
@@ -81,5 +80,4 @@ def read_manifest(folder: Path) -> Manifest:
 
 @lru_cache(maxsize=1)
 def _versions() -> tuple[tuple[str, str], ...]:
-    others = {"gaitopt": __version__, "python": platform.python_version()}
-    return tuple((others | {name: version(name) for name in PACKAGES}).items())
+    return (("python", platform.python_version()), *((name, version(name)) for name in PACKAGES))

@@ -23,6 +23,8 @@ PROBLEM_FILE = "problem.yaml"
 RESOLVED_FILE = "resolved.json"
 TRAJECTORY_FILE = "trajectory.csv"
 GAIT_FILE = "gait.json"
+WALK_FILE = "walk.json"
+WALK_TRAJECTORY_FILE = "walk.csv"
 LONGEST_NAME = 60
 """Characters of a problem's name that go into its folder's: four bytes each still fit every file system."""
 
@@ -63,8 +65,25 @@ def check_folder(folder: Path, problem: Problem) -> None:
         )
 
 
+def begin_run(folder: Path, problem: Problem) -> Path:
+    """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to.
+
+    Raises
+    ------
+    StorageError
+        If the folder belongs to something else or cannot be written.
+    """
+    check_folder(folder, problem)
+    make_folder(folder)
+    manifest = new_manifest(problem.name, problem.digest).to_record()
+    write_whole(folder / MANIFEST_FILE, json_text(manifest, indent=2) + "\n")
+    write_whole(folder / PROBLEM_FILE, problem.text)
+    write_whole(folder / RESOLVED_FILE, json_text(problem.resolved(), indent=2) + "\n")
+    return folder
+
+
 def write_run(folder: Path, *, problem: Problem, gait: Mapping[str, Any], trajectory: Table) -> Path:
-    """Write a run, or replace one of the same problem.
+    """Write the run of a gait, or replace one of the same problem.
 
     Parameters
     ----------
@@ -76,14 +95,20 @@ def write_run(folder: Path, *, problem: Problem, gait: Mapping[str, Any], trajec
     StorageError
         If the folder belongs to something else or cannot be written; the message says what was kept.
     """
-    check_folder(folder, problem)
-    make_folder(folder)
-    manifest = new_manifest(problem.name, problem.digest).to_record()
-    write_whole(folder / MANIFEST_FILE, json_text(manifest, indent=2) + "\n")
-    write_whole(folder / PROBLEM_FILE, problem.text)
-    write_whole(folder / RESOLVED_FILE, json_text(problem.resolved(), indent=2) + "\n")
+    begin_run(folder, problem)
     write_whole(folder / TRAJECTORY_FILE, csv_text(trajectory))
     write_whole(folder / GAIT_FILE, json_text(gait, indent=2) + "\n")
+    return folder
+
+
+def write_walk(folder: Path, *, problem: Problem, walk: Mapping[str, Any], trajectory: Table) -> Path:
+    """Write a simulated walk into the run folder of its problem, beside the gait if there is one.
+
+    Parameters and errors are those of ``write_run``.
+    """
+    begin_run(folder, problem)
+    write_whole(folder / WALK_TRAJECTORY_FILE, csv_text(trajectory))
+    write_whole(folder / WALK_FILE, json_text(walk, indent=2) + "\n")
     return folder
 
 

@@ -1,0 +1,42 @@
+"""Where words go: results to stdout, narration to stderr. NO_COLOR and narrow terminals are rich's business."""
+
+import os
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+
+PIPED_WIDTH = 160
+"""Columns where no terminal says how many it has."""
+
+
+class ResultConsole(Console):
+    """A console that lets a broken pipe through to where exit codes are decided."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise what rich would turn into an exit."""
+        raise BrokenPipeError
+
+
+def results() -> Console:
+    """The console of results; texts are printed as they are, without markup."""
+    return _console(stderr=False)
+
+
+def narration(*, quiet: bool) -> Console:
+    """The console of narration and progress, silent if ``quiet``."""
+    return _console(stderr=True, quiet=quiet)
+
+
+def print_json(record: Mapping[str, Any]) -> None:
+    """Print a record as one line of JSON."""
+    from gaitopt.store import json_text
+
+    sys.stdout.write(json_text(record) + "\n")
+
+
+def _console(*, stderr: bool, quiet: bool = False) -> Console:
+    stream = sys.stderr if stderr else sys.stdout
+    width = None if stream.isatty() or "COLUMNS" in os.environ else PIPED_WIDTH
+    return ResultConsole(stderr=stderr, quiet=quiet, width=width, markup=False, highlight=False, emoji=False)

@@ -1,0 +1,82 @@
+"""The commands, and the one place where an ending becomes an exit code."""
+
+import os
+import sys
+from collections.abc import Sequence
+
+import typer
+
+from gaitopt.cli.catalogue import list_problems, schema, show, validate
+from gaitopt.cli.simulate import simulate
+from gaitopt.cli.solve import solve
+from gaitopt.cli.verify import verify
+from gaitopt.errors import GaitoptError
+
+INTERNAL_ERROR = 1
+USAGE = 2
+INTERRUPTED = 130
+BROKEN_PIPE = 141
+"""Whoever read our output has gone; the code that a shell gives a program ended by SIGPIPE."""
+
+app = typer.Typer(
+    name="gaitopt",
+    help="Periodic gaits of legged walkers that slip: solved, simulated, verified.",
+    epilog="PROBLEM is a name from `gaitopt list` or a .yaml file; RUN is a run folder, or a PROBLEM.",
+    add_completion=False,
+    rich_markup_mode=None,
+)
+app.command("list")(list_problems)
+app.command("show")(show)
+app.command("validate")(validate)
+app.command("schema")(schema)
+app.command("solve")(solve)
+app.command("simulate")(simulate)
+app.command("verify")(verify)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code.
+
+    Parameters
+    ----------
+    argv : arguments without the program's name; those of the process if None.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments:
+        main(["--help"])
+        return USAGE
+    try:
+        return _run(arguments)
+    except GaitoptError as error:
+        return _say(str(error), error.exit_code, arguments)
+    except typer.TyperException as error:
+        return _say(f"{error.format_message()} (see gaitopt --help)", error.exit_code, arguments)
+    except KeyboardInterrupt:
+        return _say("interrupted", INTERRUPTED, arguments)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
+        return BROKEN_PIPE
+    except Exception as error:  # noqa: BLE001 - the last resort, so that no traceback reaches a user unasked
+        words = f"internal error: {type(error).__name__}: {error}; rerun with --debug for the traceback"
+        return _say(words, INTERNAL_ERROR, arguments)
+
+
+def _run(arguments: list[str]) -> int:
+    group = typer.main.get_command(app)
+    try:
+        with group.make_context("gaitopt", list(arguments)) as context:
+            code = group.invoke(context)
+        sys.stdout.flush()
+    except typer.Exit as ending:  # --help
+        return ending.exit_code
+    return int(code)
+
+
+def _say(message: str, code: int, arguments: list[str]) -> int:
+    """Print an error on stderr; with --debug its traceback before it."""
+    if "--debug" in arguments:
+        import traceback
+
+        traceback.print_exc()
+    sys.stderr.write(f"gaitopt: {message}\n")
+    return code

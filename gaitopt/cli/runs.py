@@ -1,0 +1,53 @@
+"""What a user means by RUN: a run folder, or a problem whose gait is in the store or is solved now."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from gaitopt.cli.options import overrides
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from gaitopt.gait import Gait
+
+
+def is_folder(run: str) -> bool:
+    """Whether ``run`` is a folder rather than a problem; a name of the catalogue is always the problem."""
+    from gaitopt.problem import problem_names
+
+    return run not in problem_names() and Path(run).is_dir()
+
+
+def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
+    """The gait in a run folder, and the folder.
+
+    Raises
+    ------
+    typer.BadParameter
+        If ``--set`` is given as well: a run is what it is.
+    """
+    from gaitopt.store import read_run
+    from gaitopt.study.restore import restore_gait
+
+    if changes:
+        raise typer.BadParameter(f"--set changes a problem, but {run} is a finished run; give its problem instead")
+    return restore_gait(read_run(Path(run))), Path(run)
+
+
+def gait_of(run: str, changes: list[str] | None, output: Path | None, console: "Console") -> "tuple[Gait, Path, bool]":
+    """A gait, its run folder, and whether it was solved just now (and is verified, but not stored)."""
+    from gaitopt.cli.solve import solve_verified
+    from gaitopt.problem import load_problem
+    from gaitopt.store import GAIT_FILE, check_folder, run_folder
+
+    if is_folder(run):
+        return (*stored_gait(run, changes), False)
+    problem = load_problem(run).replace(overrides(changes))
+    folder = output or run_folder(problem)
+    check_folder(folder, problem)
+    if (folder / GAIT_FILE).is_file():
+        console.print(f"taken from {folder}", soft_wrap=True)
+        return (*stored_gait(str(folder), None), False)
+    return solve_verified(problem, console), folder, True

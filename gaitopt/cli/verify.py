@@ -1,0 +1,30 @@
+"""``gaitopt verify``: claim by claim, does an independent simulation confirm a gait?"""
+
+from gaitopt.cli.options import DebugOption, JsonOption, OutOption, QuietOption, RunArgument, SetOption
+
+
+def verify(
+    run: RunArgument,
+    changes: SetOption = None,
+    output: OutOption = None,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Verify a gait by forward simulation.
+
+    The simulation never sees the mode sequence; it has to find it.
+    """
+    from gaitopt import study
+    from gaitopt.cli.console import narration
+    from gaitopt.cli.runs import gait_of
+    from gaitopt.cli.solve import report
+
+    console = narration(quiet=quiet)
+    gait, folder, fresh = gait_of(run, changes, output, console)
+    if not gait.converged:
+        return report(gait, None, json=json)
+    if not fresh:
+        console.print("verifying by forward simulation")
+        gait = gait.verified(study.verify(gait).to_record())
+    return report(gait, folder, json=json, store=fresh)

@@ -1,0 +1,70 @@
+"""A gait from its run folder, with everything that a fresh solution has except the solver's own nodes."""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import groupby, pairwise
+from typing import Any
+
+import numpy as np
+
+from gaitopt.errors import SolveError, StorageError
+from gaitopt.gait import Arc, Gait, Status, Step, measure
+from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.nlp.assembly import impact_record
+from gaitopt.problem import restore_problem
+from gaitopt.store import Run, Table
+from gaitopt.study.system import build_system
+
+
+def restore_gait(run: Run) -> Gait:
+    """The gait that a run holds.
+
+    Raises
+    ------
+    StorageError
+        If the records of the run do not fit together.
+    SolveError
+        If the run holds a failed attempt.
+    """
+    problem = replace(restore_problem(run.resolved), text=run.problem_text)
+    if problem.digest != run.manifest.hash:
+        raise StorageError(f"{run.folder}: resolved.json does not have the manifest's hash; the run is broken")
+    if run.gait.get("status") != Status.CONVERGED:
+        raise SolveError(f"{run.folder} holds no gait: {run.gait.get('status')}, {run.gait.get('message')}")
+    system = build_system(problem)
+    try:
+        freed = {name: float(value) for name, value in run.gait["parameters"].items()}
+        p = system.values(problem.parameters | freed)
+        arcs = tuple(_arcs(system, run.trajectory))
+        step = Step(arcs=arcs, impact=impact_record(system, problem.sequence.impact, arcs[-1].states[-1], p))
+        multipliers = np.array([complex(m["re"], m["im"]) for m in run.gait["multipliers"]])
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise StorageError(f"{run.folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
+    return Gait(
+        problem=problem,
+        system=system,
+        p=p,
+        status=Status.CONVERGED,
+        message=str(run.gait.get("message", "")),
+        step=step,
+        multipliers=multipliers,
+        measures=measure(system, p, step),
+        freed=freed,
+        solver=dict(run.gait.get("solver", {})),
+    )
+
+
+def _arcs(system: HybridSystem, table: Table) -> Iterator[Arc]:
+    """The arcs of a table; a time that occurs twice separates two of them."""
+    rows: list[Any] = list(table.rows)
+    splits = np.cumsum([0, *(later[0] == earlier[0] for earlier, later in pairwise(rows))])
+    for _, group in groupby(zip(splits, rows, strict=True), key=lambda pair: pair[0]):
+        points = [row for _, row in group]
+        times = np.array([row[0] for row in points])
+        yield Arc(
+            mode=Mode(points[0][1]),
+            segment=bisect_right(system.control.breakpoints, (times[0] + times[-1]) / 2),
+            times=times,
+            states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
+        )
