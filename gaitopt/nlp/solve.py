@@ -12,21 +12,16 @@ from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import complaints, residual_complaint
-from gaitopt.nlp.integrator import ORDER
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.layout import Layout, layout
-from gaitopt.nlp.newton import integration_error, polish
+from gaitopt.nlp.newton import polish
+from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
 
-ERROR_TOLERANCE = 1e-10
-"""Integration error of states and durations, one digit below the nine that are promised."""
-SAFETY = 4.0
-"""Factor by which a refinement aims below the tolerance."""
-MAX_REFINEMENTS = 4
 MAX_REORDERS = 6
 """Times that switches and breakpoints may change their order; each is a new layout."""
 RESIDUAL_TOLERANCE = 1e-9
@@ -139,42 +134,35 @@ def _attempt(
 
 def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gait:
     """Polish, refine until the integration error is small, and assemble the gait."""
-    transcription, p, system = attempt.transcription, attempt.p, attempt.transcription.system
-    polished = polish(transcription, attempt.result.w, p)
-    nodes, durations = integration_error(transcription, polished.at)
-    for _ in range(MAX_REFINEMENTS):
-        errors = _phase_errors(transcription, nodes, durations)
-        if errors.max() < ERROR_TOLERANCE:
-            break
-        growth = np.maximum((SAFETY * errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
-        wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in transcription.layout.arcs]
-        finer = Transcription(system, transcription.layout.refined(wanted))
-        polished = polish(finer, _resample(transcription, finer, polished.at.w, p), p)
-        transcription = finer
-        nodes, durations = integration_error(transcription, polished.at)
-    errors = _phase_errors(transcription, nodes, durations)
-    trouble = _trouble(transcription, polished.at.w, p, polished.at.size, errors)
+    p, system = attempt.p, attempt.transcription.system
+    refined = refine(attempt.transcription, polish(attempt.transcription, attempt.result.w, p).at)
+    trouble = _trouble(refined)
     if trouble is not None:
         return Gait(problem=problem, system=system, p=p, status=Status.NOT_CONVERGED, message=trouble, solver=solver)
     return assemble_gait(
-        problem, transcription, polished.at, errors=errors, message=attempt.result.words, solver=solver
+        problem,
+        refined.transcription,
+        refined.at,
+        errors=refined.errors,
+        message=attempt.result.words,
+        solver=solver,
     )
 
 
-def _trouble(transcription: Transcription, w: Array, p: Array, residual: float, errors: Array) -> str | None:
+def _trouble(refined: Refined) -> str | None:
     """What keeps a solution of IPOPT from being a gait, looked at without IPOPT."""
-    _, durations, _ = transcription.unpack(w)
+    transcription, at = refined.transcription, refined.at
+    _, durations, _ = transcription.unpack(at.w)
     modes = transcription.layout.sequence.phases
     for phase, (mode, duration) in enumerate(zip(modes, durations, strict=True), start=1):
         if duration < VANISHING * durations.sum():
             return f"phase {phase} ({mode}) shrinks to nothing: here the gait does without it"
-    if residual > RESIDUAL_TOLERANCE:
-        return f"the equations are only met to {residual:.2g}"
-    if errors.max() > ERROR_TOLERANCE:
-        return (
-            f"the integration is only right to {errors.max():.2g}, even with {transcription.layout.intervals} intervals"
-        )
-    found = complaints(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
+    if at.size > RESIDUAL_TOLERANCE:
+        return f"the equations are only met to {at.size:.2g}"
+    if not refined.accurate:
+        intervals = transcription.layout.intervals
+        return f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
+    found = complaints(transcription, at.w, at.p, _margins(transcription, at.w, at.p), RESIDUAL_TOLERANCE)
     return "; ".join(complaint.words for complaint in found) or None
 
 
@@ -194,22 +182,3 @@ def _explain(attempt: Attempt) -> str:
             return "; ".join(complaint.words for complaint in found)
     residual = np.asarray(transcription.residual(attempt.result.w, attempt.p)[0]).ravel()
     return residual_complaint(transcription, attempt.result.w, residual)
-
-
-def _phase_errors(transcription: Transcription, nodes: Array, durations: Array) -> Array:
-    """Largest estimated error of the states in each phase, and of its duration; shape (n_phases,)."""
-    errors = np.abs(durations)
-    for arc, first in zip(transcription.layout.arcs, transcription.layout.first_nodes, strict=True):
-        largest = np.abs(nodes[:, first : first + arc.intervals + 1]).max()
-        errors[arc.phase] = max(errors[arc.phase], largest)
-    return errors
-
-
-def _resample(coarse: Transcription, finer: Transcription, w: Array, p: Array) -> Array:
-    """The solution on a finer layout, each new node by one partial step from the node before it."""
-    nodes, durations, freed = coarse.unpack(w)
-    pieces = [
-        coarse.states_at(w, p, index, np.linspace(0, 1, arc.intervals + 1)[:-1]).T
-        for index, arc in enumerate(finer.layout.arcs)
-    ]
-    return finer.pack(np.hstack([*pieces, nodes[:, -1:]]), durations, freed)

@@ -1,0 +1,77 @@
+"""More intervals until the estimated integration error of a solution is small."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.nlp.integrator import ORDER
+from gaitopt.nlp.newton import Linearisation, integration_error, polish
+from gaitopt.nlp.transcription import Transcription
+
+Array = NDArray[np.float64]
+
+ERROR_TOLERANCE = 1e-10
+"""Integration error of states and durations, one digit below the nine that are promised."""
+SAFETY = 4.0
+"""Factor by which a refinement aims below the tolerance."""
+MAX_REFINEMENTS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refined:
+    """A solution and its estimated error.
+
+    Attributes
+    ----------
+    transcription : on as many intervals as it took.
+    at : the equalities at the solution.
+    errors : ndarray, shape (n_phases,) - largest estimated error of the states in each phase, and of its duration.
+    """
+
+    transcription: Transcription
+    at: Linearisation
+    errors: Array
+
+    @property
+    def accurate(self) -> bool:
+        """Whether the errors are below the tolerance."""
+        return bool(self.errors.max() < ERROR_TOLERANCE)
+
+
+def refine(transcription: Transcription, at: Linearisation) -> Refined:
+    """Cut phases with too large an error finer, and polish, until the errors are below the tolerance.
+
+    Freed parameters stay where they are.
+    """
+    current = Refined(transcription=transcription, at=at, errors=phase_errors(transcription, at))
+    for _ in range(MAX_REFINEMENTS):
+        if current.accurate:
+            break
+        growth = np.maximum((SAFETY * current.errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
+        layout = current.transcription.layout
+        wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
+        finer = Transcription(transcription.system, layout.refined(wanted), transcription.free)
+        at = polish(finer, _resample(current.transcription, finer, current.at), at.p).at
+        current = Refined(transcription=finer, at=at, errors=phase_errors(finer, at))
+    return current
+
+
+def phase_errors(transcription: Transcription, at: Linearisation) -> Array:
+    """Largest estimated error of the states in each phase, and of its duration; shape (n_phases,)."""
+    nodes, durations = integration_error(transcription, at)
+    errors = np.abs(durations)
+    for arc, first in zip(transcription.layout.arcs, transcription.layout.first_nodes, strict=True):
+        largest = np.abs(nodes[:, first : first + arc.intervals + 1]).max()
+        errors[arc.phase] = max(errors[arc.phase], largest)
+    return errors
+
+
+def _resample(coarse: Transcription, finer: Transcription, at: Linearisation) -> Array:
+    """The solution on a finer layout, each new node by one partial step from the node before it."""
+    nodes, durations, freed = coarse.unpack(at.w)
+    pieces = [
+        coarse.states_at(at.w, at.p, index, np.linspace(0, 1, arc.intervals + 1)[:-1]).T
+        for index, arc in enumerate(finer.layout.arcs)
+    ]
+    return finer.pack(np.hstack([*pieces, nodes[:, -1:]]), durations, freed)
