@@ -1,5 +1,6 @@
 """The mechanics that both roads to a gait share: walkers, contact, impact, saltation and control laws."""
 
+from gaitopt.mechanics.bezier_tracking import BezierTracking, control_points
 from gaitopt.mechanics.compass_biped import CompassBiped
 from gaitopt.mechanics.control import ConstantTorque, Control, NoControl, ProportionalDerivative
 from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
@@ -10,6 +11,7 @@ from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, regis
 
 __all__ = [
     "BeyondEnd",
+    "BezierTracking",
     "Body",
     "CompassBiped",
     "ConstantTorque",
@@ -25,6 +27,7 @@ __all__ = [
     "Reference",
     "RimlessWheel",
     "Walker",
+    "control_points",
     "ending_margin",
     "find_walker",
     "margin_names",

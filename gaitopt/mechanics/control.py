@@ -23,6 +23,11 @@ class Control(ABC):
     def parameters(self) -> Mapping[str, float]:
         """Values of the law's scalars by their name in the problem file."""
 
+    @property
+    def unknowns(self) -> Mapping[str, tuple[float, float]]:
+        """Bounds of those of ``parameters`` that only a design determines, not the problem file."""
+        return {}
+
     @abstractmethod
     def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
         """Torques u of shape (n_u,) [N m].

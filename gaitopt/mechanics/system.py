@@ -177,8 +177,9 @@ class HybridSystem:
         return np.asarray(self.lift(full, p)).ravel()
 
     def values(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
-        """The vector ``p`` from values by dotted key; shape (n_p,)."""
-        return np.array([float(parameters[name]) for name in self.parameters])
+        """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
+        known = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
+        return np.array([float(known[name]) for name in self.parameters])
 
     @property
     def _friction(self) -> SX:

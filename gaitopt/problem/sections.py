@@ -73,6 +73,12 @@ class Curve(Section):
 
     degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
     start: Annotated[str, Field(description="problem whose gait gives the first guess: a name, or a path")]
+    within: Annotated[
+        Angle, Field(gt=0, description="bound of the curves' angles on both sides of zero [rad], kept by construction")
+    ] = 0.6
+    duration: Annotated[
+        Positive | None, Field(description="of the curves [s]; the period of the start's gait if left out")
+    ] = None
 
 
 class CurveReference(Section):

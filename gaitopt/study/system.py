@@ -7,6 +7,7 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Arc, Gait, curves
 from gaitopt.mechanics import (
     BeyondEnd,
+    BezierTracking,
     ConstantTorque,
     Control,
     HybridSystem,
@@ -14,10 +15,11 @@ from gaitopt.mechanics import (
     Piece,
     ProportionalDerivative,
     Reference,
+    control_points,
 )
 from gaitopt.mechanics.reference import continued
 from gaitopt.nlp import integrate_to, solve_gait
-from gaitopt.problem import ConstantTorqueSpec, GaitReference, PDSpec, Problem
+from gaitopt.problem import ConstantTorqueSpec, CurveReference, PDSpec, Problem
 
 Array = NDArray[np.float64]
 
@@ -25,6 +27,8 @@ FLOW_PERIODS = 2
 """A reference that flows on is known for so many of its own periods past its end; no step takes that long."""
 FLOW_POINTS = 33
 """Chebyshev points of a piece of that continuation; a piece that they do not resolve is halved."""
+FITTED_POINTS = 101
+"""At which the first guess of a free curve is fitted."""
 SHORTEST_PIECE = 1 / 64
 """In periods; a motion that is not smooth on this scale has long ceased to be a walk."""
 
@@ -66,15 +70,17 @@ def _control(problem: Problem) -> Control:
     if isinstance(spec, ConstantTorqueSpec):
         return ConstantTorque(torques=dict(spec.torques))
     if isinstance(spec, PDSpec):
-        return ProportionalDerivative(kp=spec.kp, kd=spec.kd, reference=_reference(problem, spec))
+        source = _reference_gait(problem)
+        if isinstance(spec.reference, CurveReference):
+            return _curve_tracking(problem, spec, spec.reference, source)
+        reference = gait_reference(source, spec.reference.beyond_end)
+        return ProportionalDerivative(kp=spec.kp, kd=spec.kd, reference=reference)
     return NoControl()
 
 
-def _reference(problem: Problem, spec: PDSpec) -> Reference:
-    if not isinstance(spec.reference, GaitReference):
-        raise ProblemError(f"{problem.name}: control.reference: a free curve is an unknown of a design, not of a gait")
+def _reference_gait(problem: Problem) -> Gait:
     source = problem.reference_problem()
-    assert source is not None, "a gait reference names a problem"
+    assert source is not None, "a reference names a problem"
     if source.walker.shape != problem.walker.shape:
         raise ProblemError(
             f"{problem.name}: control.reference: {source.name} moves {', '.join(source.walker.shape)}, "
@@ -83,7 +89,24 @@ def _reference(problem: Problem, spec: PDSpec) -> Reference:
     gait = solve_gait(source, build_system(source))
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
-    return gait_reference(gait, spec.reference.beyond_end)
+    return gait
+
+
+def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start: Gait) -> BezierTracking:
+    """Curves of the wanted degree that come closest to the start's joint angles, control points within their bound."""
+    assert start.step is not None, "only a converged gait can be a start"
+    period = start.step.period
+    phases = np.linspace(0, 1, FITTED_POINTS)
+    angles, _ = gait_reference(start, BeyondEnd.HOLD)(phases * period)
+    points = np.clip(control_points(phases, angles, curve.degree), -curve.curve.within, curve.curve.within)
+    return BezierTracking(
+        kp=spec.kp,
+        kd=spec.kd,
+        points={name: tuple(map(float, row)) for name, row in zip(problem.walker.tracked, points, strict=True)},
+        duration=curve.curve.duration or period,
+        beyond_end=BeyondEnd(curve.beyond_end),
+        within=curve.curve.within,
+    )
 
 
 def _piece(gait: Gait, arc: Arc, tracked: list[int]) -> Piece:
