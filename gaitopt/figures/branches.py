@@ -1,0 +1,109 @@
+"""Any scalar of a gait along branches of gaits over a parameter, as in Figs 4, 9, 11 and 12 of the paper.
+
+Works on the records that a continuation writes: ``point`` records with ``branch``, ``index`` and ``value``, and
+``special`` records with ``type`` and ``value``.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle, groupby, pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitopt.figures.labels import label
+from gaitopt.figures.style import COLOURS, NEUTRAL, entry, legend_below, panels
+
+Record = Mapping[str, Any]
+
+UNSTABLE: Any = (0, (1.2, 1.4))
+SPECIAL = {
+    "fold": ("fold", "o"),
+    "period_doubling": ("period doubling", "s"),
+    "neimark_sacker": ("Neimark–Sacker", "D"),
+    "mode_change": ("other phases begin", "^"),
+    "impact_change": ("other impact begins", "v"),
+    "lift_off": ("foot lifts off", "P"),
+    "painleve": ("Painlevé paradox", "X"),
+    "end": ("branch ends", "|"),
+}
+"""Words and marker of every type of special point."""
+
+
+def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quantity: str = "spectral_radius") -> Figure:
+    """A scalar over the continued parameter: stable gaits as thick lines, unstable ones as thin dots.
+
+    Parameters
+    ----------
+    curves : records of one or several continuations by the name that the legend gives them.
+    parameter : dotted key that was continued.
+    quantity : key of a scalar in the records.
+    """
+    figure, (axes,) = panels()
+    handles, present = list[Line2D](), set[str]()
+    for (name, records), colour in zip(curves.items(), cycle(COLOURS), strict=False):
+        points = [record for record in records if record["record"] == "point" and record.get(quantity) is not None]
+        for _, branch in groupby(sorted(points, key=_order), key=lambda point: point["branch"]):
+            _draw(axes, list(branch), quantity, colour)
+        specials = [record for record in records if record["record"] == "special"]
+        present |= _mark(axes, specials, points, quantity, colour)
+        if len(curves) > 1:
+            handles.append(entry(name, color=colour))
+    if quantity == "spectral_radius":
+        axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
+    axes.set_xlabel(str(label(parameter)))
+    axes.set_ylabel(str(label(quantity)))
+    legend_below(figure, [*handles, *_legend(present)])
+    return figure
+
+
+def is_stable(point: Record) -> bool:
+    """Whether the gait of a record attracts its neighbours."""
+    radius = point.get("spectral_radius")
+    return radius is not None and radius < 1
+
+
+def _order(point: Record) -> tuple[int, int]:
+    return point["branch"], point["index"]
+
+
+def _draw(axes: Axes, branch: Sequence[Record], quantity: str, colour: str) -> None:
+    """One branch in runs of equal stability; neighbouring runs share a point, so that no gap opens between them."""
+    values = np.array([point["value"] for point in branch])
+    heights = np.array([point[quantity] for point in branch])
+    stable = np.array([is_stable(point) for point in branch])
+    cuts = [0, *(np.flatnonzero(np.diff(stable)) + 1), len(branch)]
+    for first, last in pairwise(cuts):
+        run = slice(max(first - 1, 0), last)
+        line, width = ("-", 2.2) if stable[first] else (UNSTABLE, 1.3)
+        axes.plot(values[run], heights[run], color=colour, linestyle=line, linewidth=width)
+
+
+def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quantity: str, colour: str) -> set[str]:
+    """Markers of the special points, each at the height of its own record or of the nearest gait of its branch."""
+    marked = set[str]()
+    for special in specials:
+        near = [point for point in points if point["branch"] == special["branch"]]
+        if special.get("value") is None or not near:
+            continue
+        closest = min(near, key=lambda point: abs(point["value"] - special["value"]))
+        height = special[quantity] if special.get(quantity) is not None else closest[quantity]
+        marker = SPECIAL.get(special["type"], (special["type"], "*"))[1]
+        axes.plot(
+            special["value"], height, marker, color=colour, markersize=7, markeredgewidth=1.4, markerfacecolor="white"
+        )
+        marked.add(special["type"])
+    return marked
+
+
+def _legend(special: set[str]) -> list[Line2D]:
+    entries = [
+        entry("stable", linewidth=2.2),
+        entry("unstable", linewidth=1.3, linestyle=UNSTABLE),
+    ]
+    for kind in sorted(special):
+        words, marker = SPECIAL.get(kind, (kind, "*"))
+        entries.append(entry(words, marker=marker, linestyle="", markerfacecolor="white"))
+    return entries

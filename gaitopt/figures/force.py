@@ -1,0 +1,139 @@
+"""What the ground does: force ratio, foot slip and torques over one step, as in Figs 3, 7 and 10 of the paper.
+
+sigma = f_t / f_n,      |sigma| <= mu        the friction cone; a sticking impact needs |F_t| / F_n <= mu too
+"""
+
+from collections.abc import Sequence
+from itertools import cycle
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gaitopt.figures.labels import label, symbol
+from gaitopt.figures.motion import Motion, smooth
+from gaitopt.figures.style import (
+    COLOURS,
+    MODE_COLOURS,
+    MODE_WORDS,
+    NEUTRAL,
+    dashes,
+    entry,
+    legend_below,
+    mode_legend,
+    panels,
+)
+from gaitopt.mechanics import Mode
+
+OUTSIDE = "#f1ece4"
+"""Colour of what friction cannot provide."""
+CONE_ROOM = 1.35
+"""Height of the axes over the largest ratio that is drawn."""
+
+
+def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
+    """Force ratio over time or over a shape coordinate, the impulse ratio of eq. (9) as a cross at its end.
+
+    Parameters
+    ----------
+    against : ``time``, or the name of a shape coordinate.
+    """
+    figure, (axes,) = panels()
+    handles: list[Line2D | Patch] = []
+    for motion, colour in zip(motions, cycle(COLOURS), strict=False):
+        handles.append(entry(motion.name, color=colour))
+        _draw_ratio(axes, motion, against, colour)
+    axes.set_xlabel(str(label("time")) if against == "time" else f"angle {symbol(against)} [rad]")
+    axes.set_ylabel("force ratio σ = $f_t/f_n$")
+    handles.extend(_cones(axes, motions))
+    modes = [mode for motion in motions for mode, _ in motion.step.phases]
+    cross = entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8)
+    legend_below(figure, [*handles, *mode_legend(modes), cross])
+    return figure
+
+
+def foot_slip(motions: Sequence[Motion]) -> Figure:
+    """Where the stance foot has slipped to, downhill positive, over one step [mm]."""
+    figure, (axes,) = panels(height=3.4)
+    handles = []
+    for motion, colour in zip(motions, cycle(COLOURS), strict=False):
+        handles.append(entry(motion.name, color=colour))
+        x = motion.state_index("x")
+        for arc in smooth(motion.step):
+            axes.plot(arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
+    axes.axhline(0, color="#808080", linewidth=0.8)
+    axes.set_xlabel(str(label("time")))
+    axes.set_ylabel("slip of the stance foot x [mm]")
+    modes = [mode for motion in motions for mode, _ in motion.step.phases]
+    legend_below(figure, [*handles, *mode_legend(modes)])
+    return figure
+
+
+def torques(motions: Sequence[Motion]) -> Figure:
+    """Torque of every actuator over one step [N m]; the strip on top says what the foot does."""
+    figure, (strip, axes) = panels(2, heights=[len(motions), 14])
+    colours = cycle(COLOURS)
+    handles: list[Line2D | Patch] = []
+    for motion in motions:
+        for k, name in enumerate(motion.system.walker.actuators):
+            prefix = f"{motion.name}: " if len(motions) > 1 else ""
+            colour = next(colours)
+            handles.append(entry(f"{prefix}{name}", color=colour))
+            for arc in smooth(motion.step):
+                axes.plot(arc.times, motion.observe(arc).torque[:, k], color=colour)
+    axes.set_xlabel(str(label("time")))
+    axes.set_ylabel("torque [N m]")
+    legend_below(figure, [*handles, *mode_strip(strip, motions)])
+    return figure
+
+
+def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
+    """Draw the modes over time as coloured bars, one row for each motion; returns the legend's entries."""
+    for row, motion in enumerate(motions):
+        for arc in motion.step.arcs:
+            axes.barh(row, arc.duration, left=arc.start, height=0.8, color=MODE_COLOURS[arc.mode])
+    named = len(motions) > 1
+    axes.set_yticks(range(len(motions)) if named else [], [motion.name for motion in motions] if named else [])
+    axes.tick_params(length=0, labelbottom=False)
+    axes.grid(visible=False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.invert_yaxis()
+    present = {mode for motion in motions for mode, _ in motion.step.phases}
+    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in Mode if mode in present]
+
+
+def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
+    end = 0.0
+    for arc in smooth(motion.step):
+        force = motion.observe(arc).force
+        where = arc.times if against == "time" else arc.states[:, motion.state_index(against)]
+        axes.plot(where, force[:, 0] / force[:, 1], color=colour, linestyle=dashes(arc.mode))
+        end = float(where[-1])
+    if motion.step.impact is not None:
+        tangential, normal = motion.step.impact.stick_impulse
+        axes.plot(end, tangential / normal, "x", color=colour, markeredgewidth=1.8, markersize=7, clip_on=False)
+
+
+def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
+    """Edges of the friction cone, shaded beyond where there is just one; returns the legend's entries."""
+    frictions = sorted({round(motion.friction, 12) for motion in motions})
+    reach = max(float(np.abs(axes.dataLim.intervaly).max()) * 1.1, min(frictions) * CONE_ROOM)
+    entries: list[Line2D | Patch] = []
+    for friction in frictions:
+        if friction > reach * CONE_ROOM:
+            continue  # a cone so wide would squeeze the curve into a line
+        reach = max(reach, 1.1 * friction)
+        colours = [c for c, m in zip(cycle(COLOURS), motions, strict=False) if round(m.friction, 12) == friction]
+        colour = colours[0] if len(frictions) > 1 else NEUTRAL
+        for side in (-friction, friction):
+            axes.axhline(side, color=colour, linewidth=0.9, zorder=1.5, linestyle="-.")
+        entries.append(entry(f"cone ±μ = ±{friction:g}", color=colour, linewidth=0.9, linestyle="-."))
+    axes.set_ylim(-reach, reach)
+    if len(frictions) == 1 and entries:
+        for low, high in ((-reach, -frictions[0]), (frictions[0], reach)):
+            axes.axhspan(low, high, color=OUTSIDE, zorder=-1, linewidth=0)
+        entries.append(Patch(color=OUTSIDE, label="beyond friction"))
+    return entries

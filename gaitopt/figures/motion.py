@@ -1,0 +1,113 @@
+"""One step of a walk with all that is needed to draw it, from a gait, a simulated walk or a stored record."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
+from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.nlp import integrate_to
+from gaitopt.nlp.assembly import impact_record
+
+Array = NDArray[np.float64]
+
+POINTS = 33
+"""Chebyshev points of a phase that is integrated anew from a record; they resolve a phase of walking."""
+
+SMOOTH = 120
+"""Points of an arc that is drawn."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """A step to be drawn.
+
+    Attributes
+    ----------
+    name : what legends call it.
+    system : the hybrid system that moves.
+    p : ndarray, shape (n_p,) - its parameters.
+    step : arcs at Chebyshev points, and the impact at their end.
+    """
+
+    name: str
+    system: HybridSystem
+    p: Array
+    step: Step
+
+    @property
+    def friction(self) -> float:
+        """Coefficient of friction."""
+        return self.parameter("friction")
+
+    def parameter(self, key: str) -> float:
+        """Value of the parameter with this dotted key."""
+        return float(self.p[self.system.parameters.index(key)])
+
+    def state_index(self, name: str) -> int:
+        """Column of a state in ``Arc.states``."""
+        return self.system.state_names.index(name)
+
+    def observe(self, arc: Arc) -> Observation:
+        """Forces, torques and swing foot along an arc of this motion."""
+        return observe(self.system, self.p, arc)
+
+
+def motion_of(gait: Gait, name: str = "") -> Motion:
+    """The step of a converged gait."""
+    assert gait.step is not None, "a failed attempt has no step to draw"
+    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, step=gait.step)
+
+
+def motion_from_record(system: HybridSystem, p: Array, record: Mapping[str, Any], name: str = "") -> Motion:
+    """The step that a JSON record describes by its state after impact, its modes and their durations.
+
+    The motion is integrated anew from the state, so that a record needs to hold no more than that.
+
+    Parameters
+    ----------
+    p : ndarray, shape (n_p,) - parameters for which the record holds.
+    record : a gait or a point of a branch, with the keys ``state``, ``phases`` and ``impact``.
+    """
+    z = np.array([record["state"][name] for name in system.state_names])
+    time, arcs = 0.0, list[Arc]()
+    for phase in record["phases"]:
+        mode = Mode(phase["mode"])
+        if mode is Mode.STICK:
+            z[-1] = 0.0
+        for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
+            times = start + (end - start) * (curves.points(POINTS) + 1) / 2
+            states = integrate_to(system, mode, z, times, p, system.control.data(segment))
+            arcs.append(Arc(mode=mode, segment=segment, times=times, states=states))
+            z = states[-1].copy()
+        time += phase["duration"]
+    impact = impact_record(system, Mode(record["impact"]), z, p)
+    return Motion(name=name or str(record["problem"]), system=system, p=p, step=Step(arcs=tuple(arcs), impact=impact))
+
+
+def resampled(arc: Arc, count: int) -> Arc:
+    """The same arc at ``count`` equidistant times."""
+    if len(arc.times) == 2:  # too short to be anything but straight
+        s = np.linspace(0, 1, count)[:, None]
+        states = arc.states[0] + s * (arc.states[-1] - arc.states[0])
+    else:
+        states = np.asarray(chebyshev.chebval(np.linspace(-1, 1, count), curves.coefficients(arc.states)).T)
+    return Arc(mode=arc.mode, segment=arc.segment, times=np.linspace(arc.start, arc.end, count), states=states)
+
+
+def smooth(step: Step) -> list[Arc]:
+    """The arcs of a step at so many points that a line through them looks smooth."""
+    return [resampled(arc, SMOOTH) for arc in step.arcs]
+
+
+def _segments(start: float, end: float, breakpoints: Sequence[float]) -> list[tuple[float, float, int]]:
+    """Pieces of [start, end] between the control's breakpoints, each with its segment."""
+    cuts = [start, *(b for b in breakpoints if start < b < end), end]
+    middles = [(a + b) / 2 for a, b in pairwise(cuts)]
+    segments = np.searchsorted(breakpoints, middles, side="right")
+    return [(a, b, int(k)) for a, b, k in zip(cuts[:-1], cuts[1:], segments, strict=True)]

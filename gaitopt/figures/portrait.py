@@ -1,0 +1,49 @@
+"""Phase portraits: every shape coordinate against its rate over one step, as in Figs 2, 6 and 8 of the paper."""
+
+from collections.abc import Iterator, Sequence
+from itertools import cycle
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitopt.figures.labels import symbol
+from gaitopt.figures.motion import Motion, smooth
+from gaitopt.figures.style import COLOURS, JUMP, dashes, entry, legend_below, mode_legend, panels
+
+
+def phase_portrait(motions: Sequence[Motion]) -> Figure:
+    """Angles [rad] against rates [rad/s] of all motions in one plane; a dot marks the state just after the impact."""
+    figure, (axes,) = panels(height=4.6)
+    colours = cycle(COLOURS)
+    handles: list[Line2D] = []
+    for motion in motions:
+        for name in motion.system.walker.shape:
+            prefix = f"{motion.name}: " if len(motions) > 1 else ""
+            colour = next(colours)
+            handles.append(entry(f"{prefix}{symbol(name)}", color=colour))
+            _draw(axes, motion, name, colour)
+    axes.set_xlabel("angle [rad]")
+    axes.set_ylabel("angular rate [rad/s]")
+    modes = [mode for motion in motions for mode, _ in motion.step.phases]
+    after = entry("just after the impact", marker="o", linestyle="", markersize=5)
+    jump = entry("impact, feet swap", **JUMP)
+    legend_below(figure, [*handles, *mode_legend(modes), jump, after])
+    return figure
+
+
+def _draw(axes: Axes, motion: Motion, name: str, colour: str) -> None:
+    angle, rate = motion.state_index(name), motion.state_index(f"d{name}")
+    for arc in smooth(motion.step):
+        axes.plot(arc.states[:, angle], arc.states[:, rate], color=colour, linestyle=dashes(arc.mode))
+    first, last = motion.step.arcs[0].states[0], motion.step.arcs[-1].states[-1]
+    corners = list(_jump((last[angle], last[rate]), (first[angle], first[rate])))
+    axes.plot(*zip(*corners, strict=True), color=colour, **JUMP)
+    axes.plot(first[angle], first[rate], "o", color=colour, markersize=5)
+
+
+def _jump(before: tuple[float, float], after: tuple[float, float]) -> Iterator[tuple[float, float]]:
+    """The jump of the rate, then that of the angle."""
+    yield before
+    yield before[0], after[1]
+    yield after

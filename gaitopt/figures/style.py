@@ -1,0 +1,99 @@
+"""One style for all figures: colours that the colour-blind can tell apart, dashes where the foot slips.
+
+The colours are those of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/. Figures are built without pyplot, so
+that no window system and no global state is involved.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitopt.mechanics import Mode
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
+MODE_COLOURS = {Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9"}
+MODE_WORDS = {Mode.STICK: "stick", Mode.SLIP_FORWARD: "slip forward", Mode.SLIP_BACKWARD: "slip backward"}
+NEUTRAL = "#4d4d4d"
+"""Colour of legend entries that stand for all curves."""
+SLIP_DASHES = (0, (3.5, 1.8))
+JUMP: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
+"""Line of a jump at the impact."""
+
+LEGEND_CHARACTERS, LEGEND_LINE = 96, 9
+"""Characters that fit side by side under a figure, and how many of them a sample line and its gap take."""
+WIDTH, HEIGHT = 6.0, 4.0
+"""Size of a figure with one panel [inch]."""
+STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": "medium",
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": "small",
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 160,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "gaitopt",
+    "pdf.fonttype": 42,
+}
+_NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+
+
+def panels(
+    rows: int = 1, *, heights: Sequence[float] | None = None, height: float = HEIGHT
+) -> tuple[Figure, list[Axes]]:
+    """A figure with panels one above the other that share their horizontal axis."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, height))
+        FigureCanvasAgg(figure)
+        ratios = list(heights) if heights else [1.0] * rows
+        axes = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=ratios)
+    return figure, list(axes[:, 0])
+
+
+def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) -> list[Path]:
+    """Write a figure in several formats; the same figure gives the same bytes."""
+    paths = [stem.with_name(f"{stem.name}.{extension}") for extension in formats]
+    with mpl.rc_context(STYLE):
+        for path, extension in zip(paths, formats, strict=True):
+            figure.savefig(path, format=extension, metadata=_NO_DATE[extension])
+    return paths
+
+
+def dashes(mode: Mode) -> Any:
+    """Line style of a mode: solid where the foot sticks, dashed where it slips."""
+    return "-" if mode is Mode.STICK else SLIP_DASHES
+
+
+def entry(words: str, **style: Any) -> Line2D:
+    """A legend's entry."""
+    return Line2D([], [], label=words, **({"color": NEUTRAL} | style))
+
+
+def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
+    """Legend entries that say what solid and dashed mean, as far as they occur."""
+    entries = []
+    if Mode.STICK in modes:
+        entries.append(entry("foot sticks"))
+    if any(mode is not Mode.STICK for mode in modes):
+        entries.append(entry("foot slips", linestyle=SLIP_DASHES))
+    return entries
+
+
+def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
+    """A legend under the axes, where it covers nothing, in as many columns as fit."""
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    columns = max(1, min(len(handles), LEGEND_CHARACTERS // (longest + LEGEND_LINE)))
+    with mpl.rc_context(STYLE):
+        figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
