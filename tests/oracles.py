@@ -1,0 +1,264 @@
+"""Mechanics of the three walkers a second time, in NumPy and by hand, as an oracle for the package.
+
+A point of a walker is the foot plus links, r (sin(a + s theta), cos(a + s theta)), so that its Jacobian and the part
+of its acceleration that is free of accelerations are written down at once. Newton's law for every body, projected
+on the coordinates, then gives M, B and G without a Lagrangian and without automatic differentiation.
+"""
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl, RimlessWheel, Walker
+
+Array = NDArray[np.float64]
+EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
+SLIPS = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
+FRICTION = 0.23
+
+
+@cache
+def example(module: str, name: str) -> type[Walker]:
+    """A class out of a file in docs/examples."""
+    spec = importlib.util.spec_from_file_location(module, EXAMPLES / f"{module}.py")
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return getattr(loaded, name)
+
+
+TorsoCompass = example("torso_compass", "TorsoCompass")
+
+
+@dataclass(frozen=True)
+class Link:
+    """From one joint to the next: ``length (sin phi, cos phi)`` with ``phi = offset + sign q[index]``."""
+
+    length: float
+    index: int
+    sign: int = 1
+    offset: float = 0.0
+
+    def phi(self, q: Array) -> float:
+        return self.offset + self.sign * q[self.index]
+
+
+@dataclass(frozen=True)
+class Point:
+    links: tuple[Link, ...]
+
+    def position(self, q: Array) -> Array:
+        arms = [link.length * np.array([np.sin(link.phi(q)), np.cos(link.phi(q))]) for link in self.links]
+        return q[-2:] + np.sum(arms, axis=0)
+
+    def jacobian(self, q: Array) -> Array:
+        J = np.zeros((2, q.size))
+        J[:, -2:] = np.eye(2)
+        for link in self.links:
+            J[:, link.index] += link.sign * link.length * np.array([np.cos(link.phi(q)), -np.sin(link.phi(q))])
+        return J
+
+    def velocity(self, q: Array, dq: Array) -> Array:
+        return self.jacobian(q) @ dq
+
+    def centripetal(self, q: Array, dq: Array) -> Array:
+        """Acceleration of the point where no coordinate accelerates."""
+        arms = [
+            -link.length * dq[link.index] ** 2 * np.array([np.sin(link.phi(q)), np.cos(link.phi(q))])
+            for link in self.links
+        ]
+        return np.sum(arms, axis=0)
+
+
+@dataclass(frozen=True)
+class Mass:
+    mass: float
+    point: Point
+    inertia: float = 0.0
+    turns_with: int = 0
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """Hand-written mechanics of one walker with fixed parameters."""
+
+    masses: tuple[Mass, ...]
+    swing_foot: Point
+    gravity: Array
+    hip: Point
+    spring: Callable[[Array], float] = lambda q: 0.0
+    spring_gradient: Callable[[Array], Array] = np.zeros_like
+
+    def M(self, q: Array) -> Array:
+        total = np.zeros((q.size, q.size))
+        for m in self.masses:
+            J = m.point.jacobian(q)
+            total += m.mass * J.T @ J
+            total[m.turns_with, m.turns_with] += m.inertia
+        return total
+
+    def B(self, q: Array, dq: Array) -> Array:
+        return sum(m.mass * m.point.jacobian(q).T @ m.point.centripetal(q, dq) for m in self.masses)
+
+    def G(self, q: Array) -> Array:
+        weight = sum(-m.mass * m.point.jacobian(q).T @ self.gravity for m in self.masses)
+        return weight + self.spring_gradient(q)
+
+    def energy(self, q: Array, dq: Array) -> float:
+        kinetic = sum(
+            m.mass * np.sum(m.point.velocity(q, dq) ** 2) / 2 + m.inertia * dq[m.turns_with] ** 2 / 2
+            for m in self.masses
+        )
+        return kinetic - sum(m.mass * self.gravity @ m.point.position(q) for m in self.masses) + self.spring(q)
+
+    def angular_momentum(self, about: Array, q: Array, dq: Array) -> float:
+        """About a fixed point, in the sense of the angles (from the normal towards downhill, clockwise)."""
+        return sum(
+            -m.mass * cross(m.point.position(q) - about, m.point.velocity(q, dq)) + m.inertia * dq[m.turns_with]
+            for m in self.masses
+        )
+
+
+def cross(a: Array, b: Array) -> float:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def slope_gravity(g: float, slope: float) -> Array:
+    return g * np.array([np.sin(slope), -np.cos(slope)])
+
+
+def wheel_oracle(spokes: int, radius: float, mass: float, inertia_ratio: float, gravity: float, slope: float) -> Oracle:
+    hub = Point((Link(radius, 0),))
+    return Oracle(
+        masses=(Mass(mass, hub, inertia_ratio * mass * radius**2),),
+        swing_foot=Point((Link(radius, 0), Link(-radius, 0, offset=-2 * np.pi / spokes))),
+        gravity=slope_gravity(gravity, slope),
+        hip=hub,
+    )
+
+
+def compass_oracle(
+    leg_length: float, leg_mass: float, leg_com: float, hip_mass: float, gravity: float, slope: float
+) -> Oracle:
+    stance = Link(leg_length, 0)
+    hip = Point((stance,))
+    return Oracle(
+        masses=(
+            Mass(leg_mass, Point((Link(leg_com, 0),))),
+            Mass(hip_mass, hip),
+            Mass(leg_mass, Point((stance, Link(leg_com - leg_length, 1, sign=-1)))),
+        ),
+        swing_foot=Point((stance, Link(-leg_length, 1, sign=-1))),
+        gravity=slope_gravity(gravity, slope),
+        hip=hip,
+    )
+
+
+def torso_oracle(
+    leg_length: float,
+    leg_mass: float,
+    leg_com: float,
+    torso_mass: float,
+    torso_com: float,
+    torso_inertia: float,
+    stiffness: float,
+    gravity: float,
+    slope: float,
+) -> Oracle:
+    stance = Link(leg_length, 0)
+    k = stiffness
+    return Oracle(
+        masses=(
+            Mass(leg_mass, Point((Link(leg_com, 0),))),
+            Mass(leg_mass, Point((stance, Link(leg_com - leg_length, 1, sign=-1)))),
+            Mass(torso_mass, Point((stance, Link(torso_com, 2))), torso_inertia, turns_with=2),
+        ),
+        swing_foot=Point((stance, Link(-leg_length, 1, sign=-1))),
+        gravity=slope_gravity(gravity, slope),
+        hip=Point((stance,)),
+        spring=lambda q: k * ((q[2] - q[0]) ** 2 + (q[2] + q[1]) ** 2) / 2,
+        spring_gradient=lambda q: k * np.array([q[0] - q[2], q[1] + q[2], 2 * q[2] - q[0] + q[1], 0, 0]),
+    )
+
+
+@dataclass(frozen=True)
+class Case:
+    """A walker with numbers; its passive hybrid system and its oracle."""
+
+    walker: Walker
+    oracle: Oracle
+
+    @property
+    def n(self) -> int:
+        return len(self.walker.shape)
+
+    @property
+    def numbers(self) -> Array:
+        """Parameters of the walker in the order of its fields."""
+        return np.array([float(value) for _, value in self.walker])
+
+    @property
+    def p(self) -> Array:
+        """Parameters of the passive system."""
+        return np.append(self.numbers, FRICTION)
+
+    @property
+    def system(self) -> HybridSystem:
+        return passive_system(type(self.walker))
+
+    def states(self, count: int = 8) -> list[Array]:
+        """Random states, foot slipping."""
+        rng = np.random.default_rng(20130522)
+        scale = np.concatenate([np.full(self.n, 0.4), [1.0], np.full(self.n + 1, 1.5)])
+        return [scale * rng.uniform(-1, 1, 2 * self.n + 2) for _ in range(count)]
+
+    def coordinates(self, z: Array) -> tuple[Array, Array]:
+        """q and dq, y included, from a state."""
+        return np.append(z[: self.n + 1], 0.0), np.append(z[self.n + 1 :], 0.0)
+
+
+@cache
+def passive_system(walker: type[Walker]) -> HybridSystem:
+    return HybridSystem(walker, NoControl())
+
+
+WHEEL = {"spokes": 10, "radius": 0.9, "mass": 1.3, "inertia_ratio": 0.4, "gravity": 9.81, "slope": 0.22}
+COMPASS = {"leg_length": 1.6, "leg_mass": 4.0, "leg_com": 0.7, "hip_mass": 2.0, "gravity": 9.8, "slope": 0.03}
+TORSO = {
+    "leg_length": 1.1,
+    "leg_mass": 3.0,
+    "leg_com": 0.6,
+    "torso_mass": 5.0,
+    "torso_com": 0.3,
+    "torso_inertia": 0.8,
+    "stiffness": 30.0,
+    "gravity": 9.8,
+    "slope": 0.05,
+}
+
+CASES = {
+    "rimless_wheel": Case(RimlessWheel(**WHEEL), wheel_oracle(**WHEEL)),
+    "compass_biped": Case(CompassBiped(**COMPASS), compass_oracle(**COMPASS)),
+    "torso_compass": Case(TorsoCompass(**TORSO), torso_oracle(**TORSO)),
+}
+
+
+def numbers(values: object) -> list[Array]:
+    """Results of a compiled function as flat arrays, or as matrices where they have several columns."""
+    arrays = [np.asarray(value) for value in (values if isinstance(values, tuple | list) else (values,))]
+    return [array.ravel() if 1 in array.shape or array.size == 0 else array for array in arrays]
+
+
+def directional(function: Callable[[Array], Array | float], z: Array, direction: Array, h: float = 1e-5) -> Array:
+    """Derivative of a function along a direction by central differences of fourth order."""
+    f = [np.asarray(function(z + k * h * direction)) for k in (-2, -1, 1, 2)]
+    return (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h)
+
+
+def differences(function: Callable[[Array], Array], z: Array, h: float = 1e-5) -> Array:
+    """Jacobian by central differences of fourth order."""
+    return np.column_stack([directional(function, z, e, h) for e in np.eye(z.size)])

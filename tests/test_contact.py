@@ -1,0 +1,305 @@
+"""Contact of the stance foot: eqs (3)-(6) in NumPy, the wheel's closed forms, Newton's law on the masses, energy."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from oracles import (
+    CASES,
+    COMPASS,
+    FRICTION,
+    SLIPS,
+    WHEEL,
+    Case,
+    cross,
+    differences,
+    directional,
+    numbers,
+)
+from scipy.integrate import solve_ivp
+
+from gaitopt.mechanics import (
+    BeyondEnd,
+    CompassBiped,
+    ConstantTorque,
+    HybridSystem,
+    Mode,
+    Piece,
+    ProportionalDerivative,
+    RimlessWheel,
+    margin_names,
+)
+from gaitopt.mechanics.reference import continued
+
+Array = np.ndarray
+MODES = tuple(Mode)
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES)
+def case(request: pytest.FixtureRequest) -> Case:
+    return request.param
+
+
+def state_for(mode: Mode, z: Array) -> Array:
+    """A state that is possible in a mode: the foot at rest, or moving in the slip's direction."""
+    z = z.copy()
+    z[-1] = mode.direction * abs(z[-1])
+    return z
+
+
+def flow_and_force(case: Case, mode: Mode, z: Array) -> tuple[Array, Array]:
+    (dz,) = numbers(case.system.flow(mode)(0, z, case.p, []))
+    return dz, numbers(case.system.observation(mode)(0, z, case.p, []))[0]
+
+
+def equation_3_or_6(case: Case, mode: Mode, z: Array) -> tuple[Array, Array]:
+    """Contact force and accelerations as the paper's linear algebra has them."""
+    q, dq = case.coordinates(z)
+    M, bias = case.oracle.M(q), case.oracle.B(q, dq) + case.oracle.G(q)
+    W = np.zeros((2, q.size))
+    W[:, -2:] = np.eye(2)
+    if mode is Mode.STICK:
+        f = np.linalg.solve(W @ np.linalg.solve(M, W.T), W @ np.linalg.solve(M, bias))
+    else:
+        ratio = np.array([-FRICTION * mode.direction, 1])
+        gamma = W.T @ ratio
+        f = ratio * (W[1] @ np.linalg.solve(M, bias)) / (W[1] @ np.linalg.solve(M, gamma))
+    return f, np.linalg.solve(M, W.T @ f - bias)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_force_and_acceleration_are_those_of_equations_2_to_6(case: Case, mode: Mode) -> None:
+    for z in case.states():
+        z = state_for(mode, z)
+        dz, force = flow_and_force(case, mode, z)
+        f, ddq = equation_3_or_6(case, mode, z)
+        np.testing.assert_allclose(force, f, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(dz[: case.n + 1], z[case.n + 1 :], atol=0)
+        np.testing.assert_allclose(dz[case.n + 1 :], ddq[:-1], rtol=1e-10, atol=1e-10)
+        assert ddq[-1] == pytest.approx(0, abs=1e-10)
+
+
+@pytest.mark.parametrize("mode", SLIPS)
+def test_slipping_force_opposes_the_slip_by_mu_times_the_normal_force(case: Case, mode: Mode) -> None:
+    for z in case.states():
+        _, (f_t, f_n) = flow_and_force(case, mode, state_for(mode, z))
+        assert f_t == pytest.approx(-FRICTION * mode.direction * f_n, rel=1e-9)
+
+
+def test_sticking_foot_stays_where_it_is(case: Case) -> None:
+    for z in case.states():
+        dz, _ = flow_and_force(case, Mode.STICK, state_for(Mode.STICK, z))
+        assert dz[case.n] == 0
+        assert dz[-1] == 0
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_forces_are_what_the_masses_need(case: Case, mode: Mode) -> None:
+    """Newton and Euler on the bodies as a whole: sum m (a - g) = f, and no moment about the stance foot."""
+    for z in case.states():
+        z = state_for(mode, z)
+        dz, force = flow_and_force(case, mode, z)
+        q, _ = case.coordinates(z)
+        needed, moment = np.zeros(2), 0.0
+        for body in case.oracle.masses:
+            a = directional(lambda z, body=body: body.point.velocity(*case.coordinates(z)), z, dz)
+            inertial = body.mass * (a - case.oracle.gravity)
+            needed += inertial
+            spin = dz[case.n + 1 + body.turns_with]
+            moment += body.inertia * spin - cross(body.point.position(q) - q[-2:], inertial)
+        np.testing.assert_allclose(force, needed, rtol=1e-8, atol=1e-8)
+        assert moment == pytest.approx(0, abs=1e-7)
+
+
+def test_wheel_forces_in_stick_are_equations_17_and_18() -> None:
+    case = CASES["rimless_wheel"]
+    m, l, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
+    for z in case.states():
+        theta, dtheta = z[0], z[2]
+        _, (f_t, f_n) = flow_and_force(case, Mode.STICK, state_for(Mode.STICK, z))
+        squared = dtheta**2 * (1 + kappa) * l / g  # of the rate in the time unit of eq. (13)
+        pull = np.cos(alpha + theta) - squared
+        normal = m * g / (1 + kappa) * (pull * np.cos(theta) + kappa * np.cos(alpha))
+        tangential = m * g / (1 + kappa) * (pull * np.sin(theta) - kappa * np.sin(alpha))
+        assert f_n == pytest.approx(normal, rel=1e-12)
+        assert f_t / f_n == pytest.approx(tangential / normal, rel=1e-11)
+
+
+@pytest.mark.parametrize("mode", SLIPS)
+def test_wheel_slips_as_in_equation_20(mode: Mode) -> None:
+    case = CASES["rimless_wheel"]
+    m, l, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
+    mu = mode.direction * FRICTION
+    for z in case.states():
+        z = state_for(mode, z)
+        theta, dtheta = z[0], z[2]
+        s, c = np.sin(theta), np.cos(theta)
+        dz, (_, f_n) = flow_and_force(case, mode, z)
+        normal = kappa * m * (g * np.cos(alpha) - l * c * dtheta**2) / (s * (mu * c + s) + kappa)
+        swing = mu * c * normal + m * s * (g * np.cos(alpha) - l * c * dtheta**2)
+        slip = l * m * s * (1 + kappa) * dtheta**2 - mu * normal * (1 + kappa)
+        slip += g * m * (kappa * np.sin(alpha) - np.cos(alpha + theta) * s)
+        assert f_n == pytest.approx(normal, rel=1e-11)
+        assert dz[2] == pytest.approx(swing / (m * l * (s**2 + kappa)), rel=1e-11)
+        assert dz[3] == pytest.approx(slip / (m * (s**2 + kappa)), rel=1e-10)
+
+
+def test_wheel_rolls_by_the_energy_integral_of_equation_14() -> None:
+    wheel = RimlessWheel(spokes=10, radius=1.0, mass=1.0, inertia_ratio=1 / 3, gravity=1.0, slope=np.radians(13))
+    case = Case(wheel, CASES["rimless_wheel"].oracle)
+    time_unit = np.sqrt(1 + wheel.inertia_ratio)  # eq. (13) counts time in sqrt((1 + kappa) l / g)
+    start = np.array([-np.pi / 10, 0.0, 0.8, 0.0])
+    solution = solve_ivp(
+        lambda t, z: flow_and_force(case, Mode.STICK, z)[0], (0, 0.7), start, rtol=1e-12, atol=1e-12, method="DOP853"
+    )
+    theta, rate = solution.y[0], solution.y[2] * time_unit
+    squared = (0.8 * time_unit) ** 2 + 2 * np.cos(wheel.slope - np.pi / 10) - 2 * np.cos(wheel.slope + theta)
+    np.testing.assert_allclose(rate**2, squared, rtol=1e-10)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_energy_changes_by_the_work_of_friction_alone(case: Case, mode: Mode) -> None:
+    for z in case.states():
+        z = state_for(mode, z)
+        dz, force = flow_and_force(case, mode, z)
+        rate = directional(lambda z: case.oracle.energy(*case.coordinates(z)), z, dz)
+        assert rate == pytest.approx(force[0] * z[-1], rel=1e-8, abs=1e-7)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_energy_changes_by_the_work_of_motors_and_friction(mode: Mode) -> None:
+    case, torque = CASES["compass_biped"], np.array([1.3, -0.7])
+    system = HybridSystem(CompassBiped, ConstantTorque({"ankle": torque[0], "hip": torque[1]}))
+    p = np.append(case.p, torque)
+    for z in case.states():
+        z = state_for(mode, z)
+        (dz,) = numbers(system.flow(mode)(0, z, p, []))
+        force, u, power, foot, energy, rates = numbers(system.observation(mode)(0, z, p, []))
+        q, dq = case.coordinates(z)
+        generalised = np.array([torque.sum(), torque[1]])
+        rate = directional(lambda z: case.oracle.energy(*case.coordinates(z)), z, dz)
+        np.testing.assert_array_equal(u, torque)
+        assert power.sum() == pytest.approx(generalised @ dq[:2], rel=1e-12)
+        np.testing.assert_allclose(rates, [dq[0], dq[0] + dq[1]], rtol=1e-14)
+        assert rate == pytest.approx(power.sum() + force[0] * dq[2], rel=1e-8, abs=1e-7)
+        np.testing.assert_allclose(foot, case.oracle.swing_foot.position(q), atol=1e-14)
+        assert energy == pytest.approx(case.oracle.energy(q, dq), rel=1e-13)
+
+
+def test_energy_is_conserved_in_passive_stick(case: Case) -> None:
+    start = state_for(Mode.STICK, case.states(1)[0])
+    solution = solve_ivp(
+        lambda t, z: flow_and_force(case, Mode.STICK, z)[0], (0, 0.8), start, rtol=1e-12, atol=1e-12, method="DOP853"
+    )
+    energies = [case.oracle.energy(*case.coordinates(z)) for z in solution.y.T]
+    np.testing.assert_allclose(energies, energies[0], rtol=1e-10)
+
+
+@pytest.mark.parametrize("mode", SLIPS)
+def test_painleve_margin_is_the_determinant_of_the_apparent_mass_times_equation_6s_denominator(
+    case: Case, mode: Mode
+) -> None:
+    index = margin_names(mode).index("painleve")
+    for z in case.states():
+        q, _ = case.coordinates(z)
+        inverse = np.linalg.inv(case.oracle.M(q))
+        C = np.linalg.inv(inverse[-2:, -2:])
+        denominator = inverse[-1, -2:] @ [-FRICTION * mode.direction, 1]
+        (margins,) = numbers(case.system.margins(mode)(0, z, case.p, []))
+        assert margins[index] == pytest.approx(np.linalg.det(C) * denominator, rel=1e-9)
+
+
+def test_painleve_margin_can_be_lost() -> None:
+    """A slender wheel on a steep spoke: beyond a friction of (s^2 + kappa) / |s c| the slip has no unique solution."""
+    wheel = RimlessWheel(spokes=4, radius=1.0, mass=1.0, inertia_ratio=0.05, gravity=1.0, slope=0.0)
+    case = Case(wheel, CASES["rimless_wheel"].oracle)
+    theta = -0.4
+    critical = (np.sin(theta) ** 2 + 0.05) / abs(np.sin(theta) * np.cos(theta))
+    index = margin_names(Mode.SLIP_FORWARD).index("painleve")
+    for mu, sign in ((0.999 * critical, 1), (1.001 * critical, -1)):
+        p = np.append(case.numbers, mu)
+        (margins,) = numbers(case.system.margins(Mode.SLIP_FORWARD)(0, [theta, 0, 0.5, 0.1], p, []))
+        assert np.sign(margins[index]) == sign
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_margins_are_the_quantities_they_are_named_after(case: Case, mode: Mode) -> None:
+    for z in case.states():
+        z = state_for(mode, z)
+        _, (f_t, f_n) = flow_and_force(case, mode, z)
+        (margins,) = numbers(case.system.margins(mode)(0, z, case.p, []))
+        named = dict(zip(margin_names(mode), margins, strict=True))
+        assert named["normal_force"] == pytest.approx(f_n)
+        if mode is Mode.STICK:
+            assert named["cone_forward"] == pytest.approx(FRICTION * f_n + f_t)
+            assert named["cone_backward"] == pytest.approx(FRICTION * f_n - f_t)
+        else:
+            assert named["slip_velocity"] == abs(z[-1])
+
+
+def test_touchdown_margin_is_minus_the_guard_and_zero_when_the_swing_foot_meets_the_ground(case: Case) -> None:
+    touching = np.full(case.n, 0.15) if case.n > 1 else np.array([np.pi / WHEEL["spokes"]])
+    z = np.concatenate([touching, [0.0], np.ones(case.n), [0.0]])
+    (margins,) = numbers(case.system.margins(Mode.STICK)(0, z, case.p, []))
+    assert margins[0] == pytest.approx(0, abs=1e-15)
+    assert case.oracle.swing_foot.position(case.coordinates(z)[0])[1] == pytest.approx(0, abs=1e-15)
+    z[0] += 0.01
+    (margins,) = numbers(case.system.margins(Mode.STICK)(0, z, case.p, []))
+    assert margins[0] < 0
+
+
+def tracking_compass() -> tuple[HybridSystem, Array, Array]:
+    """A compass whose torques depend on time, with parameters and segment data."""
+    piece = Piece(
+        start=0.0,
+        end=0.6,
+        angles=np.array([[0.1, 0.2, 0.05], [-0.1, 0.1, 0.0]]),
+        rates=np.array([[0.3, 0.4], [0.2, 0.1]]),
+    )
+    control = ProportionalDerivative(kp=15.0, kd=4.0, reference=continued([piece], 0.6, BeyondEnd.LINEAR))
+    return HybridSystem(CompassBiped, control), np.append(CASES["compass_biped"].p, [15.0, 4.0]), control.data(0)
+
+
+def systems() -> dict[str, tuple[Case, HybridSystem, Array, Array]]:
+    passive = {name: (case, case.system, case.p, np.zeros(0)) for name, case in CASES.items()}
+    return {**passive, "tracking_compass": (CASES["compass_biped"], *tracking_compass())}
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", systems())
+def test_rates_of_margins_are_their_derivatives_along_the_flow(name: str, mode: Mode) -> None:
+    case, system, p, r = systems()[name]
+
+    def margins(tz: Array) -> Array:
+        return numbers(system.margins(mode)(tz[0], tz[1:], p, r))[0]
+
+    for z in case.states(4):
+        tz = np.concatenate([[0.2], state_for(mode, z)])
+        (dz,) = numbers(system.flow(mode)(tz[0], tz[1:], p, r))
+        values, rates = numbers(system.events(mode)(tz[0], tz[1:], p, r))
+        np.testing.assert_allclose(values, margins(tz), rtol=1e-13, atol=1e-13)
+        expected = directional(margins, tz, np.concatenate([[1.0], dz]))
+        np.testing.assert_allclose(rates, expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", systems())
+def test_linearisation_agrees_with_central_differences(name: str, mode: Mode) -> None:
+    case, system, p, r = systems()[name]
+
+    def evaluated(function: Callable[..., object]) -> Callable[[Array], Array]:
+        return lambda z: numbers(function(0.2, z, p, r))[0]
+
+    for z in case.states(4):
+        z = state_for(mode, z)
+        dz, A, margins = system.linearisation(mode)(0.2, z, p, r)
+        np.testing.assert_allclose(np.asarray(dz).ravel(), evaluated(system.flow(mode))(z), rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(A, differences(evaluated(system.flow(mode)), z), rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(margins, differences(evaluated(system.margins(mode)), z), rtol=1e-6, atol=1e-6)
+
+
+def test_compass_stands_by_the_weight_of_its_masses() -> None:
+    """At rest with both legs along the normal of level ground the normal force is the weight."""
+    level = Case(CompassBiped(**{**COMPASS, "slope": 0.0}), CASES["compass_biped"].oracle)
+    _, force = flow_and_force(level, Mode.STICK, np.zeros(6))
+    np.testing.assert_allclose(force, [0.0, (2 * COMPASS["leg_mass"] + COMPASS["hip_mass"]) * COMPASS["gravity"]])

@@ -1,0 +1,244 @@
+"""Impact: eqs (8)-(11) in NumPy, momentum and energy balance, the swap of the feet, the wheel's closed forms."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from oracles import CASES, FRICTION, SLIPS, WHEEL, Case, differences, numbers
+
+from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
+
+Array = np.ndarray
+MODES = tuple(Mode)
+LAWS = tuple(ImpactLaw)
+IMPULSE_RATIOS = {law: (FRICTION if law is ImpactLaw.COULOMB else 0.0) for law in LAWS}
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES)
+def case(request: pytest.FixtureRequest) -> Case:
+    return request.param
+
+
+@dataclass(frozen=True)
+class Collision:
+    """One impact as the package computes it, and the velocities of all coordinates that its impulse implies."""
+
+    q: Array
+    dq_minus: Array
+    dq_plus: Array
+    v_minus: Array
+    v_plus: Array
+    z_plus: Array
+    impulse: Array
+    slip_velocity: float
+    lift_velocity: float
+    painleve: float
+
+
+def collide(case: Case, mode: Mode, law: ImpactLaw, z: Array) -> Collision:
+    system = HybridSystem(type(case.walker), NoControl(), law)
+    z_plus, impulse, slip, lift, painleve = numbers(system.impact(mode)(z, case.p))
+    q, dq = case.coordinates(z)
+    W = case.oracle.swing_foot.jacobian(q)
+    dq_plus = dq + np.linalg.solve(case.oracle.M(q), W.T @ impulse)  # eq. (8)
+    return Collision(
+        q=q,
+        dq_minus=dq,
+        dq_plus=dq_plus,
+        v_minus=W @ dq,
+        v_plus=W @ dq_plus,
+        z_plus=z_plus,
+        impulse=impulse,
+        slip_velocity=slip.item(),
+        lift_velocity=lift.item(),
+        painleve=painleve.item(),
+    )
+
+
+def touching(case: Case, count: int = 8) -> list[Array]:
+    """States just before an impact: both feet on the ground, the swing foot coming down."""
+    states = []
+    for z in case.states(40 * count):
+        z[1 if case.n > 1 else 0] = z[0] if case.n > 1 else np.pi / case.walker.spokes
+        q, dq = case.coordinates(z)
+        if case.oracle.swing_foot.velocity(q, dq)[1] < 0 and (case.n == 1 or z[0] > 0.05):
+            states.append(z)
+    return states[:count]
+
+
+def test_sticking_impulse_is_equation_9(case: Case) -> None:
+    for z in case.states():
+        q, dq = case.coordinates(z)
+        W = case.oracle.swing_foot.jacobian(q)
+        needed = -np.linalg.solve(W @ np.linalg.solve(case.oracle.M(q), W.T), W @ dq)
+        np.testing.assert_allclose(collide(case, Mode.STICK, ImpactLaw.COULOMB, z).impulse, needed, rtol=1e-10)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mode", SLIPS)
+def test_slipping_impulse_is_equation_11(case: Case, mode: Mode, law: ImpactLaw) -> None:
+    ratio = np.array([-IMPULSE_RATIOS[law] * mode.direction, 1])
+    for z in case.states():
+        q, dq = case.coordinates(z)
+        W = case.oracle.swing_foot.jacobian(q)
+        normal = -(W[1] @ dq) / (W[1] @ np.linalg.solve(case.oracle.M(q), W.T @ ratio))
+        np.testing.assert_allclose(collide(case, mode, law, z).impulse, normal * ratio, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mode", MODES)
+def test_colliding_foot_neither_rebounds_nor_sinks_and_moves_only_where_it_slips(
+    case: Case, mode: Mode, law: ImpactLaw
+) -> None:
+    for z in case.states():
+        hit = collide(case, mode, law, z)
+        assert hit.v_plus[1] == pytest.approx(0, abs=1e-11)
+        assert hit.slip_velocity == pytest.approx(hit.v_plus[0], abs=1e-11)
+        assert hit.lift_velocity == pytest.approx(hit.dq_plus[-1], abs=1e-11)
+        if mode is Mode.STICK:
+            assert hit.v_plus[0] == pytest.approx(0, abs=1e-11)
+            assert hit.z_plus[-1] == 0
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mode", MODES)
+def test_angular_momentum_about_the_colliding_foot_is_conserved(case: Case, mode: Mode, law: ImpactLaw) -> None:
+    for z in touching(case):
+        hit = collide(case, mode, law, z)
+        foot = case.oracle.swing_foot.position(hit.q)
+        before, after = (case.oracle.angular_momentum(foot, hit.q, dq) for dq in (hit.dq_minus, hit.dq_plus))
+        assert after == pytest.approx(before, rel=1e-10, abs=1e-10)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", ["compass_biped", "torso_compass"])
+def test_angular_momentum_of_the_trailing_leg_about_the_hip_is_conserved(name: str, mode: Mode) -> None:
+    """Nothing but the hip pushes the leg that is about to lift; its own mass is the first of the oracle's."""
+    case = CASES[name]
+    leg = case.oracle.masses[0]
+    for z in touching(case):
+        hit = collide(case, mode, ImpactLaw.COULOMB, z)
+        arm = leg.point.position(hit.q) - case.oracle.hip.position(hit.q)
+        before, after = (leg.point.velocity(hit.q, dq) for dq in (hit.dq_minus, hit.dq_plus))
+        jump = after - before
+        assert arm[0] * jump[1] - arm[1] * jump[0] == pytest.approx(0, abs=1e-11)
+
+
+def test_angular_momentum_of_the_torso_about_the_hip_is_conserved() -> None:
+    case = CASES["torso_compass"]
+    torso = case.oracle.masses[2]
+    for z in touching(case):
+        hit = collide(case, Mode.STICK, ImpactLaw.COULOMB, z)
+        arm = torso.point.position(hit.q) - case.oracle.hip.position(hit.q)
+        jump = torso.point.velocity(hit.q, hit.dq_plus) - torso.point.velocity(hit.q, hit.dq_minus)
+        spin = torso.inertia * (hit.dq_plus - hit.dq_minus)[2]
+        assert spin - torso.mass * (arm[0] * jump[1] - arm[1] * jump[0]) == pytest.approx(0, abs=1e-10)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mode", MODES)
+def test_energy_changes_by_the_work_of_the_impulse(case: Case, mode: Mode, law: ImpactLaw) -> None:
+    for z in touching(case):
+        hit = collide(case, mode, law, z)
+        change = case.oracle.energy(hit.q, hit.dq_plus) - case.oracle.energy(hit.q, hit.dq_minus)
+        assert change == pytest.approx(hit.impulse @ (hit.v_minus + hit.v_plus) / 2, rel=1e-9, abs=1e-10)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mode", MODES)
+def test_impact_never_adds_energy(case: Case, mode: Mode, law: ImpactLaw) -> None:
+    for z in touching(case, 30):
+        hit = collide(case, mode, law, z)
+        if mode is not Mode.STICK and hit.slip_velocity * mode.direction <= 0:
+            continue  # the friction would push along the slip: such an impact is inconsistent
+        assert case.oracle.energy(hit.q, hit.dq_plus) < case.oracle.energy(hit.q, hit.dq_minus)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_swap_of_the_feet_moves_no_mass(case: Case, mode: Mode) -> None:
+    """The same bodies are in the same places with the same velocities, seen from the new stance foot."""
+    for z in touching(case):
+        hit = collide(case, mode, ImpactLaw.COULOMB, z)
+        q, dq = case.coordinates(hit.z_plus)
+        seen_before = sorted(
+            (m.mass, *m.point.position(hit.q), *m.point.velocity(hit.q, hit.dq_plus)) for m in case.oracle.masses
+        )
+        seen_after = sorted((m.mass, *m.point.position(q), *m.point.velocity(q, dq)) for m in case.oracle.masses)
+        np.testing.assert_allclose(seen_after, seen_before, rtol=1e-10, atol=1e-10)
+        assert case.oracle.energy(q, dq) == pytest.approx(case.oracle.energy(hit.q, hit.dq_plus), rel=1e-11)
+        if case.n > 1:  # the next swing foot of a wheel is another spoke
+            np.testing.assert_allclose(case.oracle.swing_foot.position(q), hit.q[-2:], atol=1e-14)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mode", SLIPS)
+def test_painleve_denominator_belongs_to_the_colliding_foot(case: Case, mode: Mode, law: ImpactLaw) -> None:
+    for z in case.states():
+        q, _ = case.coordinates(z)
+        W = case.oracle.swing_foot.jacobian(q)
+        A = W @ np.linalg.solve(case.oracle.M(q), W.T)
+        denominator = A[1] @ [-IMPULSE_RATIOS[law] * mode.direction, 1]
+        painleve = collide(case, mode, law, z).painleve
+        assert painleve == pytest.approx(denominator / np.linalg.det(A), rel=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mode", MODES)
+def test_jacobian_agrees_with_central_differences(case: Case, mode: Mode, law: ImpactLaw) -> None:
+    system = HybridSystem(type(case.walker), NoControl(), law)
+    for z in case.states(4):
+        jacobian = system.impact_jacobian(mode)(z, case.p)
+        expected = differences(lambda z: numbers(system.impact(mode)(z, case.p))[0], z)
+        np.testing.assert_allclose(jacobian, expected, rtol=1e-6, atol=1e-7)
+
+
+def roll(kappa: float) -> tuple[Array, Array]:
+    """State after, and impulse of, the sticking impact of a wheel that arrives with rate one."""
+    wheel = RimlessWheel(**{**WHEEL, "inertia_ratio": kappa})
+    z = np.array([np.pi / wheel.spokes, 0.0, 1.0, 0.0])
+    case = Case(wheel, CASES["rimless_wheel"].oracle)
+    z_plus, impulse, *_ = numbers(case.system.impact(Mode.STICK)(z, case.p))
+    return z_plus, impulse
+
+
+@pytest.mark.parametrize("kappa", [0.0, 0.3, 1.0])
+def test_wheel_keeps_beta_of_its_rate_as_in_equation_15(kappa: float) -> None:
+    z_plus, _ = roll(kappa)
+    angle = np.pi / WHEEL["spokes"]
+    beta = (np.cos(2 * angle) + kappa) / (1 + kappa)
+    np.testing.assert_allclose(z_plus, [-angle, 2 * WHEEL["radius"] * np.sin(angle), beta, 0], rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize("kappa", [0.0, 0.3, 1.0])
+def test_wheel_needs_the_impulse_ratio_of_equation_19(kappa: float) -> None:
+    _, impulse = roll(kappa)
+    angle = np.pi / WHEEL["spokes"]
+    ratio = np.sin(2 * angle) / (2 * (kappa + np.cos(angle) ** 2))
+    assert abs(impulse[0]) / impulse[1] == pytest.approx(ratio, rel=1e-12)
+
+
+def test_section_after_a_slipping_impact_has_the_slip_velocity_last() -> None:
+    system = CASES["compass_biped"].system
+    assert [system.state_names[k] for k in system.section(Mode.STICK)] == ["theta1", "dtheta1", "dtheta2"]
+    assert [system.state_names[k] for k in system.section(Mode.SLIP_FORWARD)] == ["theta1", "dtheta1", "dtheta2", "dx"]
+
+
+def test_state_after_an_impact_is_on_the_section_and_back(case: Case) -> None:
+    """Lifting the section coordinates of a state after an impact gives the state again, x counted from the foot."""
+    for mode in MODES:
+        for z in touching(case, 3):
+            z_plus = collide(case, mode, ImpactLaw.COULOMB, z).z_plus
+            z_plus[case.n] = 0.0
+            xi = z_plus[case.system.section(mode)]
+            np.testing.assert_allclose(case.system.lift_state(xi, case.p), z_plus, atol=1e-14)
+
+
+def test_exactly_one_impact_is_consistent_on_either_side_of_the_friction_that_sticking_needs() -> None:
+    case = CASES["compass_biped"]
+    z = np.array([0.3, 0.3, 0.0, 1.0, 0.2, 0.0])
+    _, impulse, *_ = numbers(case.system.impact(Mode.STICK)(z, case.p))
+    needed = abs(impulse[0]) / impulse[1]
+    for mu, consistent in ((1.01 * needed, []), (0.99 * needed, [Mode.slip(-impulse[0])])):
+        p = np.append(case.numbers, mu)
+        slips = {mode: numbers(case.system.impact(mode)(z, p))[2].item() for mode in SLIPS}
+        assert [mode for mode, velocity in slips.items() if velocity * mode.direction > 0] == consistent
