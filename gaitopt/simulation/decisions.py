@@ -1,9 +1,11 @@
 """What the foot does where more than one thing is possible: at rest on the ground, and at an impact.
 
-At rest, with f_stick the force that holds the foot and the cone margins mu f_n + f_t, mu f_n - f_t of it,
+At rest, with f_stick the force that holds the foot, mu f_n + s f_t its margin to slip with sign s, C the apparent
+mass of the foot and a_n the normal acceleration that the foot would have without contact,
 
     stick             f_n > 0 and both margins positive
     slip with sign s  its margin negative, C_tt + mu s C_nt > 0, and f_n > 0 while slipping
+    lift off          a_n > 0, which is f_n (C_tt + mu s C_nt) < 0 of either slip
 
 exactly at the edge of the cone the margin's rate decides. At an impact, Gamus & Or (2013), eqs (9)-(11),
 
@@ -13,7 +15,6 @@ exactly at the edge of the cone the margin's rate decides. At an impact, Gamus &
 Which of these hold is found out, not assumed; none or several is a named ending.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.simulation.buffered import Buffered
-from gaitopt.simulation.events import EDGE
+from gaitopt.simulation.events import EDGE, lasts
 
 Array = NDArray[np.float64]
 
@@ -74,31 +75,22 @@ class Decisions:
 
     def at_rest(self, t: float, z: Array, data: Array) -> Mode | Refusal:
         """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``."""
-        margins, rates = self._margins(Mode.STICK, t, z, data)
+        stick, rates = self._margins(Mode.STICK, t, z, data)
+        slips = {mode: self._margins(mode, t, z, data)[0] for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)}
         leaves = {
-            Mode.SLIP_FORWARD: _falls(margins["cone_forward"], rates["cone_forward"]),
-            Mode.SLIP_BACKWARD: _falls(margins["cone_backward"], rates["cone_backward"]),
+            Mode.SLIP_FORWARD: _falls(stick["cone_forward"], rates["cone_forward"]),
+            Mode.SLIP_BACKWARD: _falls(stick["cone_backward"], rates["cone_backward"]),
         }
-        consistent = [Mode.STICK] if margins["normal_force"] > 0 and not any(leaves.values()) else []
-        painleve = {}
-        for mode, leaving in leaves.items():
-            slipping, _ = self._margins(mode, t, z, data)
-            painleve[mode] = slipping["painleve"]
-            # where the denominator is negative, the foot accelerates against the force that is missing to stick
-            accelerates = leaving if slipping["painleve"] > 0 else not leaving
-            if accelerates and slipping["normal_force"] > 0:
-                consistent.append(mode)
-        return self._only(consistent, painleve, margins["normal_force"])
-
-    @staticmethod
-    def _only(consistent: list[Mode], painleve: Mapping[Mode, float], normal_force: float) -> Mode | Refusal:
-        if len(consistent) == 1 and (consistent[0] is Mode.STICK or painleve[consistent[0]] > 0):
-            return consistent[0]
-        if min(painleve.values()) <= 0:
-            words = " or ".join(consistent) if consistent else "no mode"
-            values = ", ".join(f"{value:.6g} kg in {mode}" for mode, value in painleve.items())
-            return Refusal(Ending.PAINLEVE, f"{words} is possible; C_tt + mu s C_nt is {values}")
-        return Refusal(Ending.LIFT_OFF, f"no mode keeps the foot on the ground; in stick f_n = {normal_force:.6g} N")
+        possible = [Mode.STICK] if stick["normal_force"] > 0 and not any(leaves.values()) else []
+        possible += [m for m, s in slips.items() if leaves[m] and s["painleve"] > 0 and s["normal_force"] > 0]
+        lifts = any(s["normal_force"] * s["painleve"] < 0 for s in slips.values())
+        if lifts and not possible:
+            return Refusal(Ending.LIFT_OFF, "no mode keeps the foot on the ground")
+        if len(possible) == 1 and not lifts:
+            return possible[0]
+        choices = " and ".join([*possible, *(["lift-off"] if lifts else [])]) or "neither a mode nor lift-off"
+        values = " and ".join(f"{s['painleve']:.6g} kg in {m}" for m, s in slips.items())
+        return Refusal(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")
 
     def impact(self, z_minus: Array) -> ImpactRecord | Refusal:
         """The impact at touchdown in state ``z_minus``."""
@@ -156,5 +148,5 @@ class Decisions:
 
 
 def _falls(margin: float, rate: float) -> bool:
-    """Whether a margin is negative, or at its edge and about to be."""
-    return rate < 0 if abs(margin) <= EDGE else margin < 0
+    """Whether a margin is negative for longer than an instant, or at its edge and about to be."""
+    return rate < 0 if abs(margin) <= EDGE else lasts(margin, rate)

@@ -13,13 +13,16 @@ from scipy.optimize import brentq
 
 Array = NDArray[np.float64]
 
-PRIORITY = ("normal_force", "painleve", "upright", "touchdown", "slip_velocity", "cone_forward", "cone_backward")
-"""Which of several simultaneous events counts: first what the model cannot go on from, then the impact, which makes
-any change of mode at the same instant void, then changes of mode."""
+PRIORITY = ("painleve", "normal_force", "upright", "touchdown", "slip_velocity", "cone_forward", "cone_backward")
+"""Which of several simultaneous events counts: first what the model cannot go on from (and a normal force means
+nothing where the slip has no unique solution), then the impact, which makes any change of mode at the same instant
+void, then changes of mode."""
 EDGE = 1e-12
 """A margin this close to zero is at its edge, in the margin's own unit: rounding of contact forces up to 1e4 N."""
 SIMULTANEOUS = 1e-12
 """Events this close in time [s] are one instant: the accuracy to which the worst of them is located."""
+INSTANT = 1e-9
+"""Shortest time [s] that is told apart: a margin that is negative for less, or a slip that lasts less, is none."""
 LINEAR = 1e-9
 """A move along the flow this short in time [s] is linear: its square is below rounding."""
 MAX_BISECTIONS = 100
@@ -44,9 +47,15 @@ class Point:
 Reach = Callable[[float], Point]
 
 
+def lasts(margin: float, rate: float) -> bool:
+    """Whether a margin below its edge stays negative for longer than an instant."""
+    return margin < -EDGE and margin + INSTANT * rate < 0
+
+
 def violated(names: Sequence[str], point: Point, armed: Sequence[bool]) -> str | None:
-    """The first armed margin by priority that is already below its edge at ``point``, if there is one."""
-    fallen = [name for name, margin, live in zip(names, point.margins, armed, strict=True) if live and margin < -EDGE]
+    """The first armed margin by priority that does not hold at ``point``, if there is one."""
+    state = zip(names, point.margins, point.rates, armed, strict=True)
+    fallen = [name for name, margin, rate, live in state if live and lasts(margin, rate)]
     return min(fallen, key=PRIORITY.index, default=None)
 
 

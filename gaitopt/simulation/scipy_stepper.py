@@ -1,6 +1,6 @@
 """Arcs by scipy's DOP853 on a compiled right-hand side. Hairer, Norsett & Wanner (1993), section II.5."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -9,7 +9,7 @@ from scipy.integrate import DOP853
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.buffered import Buffered
-from gaitopt.simulation.events import EDGE, Point, first_event, violated
+from gaitopt.simulation.events import EDGE, INSTANT, Point, first_event, violated
 from gaitopt.simulation.stepper import Arrival
 
 Array = NDArray[np.float64]
@@ -20,8 +20,6 @@ ATOL = 1e-14
 """Absolute tolerance, far below rtol: a slip that sets in gently is integrated to its own digits, at no extra cost."""
 FIRST_STEP = 0.01
 """First integration step that is tried [s]: about what walking takes; the step size control mends it at once."""
-SHORTEST_DEPARTURE = 1e-9
-"""A margin at its edge that is not positive by then [s] falls at once: the shortest slip that is told apart."""
 DEPARTURE_FACTOR = 4
 """Ratio of successive trial lengths when a margin must be seen leaving its edge."""
 MAX_INTEGRATION_STEPS = 20_000
@@ -47,6 +45,7 @@ class ScipyStepper:
         self._tolerances = {"rtol": rtol, "atol": atol}
         self._fields: dict[Mode, _Field] = {}
 
+    @np.errstate(all="ignore")  # a motion that blows up is told by the step size that vanishes
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
         field = self._field(mode, data)
@@ -101,7 +100,7 @@ class ScipyStepper:
             solver = self._solver(field, start, limit, length)
             point = field.step(solver)
             length = solver.step_size / DEPARTURE_FACTOR
-            if length < SHORTEST_DEPARTURE or all(point.margins[k] > 0 for k in edge):
+            if length < INSTANT / 2 or all(point.margins[k] > 0 for k in edge):
                 return solver, point
 
     def _reach(self, field: "_Field", start: Point, time: float) -> Point:
@@ -131,34 +130,37 @@ class _Field:
 
     def __init__(self, system: HybridSystem, mode: Mode, p: Array) -> None:
         self.names = margin_names(mode)
+        self._p = p
         self._flow, self._events = Buffered(system.flow(mode)), Buffered(system.events(mode))
-        for function in (self._flow, self._events):
-            function.inputs[2][:] = p
+        self.rate = _rate(self._flow)
 
     def load(self, data: Array) -> None:
         """Go over to a segment of the control."""
-        for function in (self._flow, self._events):
-            function.inputs[3][:] = data
-
-    def rate(self, t: float, z: Array) -> Array:
-        flow = self._flow
-        flow.inputs[0][0] = t
-        flow.inputs[1][:] = z
-        flow.evaluate()
-        return flow.outputs[0].copy()
+        self._data = data
+        self._flow.inputs[2][:], self._flow.inputs[3][:] = self._p, data
 
     def point(self, t: float, z: Array) -> Point:
-        events = self._events
-        events.inputs[0][0] = t
-        events.inputs[1][:] = z
-        events.evaluate()
-        margins, rates = events.outputs
+        margins, rates = self._events(t, z, self._p, self._data)
         return Point(t, z, self.rate(t, z), margins.tolist(), rates.tolist())
 
     def step(self, solver: DOP853) -> Point:
         """One accepted step of the integrator."""
-        with np.errstate(all="ignore"):  # a motion that blows up is told by its step size
-            solver.step()
+        solver.step()
         if solver.status == "failed":
             raise IntegrationError("the step size of the integrator vanishes: the motion is singular")
         return self.point(float(solver.t), solver.y)
+
+
+def _rate(flow: Buffered) -> Callable[[float, Array], Array]:
+    """(t, z) -> dz/dt, with its names bound once: it is called some 500 times in a walking step."""
+    time, state, _, _ = flow.inputs
+    (output,) = flow.outputs
+    evaluate = flow.evaluate
+
+    def rate(t: float, z: Array) -> Array:
+        time[0] = t
+        state[:] = z
+        evaluate()
+        return output.copy()
+
+    return rate

@@ -26,8 +26,8 @@ MAX_SWITCHES = 50
 
 ONSETS: Mapping[str, Mode] = {"cone_forward": Mode.SLIP_FORWARD, "cone_backward": Mode.SLIP_BACKWARD}
 FATAL: Mapping[str, Refusal] = {
-    "normal_force": Refusal(Ending.LIFT_OFF, "the normal force has fallen to zero"),
-    "painleve": Refusal(Ending.PAINLEVE, "C_tt + mu s C_nt has fallen to zero: the slip has no unique solution"),
+    "normal_force": Refusal(Ending.LIFT_OFF, "the ground would have to pull: the normal force is not positive"),
+    "painleve": Refusal(Ending.PAINLEVE, "the slip has no unique solution: C_tt + mu s C_nt is not positive"),
     "upright": Refusal(Ending.FALL, "the walker is no longer upright"),
 }
 
@@ -69,6 +69,10 @@ class Simulator:
     max_step_time : longest time from impact to impact [s].
     max_switches : largest number of mode switches within a step.
     stepper : what integrates the arcs; scipy's DOP853 unless given.
+
+    Attributes
+    ----------
+    system, p : as given.
 
     Raises
     ------
@@ -201,7 +205,8 @@ class Simulator:
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Refusal, _Moment]:
         """The next segment of the control; its torques may jump, so that a foot at rest is asked anew."""
         if moment.segment == len(self._breakpoints):
-            return Refusal(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s"), moment
+            where = ", where the control law ends" if self._limit == self.system.control.horizon else ""
+            return Refusal(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment
         moment = replace(moment, segment=moment.segment + 1)
         return (self._at_rest(moment) if mode is Mode.STICK else mode), moment
 

@@ -1,0 +1,368 @@
+"""The forward simulator on motions with known answers: closed forms, conservation laws, published gaits."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import quad, solve_ivp
+
+from gaitopt.gait import Arc, Ending, Step, curves, measure, observe
+from gaitopt.mechanics import CompassBiped, ConstantTorque, HybridSystem, Mode, NoControl, RimlessWheel, margin_names
+from gaitopt.simulation import Simulator
+
+Array = NDArray[np.float64]
+
+STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
+HALF_ANGLE = np.pi / 10
+SLOPE, KAPPA = np.radians(13), 1 / 3
+COMPASS_START = np.array([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0])
+
+
+@cache
+def wheel_system() -> HybridSystem:
+    return HybridSystem(RimlessWheel, NoControl())
+
+
+@cache
+def compass_system() -> HybridSystem:
+    return HybridSystem(CompassBiped, NoControl())
+
+
+def wheel(friction: float = 1.0, **options: float) -> Simulator:
+    """The wheel of Gamus & Or (2013), section III, in units radius = mass = gravity = 1."""
+    return Simulator(wheel_system(), np.array([10, 1, 1, KAPPA, 1, SLOPE, friction]), **options)
+
+
+def compass_parameters(friction: float) -> Array:
+    return np.array([1.6, 4, 0.8, 2, 9.8, np.radians(1), friction])
+
+
+def compass(friction: float, **options: float) -> Simulator:
+    return Simulator(compass_system(), compass_parameters(friction), **options)
+
+
+@cache
+def compass_gait(friction: float) -> Array:
+    """State after impact of a stable passive gait, by iterating the return map."""
+    return compass(friction).run(COMPASS_START, 200).section_states[-1]
+
+
+def rolling(rate: float) -> Array:
+    return np.array([-HALF_ANGLE, 0, rate, 0])
+
+
+def rolling_rate(theta: float, rate: float) -> float:
+    """Rate of a wheel that rolls without slip from -pi/10, by conservation of energy."""
+    return np.sqrt(rate**2 + 2 * (np.cos(HALF_ANGLE - SLOPE) - np.cos(theta + SLOPE)) / (1 + KAPPA))
+
+
+def modes(step: Step) -> list[Mode]:
+    return [mode for mode, _ in step.phases]
+
+
+# closed forms of the rimless wheel
+
+
+def test_the_wheel_settles_on_its_closed_form_fixed_point() -> None:
+    trajectory = wheel().run(rolling(0.7), 120)
+    beta = (np.cos(2 * HALF_ANGLE) + KAPPA) / (1 + KAPPA)
+    gained = 4 * np.sin(HALF_ANGLE) * np.sin(SLOPE) / (1 + KAPPA)
+    assert trajectory.ending is Ending.COMPLETED
+    assert trajectory.section_states[-1][2] == pytest.approx(beta * np.sqrt(gained / (1 - beta**2)), rel=1e-12)
+    assert trajectory.section_states[-1][2] == pytest.approx(0.7587, abs=5e-5)
+    assert trajectory.steps[-1].period == pytest.approx(0.7931, abs=5e-5)
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.7, 0.7587])
+def test_the_wheel_touches_down_at_the_time_of_the_energy_integral(rate: float) -> None:
+    step = wheel().run(rolling(rate)).steps[0]
+    exact = quad(lambda theta: 1 / rolling_rate(theta, rate), -HALF_ANGLE, HALF_ANGLE, epsabs=1e-14, epsrel=1e-13)[0]
+    assert modes(step) == [STICK]
+    assert step.period == pytest.approx(exact, rel=1e-12)
+    assert step.arcs[-1].states[-1][0] == pytest.approx(HALF_ANGLE, abs=1e-15)
+    assert step.arcs[-1].states[-1][2] == pytest.approx(rolling_rate(HALF_ANGLE, rate), rel=1e-12)
+
+
+def test_a_wheel_too_slow_to_pass_over_its_spoke_falls_back_with_the_rate_it_had() -> None:
+    trajectory = wheel().run(rolling(0.05))
+    assert trajectory.ending is Ending.FALL
+    assert trajectory.steps[0].impact is None
+    assert trajectory.steps[0].arcs[-1].states[-1][0] == pytest.approx(-HALF_ANGLE, abs=1e-15)
+    assert trajectory.steps[0].arcs[-1].states[-1][2] == pytest.approx(-0.05, abs=1e-12)
+    assert "no longer upright" in trajectory.message
+    assert "dtheta = -0.05" in trajectory.message
+
+
+def test_a_wheel_that_starts_backwards_falls_before_any_time_has_passed() -> None:
+    trajectory = wheel().run(rolling(-0.3))
+    assert trajectory.ending is Ending.FALL
+    assert trajectory.steps == ()
+
+
+def test_the_wheel_with_little_friction_sticks_and_then_slips_forward() -> None:
+    trajectory = wheel(0.4).run(rolling(0.75), 100)
+    assert modes(trajectory.steps[-1]) == [STICK, FORWARD]
+    assert trajectory.steps[-1].impact is not None
+    assert trajectory.steps[-1].impact.mode is STICK
+
+
+def test_slip_sets_in_where_the_closed_form_force_reaches_the_cone() -> None:
+    rate, friction = 0.76, 0.4
+
+    def forces(theta: float) -> tuple[float, float]:
+        """Contact force of the hub's acceleration, by Newton's law."""
+        speed, turn = rolling_rate(theta, rate), np.sin(theta + SLOPE) / (1 + KAPPA)
+        along = turn * np.cos(theta) - speed**2 * np.sin(theta) - np.sin(SLOPE)
+        normal = -turn * np.sin(theta) - speed**2 * np.cos(theta) + np.cos(SLOPE)
+        return along, normal
+
+    onset = wheel(friction).run(rolling(rate)).steps[0].arcs[0].states[-1][0]
+    f_t, f_n = forces(onset)
+    assert f_t + friction * f_n == pytest.approx(0, abs=1e-13)
+
+
+# endings
+
+
+def test_a_wheel_that_is_too_fast_lifts_off_at_once() -> None:
+    trajectory = wheel().run(rolling(1.5))
+    assert trajectory.ending is Ending.LIFT_OFF
+    assert trajectory.steps == ()
+    assert "0 s after the impact" in trajectory.message
+
+
+def test_lift_off_in_mid_step_is_where_the_free_foot_would_rise() -> None:
+    """Contact forces vanish together: gravity no longer bends the hub's path as much as the foot's circle does."""
+    trajectory = wheel(0.5).run(rolling(0.99))
+    last = trajectory.steps[0].arcs[-1]
+    theta, _, rate, _ = last.states[-1]
+    assert trajectory.ending is Ending.LIFT_OFF
+    assert modes(trajectory.steps[0]) == [BACKWARD, STICK, FORWARD]
+    assert rate**2 * np.cos(theta) == pytest.approx(np.cos(SLOPE), abs=1e-12)
+    assert "mode slip_forward" in trajectory.message
+
+
+def test_a_slip_in_the_paradox_of_painleve_is_not_integrated() -> None:
+    """Backward slip of the wheel is unique where kappa + sin^2 theta > mu sin theta cos theta."""
+    theta, slipping = 0.25, np.array([0.25, 0, 0.5, -0.1])
+    critical = (KAPPA + np.sin(theta) ** 2) / (np.sin(theta) * np.cos(theta))
+    assert wheel(critical * 0.999).run(slipping).ending is not Ending.PAINLEVE
+    trajectory = wheel(critical * 1.001).run(slipping)
+    assert trajectory.ending is Ending.PAINLEVE
+    assert "no unique solution" in trajectory.message
+
+
+def test_no_touchdown_within_the_time_limit_is_an_ending() -> None:
+    trajectory = compass(0.2, max_step_time=0.3).run(COMPASS_START)
+    assert trajectory.ending is Ending.NO_TOUCHDOWN
+    assert trajectory.steps[0].period == 0.3
+    assert "within 0.3 s" in trajectory.message
+
+
+def test_more_switches_than_allowed_is_chattering() -> None:
+    start = compass_gait(0.14)
+    assert compass(0.14, max_switches=2).run(start).ending is Ending.COMPLETED
+    trajectory = compass(0.14, max_switches=1).run(start)
+    assert trajectory.ending is Ending.CHATTERING
+    assert "more than 1 mode switches" in trajectory.message
+
+
+def test_a_wheel_of_three_spokes_ends_in_double_support() -> None:
+    system = wheel_system()
+    trajectory = Simulator(system, np.array([3, 1, 1, 0.2, 1, 0.3, 1.3])).run(np.array([-np.pi / 3, 0, 0.8, 0]))
+    assert trajectory.ending is Ending.DOUBLE_SUPPORT
+    assert "former stance foot" in trajectory.message
+
+
+def test_a_compass_pushed_too_gently_does_not_walk() -> None:
+    trajectory = compass(0.5).run(np.array([-0.1478, -0.1478, 0, 0.2, -0.2, 0]), 10)
+    assert trajectory.ending is not Ending.COMPLETED
+    assert f"step {len(trajectory.steps)}" in trajectory.message
+    assert "theta1 = " in trajectory.message
+
+
+# gaits of the compass biped
+
+
+def test_the_passive_compass_gait_is_the_published_one() -> None:
+    start = compass_gait(0.2)
+    step = compass(0.2).run(start, dense=True).steps[0]
+    scalars = measure(compass_system(), compass_parameters(0.2), step)
+    assert modes(step) == [STICK]
+    assert step.period == pytest.approx(0.7446, abs=5e-5)
+    assert start == pytest.approx([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0], abs=5e-5)
+    assert scalars["required_friction"] == pytest.approx(0.1749, abs=5e-5)
+    assert scalars["impulse_ratio"] == pytest.approx(0.1447, abs=5e-5)
+    assert scalars["step_length"] == pytest.approx(2 * 1.6 * np.sin(-start[0]), rel=1e-12)
+
+
+def test_with_less_friction_it_slips_forward_sticks_and_slips_backward() -> None:
+    start = compass_gait(0.14)
+    step = compass(0.14).run(start).steps[0]
+    assert modes(step) == [FORWARD, STICK, BACKWARD]
+    assert step.impact is not None
+    assert step.impact.mode is STICK
+    assert step.period == pytest.approx(0.751962175, abs=1e-9)
+    assert step.impact.state == pytest.approx(start, abs=1e-12)
+
+
+def test_constant_torques_carry_the_compass_over_level_ground() -> None:
+    system = HybridSystem(CompassBiped, ConstantTorque({"ankle": 1.65, "hip": 0.54}))
+    p = np.array([1.6, 4, 0.8, 2, 9.8, 0.0, 0.25, 1.65, 0.54])
+    simulator = Simulator(system, p)
+    settled = simulator.run(COMPASS_START, 150)
+    step = simulator.run(settled.section_states[-1], dense=True).steps[0]
+    scalars = measure(system, p, step)
+    assert modes(step) == [STICK]
+    assert scalars["speed"] == pytest.approx(0.634, abs=5e-4)
+    assert scalars["cost_of_transport"] == pytest.approx(0.01747, abs=5e-6)
+    assert scalars["required_friction"] == pytest.approx(0.1946, abs=5e-5)
+
+
+def test_a_slipping_impact_is_followed_by_its_slip() -> None:
+    trajectory = compass(0.14).run(COMPASS_START, 6)
+    records = [step.impact for step in trajectory.steps if step.impact is not None]
+    assert {record.mode for record in records} == {STICK, FORWARD}
+    for record, step in zip(records, trajectory.steps[1:], strict=False):
+        assert np.sign(record.state[-1]) == record.mode.direction
+        if record.mode is not STICK:
+            assert modes(step)[0] is record.mode
+
+
+@pytest.mark.parametrize(("arc", "margin"), [(0, "slip_velocity"), (1, "cone_backward"), (2, "touchdown")])
+def test_events_agree_with_a_brute_force_integration(arc: int, margin: str) -> None:
+    """Scipy's own events, on steps so short that its interpolant is exact to 1e-13."""
+    p, expected = compass_parameters(0.14), compass(0.14).run(compass_gait(0.14)).steps[0].arcs[arc]
+    flow, margins = compass_system().flow(expected.mode), compass_system().margins(expected.mode)
+    k = margin_names(expected.mode).index(margin)
+
+    def rate(t: float, z: Array) -> Array:
+        return np.asarray(flow(t, z, p, [])).ravel()
+
+    def rises(t: float, z: Array) -> float:
+        return -float(margins(t, z, p, [])[k])
+
+    rises.__dict__.update(terminal=True, direction=1)
+    precise = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "max_step": 5e-3}
+    away = expected.start + 1e-3  # the margin may be zero at the start
+    ahead = solve_ivp(rate, (expected.start, away), expected.states[0], **precise).y[:, -1]
+    found = solve_ivp(rate, (away, 1), ahead, events=rises, **precise)
+    assert found.t_events[0][0] == pytest.approx(expected.end, abs=1e-12)
+    assert found.y_events[0][0] == pytest.approx(expected.states[-1], abs=1e-11)
+
+
+def test_arcs_and_steps_join_without_a_gap() -> None:
+    trajectory = compass(0.14).run(COMPASS_START, 5)
+    for step in trajectory.steps:
+        assert step.arcs[0].start == 0
+        for first, second in zip(step.arcs, step.arcs[1:], strict=False):
+            assert first.end == second.start
+            assert np.array_equal(first.states[-1], second.states[0])
+    assert trajectory.section_states.shape == (6, 6)
+    assert np.all(trajectory.section_states[:, 2] == 0)
+
+
+def test_the_foot_does_not_move_in_stick() -> None:
+    for arc in compass(0.14).run(compass_gait(0.14), dense=True).steps[0].arcs:
+        if arc.mode is STICK:
+            assert np.ptp(arc.states[:, 2]) == 0
+            assert np.all(arc.states[:, 5] == 0)
+        else:
+            assert np.all(arc.mode.direction * arc.states[1:-1, 5] > 0)
+
+
+# conservation laws along the arcs
+
+
+def energy_defect(system: HybridSystem, p: Array, arc: Arc) -> float:
+    """Change of energy less the work of motors and friction [J]."""
+    seen = observe(system, p, arc)
+    friction_power = seen.force[:, 0] * arc.states[:, -1]
+    work = curves.integral(seen.power.sum(axis=1) + friction_power, arc.duration)
+    return float(seen.energy[-1] - seen.energy[0] - work)
+
+
+def test_energy_changes_by_the_work_of_motors_and_friction() -> None:
+    system = HybridSystem(CompassBiped, ConstantTorque({"ankle": 1.65, "hip": 0.54}))
+    p = np.array([1.6, 4, 0.8, 2, 9.8, 0.0, 0.14, 1.65, 0.54])
+    trajectory = Simulator(system, p).run(COMPASS_START, 3, dense=True)
+    assert {mode for step in trajectory.steps for mode in modes(step)} == set(Mode)
+    for step in trajectory.steps:
+        for arc in step.arcs:
+            assert energy_defect(system, p, arc) == pytest.approx(0, abs=1e-11)
+
+
+def test_energy_is_constant_in_passive_stick_and_falls_in_slip() -> None:
+    p = compass_parameters(0.14)
+    for arc in compass(0.14).run(compass_gait(0.14), dense=True).steps[0].arcs:
+        energy = observe(compass_system(), p, arc).energy
+        if arc.mode is STICK:
+            assert np.ptp(energy) < 1e-11
+        else:
+            assert energy[-1] < energy[0]
+
+
+def test_dense_arcs_are_resolved_chebyshev_curves() -> None:
+    start = compass_gait(0.14)
+    coarse, fine = (compass(0.14).run(start, dense=dense).steps[0] for dense in (False, True))
+    assert [arc.times.size for arc in coarse.arcs] == [2, 2, 2]
+    for ends, arc in zip(coarse.arcs, fine.arcs, strict=True):
+        nodes = (2 * arc.times - arc.start - arc.end) / arc.duration
+        assert nodes == pytest.approx(curves.points(arc.times.size), abs=1e-13 / arc.duration)
+        assert curves.tail(arc.states) < 1e-12
+        assert np.array_equal(ends.times, arc.times[[0, -1]])
+        assert np.array_equal(ends.states, arc.states[[0, -1]])
+
+
+# slips of any shortness
+
+
+def threshold() -> tuple[float, float, float]:
+    """Friction at which the passive gait's foot just stays at rest after impact; f_n there, and its margin's rate."""
+    system, start = compass_system(), compass_gait(0.2)
+    f_t, f_n = np.asarray(system.observation(STICK)(0, start, compass_parameters(0.2), [])[0]).ravel()
+    _, rates = system.events(STICK)(0, start, compass_parameters(-f_t / f_n), [])
+    return -f_t / f_n, f_n, float(rates[margin_names(STICK).index("cone_forward")])
+
+
+@pytest.mark.parametrize("depth", [1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+def test_a_slip_from_rest_lasts_twice_the_time_in_which_the_cone_recovers(depth: float) -> None:
+    """v is in proportion to the integral of (missing force - rate t), however short the slip."""
+    friction, f_n, rate = threshold()
+    step = compass(friction - depth).run(compass_gait(0.2)).steps[0]
+    assert modes(step) == [FORWARD, STICK]
+    assert step.phases[0][1] == pytest.approx(2 * depth * f_n / rate, rel=10 * depth + 1e-5)
+
+
+@pytest.mark.parametrize("depth", [1e-10, 1e-12, 1e-15, 0, -1e-15, -1e-12, -1e-6])
+def test_a_slip_shorter_than_an_instant_is_none(depth: float) -> None:
+    step = compass(threshold()[0] - depth).run(compass_gait(0.2)).steps[0]
+    assert modes(step) == [STICK]
+
+
+# rejected input
+
+
+def test_a_state_of_the_wrong_length_or_not_finite_is_refused() -> None:
+    with pytest.raises(ValueError, match="one value is needed for each of theta, x, dtheta, dx"):
+        wheel().run(np.zeros(3))
+    with pytest.raises(ValueError, match="state must be finite, not dtheta = nan"):
+        wheel().run(np.array([0, 0, np.nan, 0]))
+    with pytest.raises(ValueError, match="steps = 0"):
+        wheel().run(rolling(0.7), 0)
+    with pytest.raises(ValueError, match="parameters of shape"):
+        Simulator(wheel_system(), np.ones(3))
+
+
+def test_a_run_stops_between_steps_when_asked() -> None:
+    answers = iter([False, False, True])
+    trajectory = wheel().run(rolling(0.76), 10, should_stop=lambda: next(answers))
+    assert len(trajectory.steps) == 2
+    assert trajectory.message == "2 of 10 steps, then stopped on request"
+
+
+def test_simulation_does_not_depend_on_where_the_foot_stands() -> None:
+    moved = compass_gait(0.14).copy()
+    moved[2] = 5.0
+    assert compass(0.14).run(moved).steps[0].period == compass(0.14).run(compass_gait(0.14)).steps[0].period

@@ -1,0 +1,133 @@
+"""The simulator under control laws: breakpoints, horizons, and torques that graze the friction cone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from casadi import SX, exp, vertcat
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from gaitopt.gait import Ending, curves, observe
+from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, Piece, ProportionalDerivative, Reference
+from gaitopt.simulation import Simulator
+
+Array = NDArray[np.float64]
+
+START = np.array([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0])
+COMPASS = (1.6, 4, 0.8, 2, 9.8, np.radians(1))
+
+
+@dataclass(frozen=True)
+class Staircase(Control):
+    """Torques that are constant between breakpoints."""
+
+    times: tuple[float, ...]
+    levels: tuple[tuple[float, float], ...]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return self.times
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        return {}
+
+    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
+        return r
+
+    def data(self, segment: int) -> Array:
+        return np.array(self.levels[segment])
+
+
+@dataclass(frozen=True)
+class Pulse(Control):
+    """A smooth pulse of the ankle torque."""
+
+    time: float
+    width: float
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        return {"amplitude": 0.0}
+
+    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
+        return vertcat(p[0] * exp(-(((t - self.time) / self.width) ** 2)), 0)
+
+
+def staircase(breakpoints: tuple[float, ...], *levels: tuple[float, float], friction: float = 0.3) -> Simulator:
+    return Simulator(HybridSystem(CompassBiped, Staircase(breakpoints, levels)), np.array([*COMPASS, friction]))
+
+
+def test_arcs_end_exactly_at_the_breakpoints_of_the_control() -> None:
+    step = staircase((0.2, 0.5), (0.3, 0), (0.1, 0.2), (0, 0)).run(START).steps[0]
+    assert [(arc.segment, arc.start) for arc in step.arcs] == [(0, 0), (1, 0.2), (2, 0.5)]
+    assert step.phases == ((Mode.STICK, pytest.approx(step.period)),)
+
+
+def test_a_breakpoint_is_passed_as_by_two_separate_integrations() -> None:
+    simulator = staircase((0.3,), (0.3, 0.1), (-0.2, 0.05))
+    step = simulator.run(START).steps[0]
+    system = HybridSystem(CompassBiped, Staircase((), ((0, 0),)))
+    p, state, ends = np.array([*COMPASS, 0.3]), START, [0, 0.3, step.period]
+    for torque, start, end in zip([(0.3, 0.1), (-0.2, 0.05)], ends, ends[1:], strict=False):
+        flow = system.flow(Mode.STICK)
+        solved = solve_ivp(
+            lambda t, z, flow=flow, torque=torque: np.asarray(flow(t, z, p, torque)).ravel(),
+            (start, end), state, method="DOP853", rtol=1e-12, atol=1e-14,
+        )  # fmt: skip
+        state = solved.y[:, -1]
+    assert step.arcs[-1].states[-1] == pytest.approx(state, abs=1e-11)
+
+
+def test_breakpoints_without_a_jump_change_nothing() -> None:
+    plain = staircase((), (0.2, 0.1)).run(START).steps[0]
+    cut = staircase((0.1, 0.2, 0.4), *[(0.2, 0.1)] * 4).run(START).steps[0]
+    assert cut.period == pytest.approx(plain.period, abs=1e-12)
+    assert cut.impact is not None
+    assert plain.impact is not None
+    assert cut.impact.state == pytest.approx(plain.impact.state, abs=1e-11)
+
+
+def test_a_jump_of_the_torque_out_of_the_cone_starts_a_slip_at_the_breakpoint() -> None:
+    """An ankle torque pulls the foot: along x its force on the foot is tau / height of the hip, roughly."""
+    for torque, slip in ((30, Mode.SLIP_BACKWARD), (-30, Mode.SLIP_FORWARD)):
+        step = staircase((0.3, 0.32), (0, 0), (torque, 0), (0, 0), friction=0.18).run(START).steps[0]
+        assert [arc.mode for arc in step.arcs[:2]] == [Mode.STICK, slip]
+        assert step.arcs[1].start == 0.3
+
+
+def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:
+    assert staircase((5.0, 100.0), (0, 0), (1, 0), (2, 0)).run(START).ending is Ending.COMPLETED
+
+
+def test_a_reference_that_ends_before_touchdown_ends_the_motion() -> None:
+    piece = Piece(start=0, end=0.4, angles=np.zeros((2, 1)), rates=np.zeros((2, 1)))
+    law = ProportionalDerivative(kp=1.0, kd=1.0, reference=Reference(pieces=(piece,), horizon=0.4))
+    trajectory = Simulator(HybridSystem(CompassBiped, law), np.array([*COMPASS, 0.5, 1.0, 1.0])).run(START)
+    assert trajectory.ending is Ending.NO_TOUCHDOWN
+    assert trajectory.steps[0].period == 0.4
+    assert "where the control law ends" in trajectory.message
+
+
+def pulsed(friction: float) -> tuple[HybridSystem, Array]:
+    return HybridSystem(CompassBiped, Pulse(0.5, 0.1)), np.array([*COMPASS, friction, 15.0])
+
+
+def test_a_slip_between_two_roots_of_the_cone_margin_shrinks_with_the_root_of_its_depth() -> None:
+    """Beyond a parabola of depth e and curvature a the foot slips for 3 sqrt(2 e / a); before it, never."""
+    system, p = pulsed(1.0)
+    arc = Simulator(system, p).run(START, dense=True).steps[0].arcs[0]
+    force = observe(system, p, arc).force
+    place, needed = curves.maximum(force[:, 0] / force[:, 1])
+    assert -1 < place < 1
+    durations = []
+    for depth in (1e-4, 1e-6, 1e-8, 1e-10):
+        system, p = pulsed(needed - depth)
+        phases = Simulator(system, p).run(START).steps[0].phases
+        assert [mode is Mode.STICK for mode, _ in phases] == [True, False, True]
+        durations.append(phases[1][1])
+    assert durations[2] == pytest.approx(durations[1] / 10, rel=1e-2)
+    assert durations[3] == pytest.approx(durations[1] / 100, rel=1e-2)
+    system, p = pulsed(needed + 1e-10)
+    assert [mode for mode, _ in Simulator(system, p).run(START).steps[0].phases] == [Mode.STICK]
