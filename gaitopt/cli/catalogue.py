@@ -16,7 +16,7 @@ def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
     from gaitopt.cli.tables import table
 
     rows = ((p.name, number(p.friction), str(p.sequence), p.about) for p in problems)
-    results().print(table(None, ("problem", "friction", "phases; impact", ""), rows, numbers=(1,)))
+    results().print(table(("problem", "friction", "phases; impact", "about"), rows, numbers=(1,)))
     return 0
 
 

@@ -50,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GaitoptError as error:
         return _say(str(error), error.exit_code, arguments)
     except typer.TyperException as error:
-        return _say(f"{error.format_message()} (see gaitopt --help)", error.exit_code, arguments)
+        command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
+        return _say(f"{error.format_message()} (see {command} --help)", error.exit_code, arguments)
     except KeyboardInterrupt:
         return _say("interrupted", INTERRUPTED, arguments)
     except BrokenPipeError:

@@ -35,7 +35,7 @@ def key_value(text: str, option: str) -> tuple[str, str]:
     """
     key, equals, value = text.partition("=")
     if not equals or not key.strip() or not value.strip():
-        raise typer.BadParameter(f"{option} {text}: write {option} KEY=VALUE")
+        raise typer.BadParameter(f"{option} {text}: write {option} {key.strip() or 'KEY'}=VALUE")
     return key.strip(), value.strip()
 
 

@@ -6,18 +6,30 @@ from typing import TYPE_CHECKING
 import typer
 
 from gaitopt.cli.options import overrides
+from gaitopt.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from gaitopt.gait import Gait
 
+PROBLEM_SUFFIXES = (".yaml", ".yml")
+
 
 def is_folder(run: str) -> bool:
-    """Whether ``run`` is a folder rather than a problem; a name of the catalogue is always the problem."""
+    """Whether ``run`` is a folder rather than a problem; a name of the catalogue is always the problem.
+
+    Raises
+    ------
+    UnknownNameError
+        If it is a path to nothing, and no problem file.
+    """
     from gaitopt.problem import problem_names
 
-    return run not in problem_names() and Path(run).is_dir()
+    path = Path(run)
+    if run not in problem_names() and len(path.parts) > 1 and path.suffix not in PROBLEM_SUFFIXES and not path.exists():
+        raise UnknownNameError(f"there is no run folder {run}; `ls results` shows those that there are")
+    return run not in problem_names() and path.is_dir()
 
 
 def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":

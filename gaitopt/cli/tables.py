@@ -1,7 +1,7 @@
 """Problems, gaits, walks and verifications as tables that a person likes to read."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from rich import box
 from rich.console import Console
@@ -13,16 +13,30 @@ from gaitopt.problem import PDSpec, Problem
 STABILITY = {True: "stable", False: "unstable"}
 
 
-def table(
-    title: str | None, columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()
-) -> Table:
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()) -> Table:
     """A plain table; the columns at ``numbers`` are right-aligned, and words wrap in a narrow terminal."""
-    made = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    for index, column in enumerate(columns):
-        made.add_column(column, justify="right" if index in numbers else "left", overflow="fold")
-    for row in rows:
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    cells = [tuple(row) for row in rows]
+    longest_word = max((len(word) for row in cells for word in row[0].split()), default=0)
+    for index, column in enumerate(columns):  # what a row is about stays readable, its remarks give way
+        justify: Literal["right", "left"] = "right" if index in numbers else "left"
+        made.add_column(column, justify=justify, overflow="fold", min_width=None if index else longest_word)
+    for row in cells:
         made.add_row(*row)
     return made
+
+
+def section(
+    console: Console,
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    numbers: Sequence[int] = (),
+) -> None:
+    """Print a table under its title."""
+    console.print(f"\n{title}", style="bold")
+    console.print(table(columns, rows, numbers=numbers))
 
 
 def print_problem(console: Console, problem: Problem) -> None:
@@ -30,22 +44,22 @@ def print_problem(console: Console, problem: Problem) -> None:
     console.print(problem.name, style="bold")
     if problem.about:
         console.print(problem.about)
-    console.print(table(f"walker {problem.walker.model}", ("key", "value", "unit", ""), _walker(problem), numbers=(1,)))
-    console.print(table("contact and control", ("key", "value", "unit"), _contact(problem), numbers=(1,)))
-    console.print(table("one step", ("phase", "mode"), _sequence(problem)))
+    section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), _walker(problem), numbers=(1,))
+    section(console, "contact and control", ("key", "value", "unit"), _contact(problem), numbers=(1,))
+    section(console, "one step", ("phase", "mode"), _sequence(problem))
     state = (
         (name, number(value), with_degrees(value, state_unit(name))) for name, value in problem.guess.state.items()
     )
-    console.print(table("guess, just after the impact", ("state", "value", "unit"), state, numbers=(1,)))
+    section(console, "guess, just after the impact", ("state", "value", "unit"), state, numbers=(1,))
     if problem.free:
         unknowns = ((key, number(f.lower), number(f.upper), number(f.guess)) for key, f in problem.free.items())
-        console.print(table("unknown parameters", ("key", "from", "to", "guess"), unknowns, numbers=(1, 2, 3)))
+        section(console, "unknown parameters", ("key", "from", "to", "guess"), unknowns, numbers=(1, 2, 3))
     if problem.objective:
         weights = ((name, number(weight)) for name, weight in problem.objective.items())
-        console.print(table("minimised", ("scalar", "weight"), weights, numbers=(1,)))
+        section(console, "minimised", ("scalar", "weight"), weights, numbers=(1,))
     if problem.constraints:
         spans = ((name, number(s.minimum), number(s.maximum)) for name, s in problem.constraints.items())
-        console.print(table("constraints", ("scalar", "from", "to"), spans, numbers=(1, 2)))
+        section(console, "constraints", ("scalar", "from", "to"), spans, numbers=(1, 2))
 
 
 def print_gait(console: Console, record: Mapping[str, Any]) -> None:
@@ -54,10 +68,10 @@ def print_gait(console: Console, record: Mapping[str, Any]) -> None:
     console.print(f"{record['problem']}: {record['status']}, {stable}", style="bold")
     _print_motion(console, record)
     rows = ((number(m["re"]), number(m["im"]), number(abs(complex(m["re"], m["im"])))) for m in record["multipliers"])
-    console.print(table("Floquet multipliers", ("re", "im", "modulus"), rows, numbers=(0, 1, 2)))
+    section(console, "Floquet multipliers", ("re", "im", "modulus"), rows, numbers=(0, 1, 2))
     if record["parameters"]:
         found = ((key, number(value)) for key, value in record["parameters"].items())
-        console.print(table("parameters found", ("key", "value"), found, numbers=(1,)))
+        section(console, "parameters found", ("key", "value"), found, numbers=(1,))
     if record["verification"]:
         print_verification(console, record["verification"])
 
@@ -82,18 +96,18 @@ def print_verification(console: Console, record: Mapping[str, Any]) -> None:
         for c in record["claims"]
     )
     title = "verified by forward simulation" if record["passed"] else "NOT verified by forward simulation"
-    console.print(table(title, ("claim", "figure", "tolerance", "", ""), rows, numbers=(1, 2)))
+    section(console, title, ("claim", "figure", "tolerance", "", ""), rows, numbers=(1, 2))
 
 
 def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -> None:
-    if record["phases"]:
+    if record["phases"]:  # a walk without a complete step has neither phases nor figures
         phases = [(str(k), p["mode"], number(p["duration"])) for k, p in enumerate(record["phases"], start=1)]
         phases.append(("impact", record["impact"], ""))
-        console.print(table(f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,)))
-    scalars = ((label, number(record[key]), unit) for key, (label, unit) in QUANTITIES.items() if key in record)
-    console.print(table(f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,)))
+        section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
+        scalars = ((label, number(record[key]), unit) for key, (label, unit) in QUANTITIES.items() if key in record)
+        section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
     state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
-    console.print(table("state just after the impact", ("", "value", "unit"), state, numbers=(1,)))
+    section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
 
 
 def _verdict(claim: Mapping[str, Any]) -> str:

@@ -1,0 +1,351 @@
+"""Every ending of a command has its exit code; results go to stdout, narration and errors to stderr."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from gaitopt import cli, study
+from gaitopt.cli import progress as cli_progress
+from gaitopt.cli.main import main
+from gaitopt.study import Claim, Verification
+
+PROBLEM = "rimless-wheel-stick"
+INFEASIBLE = (PROBLEM, "--set", "friction=0.5")  # it needs 0.914 to stick
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*argv):
+        code = main(argv)
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+def files() -> list[str]:
+    return sorted(str(path) for path in Path().rglob("*") if path.is_file())
+
+
+def test_help_names_every_command(run):
+    code, out, err = run("--help")
+    assert code == 0
+    assert not err
+    assert all(name in out for name in ("list", "show", "validate", "schema", "solve", "simulate", "verify"))
+
+
+def test_no_command_is_a_usage_error_with_help(run):
+    code, out, _ = run()
+    assert code == 2
+    assert "Commands:" in out
+
+
+def test_list_has_every_problem_with_a_line_about_it(run):
+    _, out, _ = run("list", "--json")
+    problems = json.loads(out)["problems"]
+    assert PROBLEM in {problem["name"] for problem in problems}
+    assert all(problem["about"] for problem in problems)
+    code, table, _ = run("list")
+    assert code == 0
+    assert all(problem["name"] in table for problem in problems)
+
+
+def test_show_prints_the_changed_problem_with_units(run):
+    code, out, _ = run("show", "compass-torque-slip", "--set", "walker.slope=2 deg", "--set", "control.hip=0.75")
+    assert code == 0
+    assert "rad (2 deg)" in out
+    assert "0.75" in out
+    assert "slip_backward" in out
+
+
+def test_show_json_is_the_resolved_problem(run):
+    _, out, _ = run("show", PROBLEM, "--set", "friction=2", "--json")
+    assert json.loads(out)["friction"] == 2
+
+
+def test_schema_is_json(run):
+    code, out, _ = run("schema")
+    assert code == 0
+    assert "walker" in json.loads(out)["properties"]
+
+
+def test_validate_accepts_a_good_problem(run):
+    code, out, _ = run("validate", PROBLEM)
+    assert code == 0
+    assert "valid" in out
+
+
+def test_all_faults_of_a_file_are_named_at_once_without_a_traceback(run):
+    Path("bad.yaml").write_text("name: bad\nwalker: {model: rimless_wheel, spokes: 2}\nfriction: -1\n")
+    code, out, err = run("validate", "bad.yaml")
+    assert code == 3
+    assert not out
+    assert "bad.yaml:2:" in err
+    assert "bad.yaml:3:" in err
+    assert "Traceback" not in err
+    assert files() == ["bad.yaml"]
+
+
+def test_solve_prints_the_gait_verified_and_stores_it(run):
+    code, out, err = run("solve", PROBLEM, "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert record["status"] == "converged"
+    assert record["verification"]["passed"]
+    assert record["required_friction"] == pytest.approx(0.9141, abs=5e-5)
+    assert json.loads((Path(record["run"]) / "gait.json").read_text())["state"] == record["state"]
+    assert "iteration" in err
+
+
+def test_quiet_says_nothing_on_stderr(run):
+    code, out, err = run("solve", PROBLEM, "--quiet")
+    assert code == 0
+    assert not err
+    assert "Floquet multipliers" in out
+
+
+def test_output_names_the_run_folder(run):
+    code, out, _ = run("solve", PROBLEM, "--json", "-o", "deep/er")
+    assert code == 0
+    assert json.loads(out)["run"] == "deep/er"
+    assert "deep/er/manifest.json" in files()
+
+
+def test_a_finished_run_is_verified_from_its_files_alone(run, monkeypatch):
+    _, out, _ = run("solve", PROBLEM, "--json")
+    solved = json.loads(out)
+    monkeypatch.setattr(study, "solve", None)
+    for name in (PROBLEM, solved["run"]):
+        code, out, _ = run("verify", name, "--json")
+        verified = json.loads(out)
+        assert code == 0
+        assert verified["verification"]["passed"]
+        assert verified.keys() == solved.keys()
+        assert verified["multipliers"] == solved["multipliers"]
+        assert verified["state"] == solved["state"]
+        figures = {key: value for key, value in solved.items() if isinstance(value, float)}
+        assert {key: verified[key] for key in figures} == pytest.approx(figures, abs=1e-12)
+
+
+def test_a_spoiled_run_does_not_pass_verification(run):
+    _, out, _ = run("solve", PROBLEM, "--json")
+    path = Path(json.loads(out)["run"]) / "trajectory.csv"
+    header, first, *rest = path.read_text().splitlines()
+    cells = first.split(",")
+    cells[header.split(",").index("dtheta")] = "0.8"
+    path.write_text("\n".join([header, ",".join(cells), *rest]) + "\n")
+    code, out, _ = run("verify", str(path.parent), "--json")
+    assert code == 5
+    assert not json.loads(out)["verification"]["passed"]
+
+
+def test_a_run_that_lost_its_arcs_is_broken(run):
+    _, out, _ = run("solve", PROBLEM, "--json")
+    path = Path(json.loads(out)["run"]) / "trajectory.csv"
+    path.write_text(path.read_text().splitlines()[0] + "\n")
+    code, out, err = run("verify", str(path.parent))
+    assert code == 6
+    assert "does not hold a gait" in err
+
+
+def test_a_resolved_problem_that_was_edited_is_broken(run):
+    _, out, _ = run("solve", PROBLEM, "--json")
+    path = Path(json.loads(out)["run"]) / "resolved.json"
+    path.write_text(path.read_text().replace('"friction": 1.0', '"friction": 2.0'))
+    code, _, err = run("verify", str(path.parent))
+    assert code == 6
+    assert "hash" in err
+
+
+def test_infeasible_is_4_with_json_and_stores_nothing(run):
+    code, out, _ = run("solve", *INFEASIBLE, "--json")
+    record = json.loads(out)
+    assert code == 4
+    assert record["status"] in {"infeasible", "not_converged"}
+    assert record["run"] is None
+    assert "friction" in record["message"]
+    assert files() == []
+
+
+def test_disagreement_is_5_with_json(run, monkeypatch):
+    claim = Claim(name="mode sequence", figure=1.0, tolerance=0.0, passed=False)
+    monkeypatch.setattr(study, "verify", lambda gait: Verification(claims=(claim,)))
+    code, out, _ = run("solve", PROBLEM, "--json")
+    assert code == 5
+    assert json.loads(out)["verification"]["passed"] is False
+    code, out, _ = run("solve", PROBLEM)
+    assert code == 5
+    assert "NOT verified" in out
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (("sovle", PROBLEM), "sovle"),
+        (("solve",), "PROBLEM"),
+        (("solve", PROBLEM, "--nope"), "--nope"),
+        (("solve", "rimless-wheel-stik"), "rimless-wheel-stick"),
+        (("verify", "results/nothing"), "no run folder results/nothing"),
+        (("solve", PROBLEM, "--set", "friction"), "--set friction=VALUE"),
+        (("simulate", PROBLEM, "--state", "phi=1"), "phi"),
+        (("simulate", PROBLEM, "--state", "dtheta"), "--state dtheta=VALUE"),
+        (("simulate", PROBLEM, "--state", "dtheta=.inf"), "not a finite number"),
+        (("simulate", PROBLEM, "--state", "dtheta=fast"), "write an angle"),
+        (("simulate", PROBLEM, "--steps", "0"), "--steps"),
+    ],
+)
+def test_unknown_names_and_options_are_2(run, argv, words):
+    code, out, err = run(*argv)
+    assert code == 2
+    assert not out
+    assert words in err
+    assert "Traceback" not in err
+    assert files() == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (("friction=-1",), "--set friction: "),
+        (("fricton=1",), "--set fricton: unknown key; did you mean friction?"),
+        (("walker.slope={",), "--set walker.slope: "),
+        (("friction=.nan",), "--set friction: "),
+    ],
+)
+def test_a_wrong_override_is_3_and_named(run, changes, words):
+    code, _, err = run("solve", PROBLEM, *(part for change in changes for part in ("--set", change)))
+    assert code == 3
+    assert words in err
+
+
+def test_a_foreign_folder_is_6_before_anything_is_solved(run, monkeypatch):
+    Path("thesis.tex").write_text("precious")
+    monkeypatch.setattr(study, "solve", None)
+    code, _, err = run("solve", PROBLEM, "-o", ".")
+    assert code == 6
+    assert "not a run of gaitopt" in err
+    assert files() == ["thesis.tex"]
+    assert run("verify", ".")[0] == 6
+
+
+def test_a_gait_that_cannot_be_stored_is_still_printed(run, monkeypatch):
+    def full(*_, **__):
+        raise cli.main.GaitoptError("disk full")
+
+    monkeypatch.setattr("gaitopt.store.write_run", full)
+    code, out, err = run("solve", PROBLEM, "--json")
+    assert code == 1
+    assert json.loads(out)["status"] == "converged"
+    assert "disk full" in err
+
+
+def test_overrides_cannot_change_a_finished_run(run):
+    _, out, _ = run("solve", PROBLEM, "--json")
+    code, _, err = run("verify", json.loads(out)["run"], "--set", "friction=2")
+    assert code == 2
+    assert "finished run" in err
+
+
+def test_a_named_ending_of_a_simulation_is_a_result(run):
+    code, out, _ = run("simulate", PROBLEM, "--state", "dtheta=0.05", "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert record["status"] == "fall"
+    assert record["state"]["dtheta"] == 0.05
+    code, out, _ = run("simulate", PROBLEM, "--state", "dtheta=0.05", "-o", "fallen")
+    assert code == 0
+    assert "fall" in out
+    assert "fallen/walk.csv" in files()
+
+
+def test_a_walk_tends_to_the_gait(run):
+    _, out, _ = run("solve", PROBLEM, "--json")
+    gait = json.loads(out)
+    _, out, _ = run("simulate", PROBLEM, "--state", "dtheta=0.8", "--steps", "60", "--json")
+    walk = json.loads(out)
+    assert walk["steps"] == 60
+    assert walk["state"] == pytest.approx(gait["state"], abs=1e-8)
+    _, out, _ = run("simulate", gait["run"], "--json")
+    assert json.loads(out)["period"] == pytest.approx(gait["period"], abs=1e-9)
+
+
+def test_an_unexpected_error_is_one_line_and_a_traceback_only_on_request(run, monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr(study, "solve", broken)
+    code, _, err = run("solve", PROBLEM, "--quiet")
+    assert code == 1
+    assert err.splitlines() == [
+        "gaitopt: internal error: ZeroDivisionError: oops; rerun with --debug for the traceback"
+    ]
+    code, _, err = run("solve", PROBLEM, "--quiet", "--debug")
+    assert code == 1
+    assert "Traceback" in err
+
+
+def test_an_interrupt_that_the_solver_swallows_is_still_130(run, monkeypatch):
+    def press(console, what):
+        yield lambda iteration, violation: signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(cli_progress, "solver_progress", cli_progress.contextmanager(press))
+    before = signal.getsignal(signal.SIGINT)
+    code, out, err = run("solve", PROBLEM, "--json")
+    assert code == 130
+    assert not out
+    assert "interrupted" in err
+    assert files() == []
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6])
+def test_an_interrupted_process_ends_with_130_and_nothing_half_written(tmp_path, delay):
+    command = [sys.executable, "-m", "gaitopt", "solve", "compass-pd-impact-slip"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    process.stderr.readline()  # it is solving now
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate()
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == b"gaitopt: interrupted"
+    assert not [name for name in files() if name.endswith(".tmp")]
+
+
+def test_a_reader_that_leaves_is_no_error():
+    command = [sys.executable, "-m", "gaitopt", "schema"]
+    reader, writer = os.pipe()
+    os.close(reader)
+    process = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert process.returncode == 141
+    assert not process.stderr
+
+
+def test_the_module_runs_like_the_script():
+    process = subprocess.run([sys.executable, "-m", "gaitopt", "--help"], capture_output=True, text=True, check=True)
+    assert process.stdout.startswith("Usage: gaitopt")
+
+
+def test_a_narrow_terminal_loses_no_words(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "50")
+    _, out, _ = run("show", "compass-pd-impact-slip")
+    assert max(map(len, out.splitlines())) <= 50
+    for word in ("leg_length", "dtheta1", "slip_forward", "compass-passive-b"):
+        assert word in out
+
+
+@pytest.mark.parametrize("module", ["casadi", "numpy", "pydantic", "matplotlib", "rich", "ruamel"])
+def test_help_imports_nothing_slow(module):
+    program = f"import sys; from gaitopt.cli.main import main; main(['--help']); sys.exit({module!r} in sys.modules)"
+    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)

@@ -1,0 +1,59 @@
+"""The package is what its pyproject, README and citation say it is."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+import gaitopt
+from gaitopt.problem import problem_names
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_every_public_name_can_be_imported():
+    for name in gaitopt.__all__:
+        assert getattr(gaitopt, name).__module__.startswith("gaitopt.")
+    assert set(gaitopt.__all__) <= set(dir(gaitopt))
+
+
+def test_an_unknown_name_lists_those_that_there_are():
+    with pytest.raises(AttributeError, match=r"no attribute 'slove'.*solve"):
+        gaitopt.slove  # noqa: B018 - the access is the test
+
+
+def test_importing_the_package_imports_nothing_else():
+    program = "import sys, gaitopt; sys.exit(any(name.startswith('gaitopt.') for name in sys.modules))"
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_the_version_is_stated_alike_everywhere():
+    assert f"\nversion: {gaitopt.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+
+
+def test_the_built_in_walkers_are_registered():
+    names = {point.name for point in entry_points(group="gaitopt.walkers")}
+    assert {"rimless_wheel", "compass_biped"} <= names
+
+
+def test_the_readme_opens_with_the_two_commands():
+    lines = re.findall(r"^    (.*)$", (ROOT / "README.md").read_text(), flags=re.MULTILINE)
+    assert lines[:2] == [
+        "pip install . && gaitopt solve compass-passive-a",
+        "pip install '.[test]' && python -m pytest",
+    ]
+
+
+def test_every_problem_file_carries_its_own_name():
+    assert {path.stem for path in (ROOT / "problems").glob("*.yaml")} == set(problem_names())
+
+
+def test_the_wheel_takes_the_problems_along():
+    assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"] == {
+        "problems": "gaitopt/problem/catalogue"
+    }
