@@ -1,7 +1,5 @@
 """Contact of the stance foot: eqs (3)-(6) in NumPy, the wheel's closed forms, Newton's law on the masses, energy."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from oracles import (
@@ -12,24 +10,19 @@ from oracles import (
     WHEEL,
     Case,
     cross,
-    differences,
     directional,
     numbers,
 )
 from scipy.integrate import solve_ivp
 
 from gaitopt.mechanics import (
-    BeyondEnd,
     CompassBiped,
     ConstantTorque,
     HybridSystem,
     Mode,
-    Piece,
-    ProportionalDerivative,
     RimlessWheel,
     margin_names,
 )
-from gaitopt.mechanics.reference import continued
 
 Array = np.ndarray
 MODES = tuple(Mode)
@@ -113,11 +106,11 @@ def test_forces_are_what_the_masses_need(case: Case, mode: Mode) -> None:
 
 def test_wheel_forces_in_stick_are_equations_17_and_18() -> None:
     case = CASES["rimless_wheel"]
-    m, l, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
+    m, R, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
     for z in case.states():
         theta, dtheta = z[0], z[2]
         _, (f_t, f_n) = flow_and_force(case, Mode.STICK, state_for(Mode.STICK, z))
-        squared = dtheta**2 * (1 + kappa) * l / g  # of the rate in the time unit of eq. (13)
+        squared = dtheta**2 * (1 + kappa) * R / g  # of the rate in the time unit of eq. (13)
         pull = np.cos(alpha + theta) - squared
         normal = m * g / (1 + kappa) * (pull * np.cos(theta) + kappa * np.cos(alpha))
         tangential = m * g / (1 + kappa) * (pull * np.sin(theta) - kappa * np.sin(alpha))
@@ -128,26 +121,26 @@ def test_wheel_forces_in_stick_are_equations_17_and_18() -> None:
 @pytest.mark.parametrize("mode", SLIPS)
 def test_wheel_slips_as_in_equation_20(mode: Mode) -> None:
     case = CASES["rimless_wheel"]
-    m, l, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
+    m, R, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
     mu = mode.direction * FRICTION
     for z in case.states():
         z = state_for(mode, z)
         theta, dtheta = z[0], z[2]
         s, c = np.sin(theta), np.cos(theta)
         dz, (_, f_n) = flow_and_force(case, mode, z)
-        normal = kappa * m * (g * np.cos(alpha) - l * c * dtheta**2) / (s * (mu * c + s) + kappa)
-        swing = mu * c * normal + m * s * (g * np.cos(alpha) - l * c * dtheta**2)
-        slip = l * m * s * (1 + kappa) * dtheta**2 - mu * normal * (1 + kappa)
+        normal = kappa * m * (g * np.cos(alpha) - R * c * dtheta**2) / (s * (mu * c + s) + kappa)
+        swing = mu * c * normal + m * s * (g * np.cos(alpha) - R * c * dtheta**2)
+        slip = R * m * s * (1 + kappa) * dtheta**2 - mu * normal * (1 + kappa)
         slip += g * m * (kappa * np.sin(alpha) - np.cos(alpha + theta) * s)
         assert f_n == pytest.approx(normal, rel=1e-11)
-        assert dz[2] == pytest.approx(swing / (m * l * (s**2 + kappa)), rel=1e-11)
+        assert dz[2] == pytest.approx(swing / (m * R * (s**2 + kappa)), rel=1e-11)
         assert dz[3] == pytest.approx(slip / (m * (s**2 + kappa)), rel=1e-10)
 
 
 def test_wheel_rolls_by_the_energy_integral_of_equation_14() -> None:
     wheel = RimlessWheel(spokes=10, radius=1.0, mass=1.0, inertia_ratio=1 / 3, gravity=1.0, slope=np.radians(13))
     case = Case(wheel, CASES["rimless_wheel"].oracle)
-    time_unit = np.sqrt(1 + wheel.inertia_ratio)  # eq. (13) counts time in sqrt((1 + kappa) l / g)
+    time_unit = np.sqrt(1 + wheel.inertia_ratio)  # eq. (13) counts time in sqrt((1 + kappa) R / g)
     start = np.array([-np.pi / 10, 0.0, 0.8, 0.0])
     solution = solve_ivp(
         lambda t, z: flow_and_force(case, Mode.STICK, z)[0], (0, 0.7), start, rtol=1e-12, atol=1e-12, method="DOP853"
@@ -246,56 +239,6 @@ def test_touchdown_margin_is_minus_the_guard_and_zero_when_the_swing_foot_meets_
     z[0] += 0.01
     (margins,) = numbers(case.system.margins(Mode.STICK)(0, z, case.p, []))
     assert margins[0] < 0
-
-
-def tracking_compass() -> tuple[HybridSystem, Array, Array]:
-    """A compass whose torques depend on time, with parameters and segment data."""
-    piece = Piece(
-        start=0.0,
-        end=0.6,
-        angles=np.array([[0.1, 0.2, 0.05], [-0.1, 0.1, 0.0]]),
-        rates=np.array([[0.3, 0.4], [0.2, 0.1]]),
-    )
-    control = ProportionalDerivative(kp=15.0, kd=4.0, reference=continued([piece], 0.6, BeyondEnd.LINEAR))
-    return HybridSystem(CompassBiped, control), np.append(CASES["compass_biped"].p, [15.0, 4.0]), control.data(0)
-
-
-def systems() -> dict[str, tuple[Case, HybridSystem, Array, Array]]:
-    passive = {name: (case, case.system, case.p, np.zeros(0)) for name, case in CASES.items()}
-    return {**passive, "tracking_compass": (CASES["compass_biped"], *tracking_compass())}
-
-
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", systems())
-def test_rates_of_margins_are_their_derivatives_along_the_flow(name: str, mode: Mode) -> None:
-    case, system, p, r = systems()[name]
-
-    def margins(tz: Array) -> Array:
-        return numbers(system.margins(mode)(tz[0], tz[1:], p, r))[0]
-
-    for z in case.states(4):
-        tz = np.concatenate([[0.2], state_for(mode, z)])
-        (dz,) = numbers(system.flow(mode)(tz[0], tz[1:], p, r))
-        values, rates = numbers(system.events(mode)(tz[0], tz[1:], p, r))
-        np.testing.assert_allclose(values, margins(tz), rtol=1e-13, atol=1e-13)
-        expected = directional(margins, tz, np.concatenate([[1.0], dz]))
-        np.testing.assert_allclose(rates, expected, rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", systems())
-def test_linearisation_agrees_with_central_differences(name: str, mode: Mode) -> None:
-    case, system, p, r = systems()[name]
-
-    def evaluated(function: Callable[..., object]) -> Callable[[Array], Array]:
-        return lambda z: numbers(function(0.2, z, p, r))[0]
-
-    for z in case.states(4):
-        z = state_for(mode, z)
-        dz, A, margins = system.linearisation(mode)(0.2, z, p, r)
-        np.testing.assert_allclose(np.asarray(dz).ravel(), evaluated(system.flow(mode))(z), rtol=1e-13, atol=1e-13)
-        np.testing.assert_allclose(A, differences(evaluated(system.flow(mode)), z), rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(margins, differences(evaluated(system.margins(mode)), z), rtol=1e-6, atol=1e-6)
 
 
 def test_compass_stands_by_the_weight_of_its_masses() -> None:

@@ -217,12 +217,6 @@ def test_wheel_needs_the_impulse_ratio_of_equation_19(kappa: float) -> None:
     assert abs(impulse[0]) / impulse[1] == pytest.approx(ratio, rel=1e-12)
 
 
-def test_section_after_a_slipping_impact_has_the_slip_velocity_last() -> None:
-    system = CASES["compass_biped"].system
-    assert [system.state_names[k] for k in system.section(Mode.STICK)] == ["theta1", "dtheta1", "dtheta2"]
-    assert [system.state_names[k] for k in system.section(Mode.SLIP_FORWARD)] == ["theta1", "dtheta1", "dtheta2", "dx"]
-
-
 def test_state_after_an_impact_is_on_the_section_and_back(case: Case) -> None:
     """Lifting the section coordinates of a state after an impact gives the state again, x counted from the foot."""
     for mode in MODES:

@@ -7,7 +7,7 @@ import pytest
 from casadi import SX, Function, vertcat
 from oracles import CASES, COMPASS, WHEEL, Case, differences, numbers
 
-from gaitopt.mechanics import Body, CompassBiped, Mechanism, Walker
+from gaitopt.mechanics import Body, Mechanism, Walker
 from gaitopt.mechanics.lagrangian import equations_of_motion
 
 
@@ -25,15 +25,15 @@ def matrices(case: Case, z: np.ndarray) -> SimpleNamespace:
 
 def test_wheel_has_the_matrices_of_equation_12() -> None:
     case = CASES["rimless_wheel"]
-    m, l, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
+    m, R, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
     paper_order = [1, 2, 0]  # (x, y, theta)
     for z in case.states():
         theta, dtheta = z[0], z[2]
         found = matrices(case, z)
         s, c = np.sin(theta), np.cos(theta)
-        M = m * np.array([[1, 0, l * c], [0, 1, -l * s], [l * c, -l * s, l**2 * (1 + kappa)]])
-        B = m * l * dtheta**2 * np.array([-s, -c, 0])
-        G = m * g * np.array([-np.sin(alpha), np.cos(alpha), -l * np.sin(alpha + theta)])
+        M = m * np.array([[1, 0, R * c], [0, 1, -R * s], [R * c, -R * s, R**2 * (1 + kappa)]])
+        B = m * R * dtheta**2 * np.array([-s, -c, 0])
+        G = m * g * np.array([-np.sin(alpha), np.cos(alpha), -R * np.sin(alpha + theta)])
         np.testing.assert_allclose(found.M[np.ix_(paper_order, paper_order)], M, atol=1e-14)
         np.testing.assert_allclose(found.B.ravel()[paper_order], B, atol=1e-14)
         np.testing.assert_allclose(found.G.ravel()[paper_order], G, atol=1e-13)
@@ -49,12 +49,12 @@ def test_wheel_has_the_swing_foot_jacobian_of_equation_12_at_touchdown() -> None
 
 def test_compass_has_the_mass_matrix_of_three_points() -> None:
     case = CASES["compass_biped"]
-    l, m, d, mh = (COMPASS[key] for key in ("leg_length", "leg_mass", "leg_com", "hip_mass"))
+    leg, m, d, mh = (COMPASS[key] for key in ("leg_length", "leg_mass", "leg_com", "hip_mass"))
     for z in case.states():
         t1, t2 = z[:2]
-        first, second = m * d + (m + mh) * l, m * (l - d)
-        M = np.diag([m * d**2 + (m + mh) * l**2, m * (l - d) ** 2, 2 * m + mh, 2 * m + mh])
-        M[0, 1] = second * l * np.cos(t1 + t2)
+        first, second = m * d + (m + mh) * leg, m * (leg - d)
+        M = np.diag([m * d**2 + (m + mh) * leg**2, m * (leg - d) ** 2, 2 * m + mh, 2 * m + mh])
+        M[0, 1] = second * leg * np.cos(t1 + t2)
         M[0, 2:] = first * np.cos(t1), -first * np.sin(t1)
         M[1, 2:] = second * np.cos(t2), second * np.sin(t2)
         np.testing.assert_allclose(matrices(case, z).M, np.triu(M) + np.triu(M, 1).T, atol=1e-13)
@@ -160,11 +160,3 @@ class Adrift(Pendulum):
 def test_walker_that_contradicts_itself_is_refused(walker: type[Walker], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         equations_of_motion(walker)
-
-
-def test_parameters_are_named_by_dotted_keys_in_order() -> None:
-    system = CASES["compass_biped"].system
-    fields = tuple(f"walker.{name}" for name in CompassBiped.model_fields)
-    assert system.parameters == (*fields, "friction")
-    values = {name: float(k) for k, name in enumerate(system.parameters)}
-    np.testing.assert_array_equal(system.values(values), np.arange(len(values)))

@@ -1,0 +1,125 @@
+"""The compiled hybrid system: margins and flow against their own central differences, the section, the parameters."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from oracles import CASES, Case, differences, directional, numbers
+
+from gaitopt.mechanics import (
+    BeyondEnd,
+    CompassBiped,
+    HybridSystem,
+    Mode,
+    Piece,
+    ProportionalDerivative,
+    ending_margin,
+    margin_names,
+)
+from gaitopt.mechanics.reference import continued
+
+Array = np.ndarray
+MODES = tuple(Mode)
+
+
+def state_for(mode: Mode, z: Array) -> Array:
+    """A state that is possible in a mode: the foot at rest, or moving in the slip's direction."""
+    z = z.copy()
+    z[-1] = mode.direction * abs(z[-1])
+    return z
+
+
+def tracking_compass() -> tuple[HybridSystem, Array, Array]:
+    """A compass whose torques depend on time, with parameters and segment data."""
+    piece = Piece(
+        start=0.0,
+        end=0.6,
+        angles=np.array([[0.1, 0.2, 0.05], [-0.1, 0.1, 0.0]]),
+        rates=np.array([[0.3, 0.4], [0.2, 0.1]]),
+    )
+    control = ProportionalDerivative(kp=15.0, kd=4.0, reference=continued([piece], 0.6, BeyondEnd.LINEAR))
+    return HybridSystem(CompassBiped, control), np.append(CASES["compass_biped"].p, [15.0, 4.0]), control.data(0)
+
+
+def systems() -> dict[str, tuple[Case, HybridSystem, Array, Array]]:
+    passive = {name: (case, case.system, case.p, np.zeros(0)) for name, case in CASES.items()}
+    return {**passive, "tracking_compass": (CASES["compass_biped"], *tracking_compass())}
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", systems())
+def test_rates_of_margins_are_their_derivatives_along_the_flow(name: str, mode: Mode) -> None:
+    case, system, p, r = systems()[name]
+
+    def margins(tz: Array) -> Array:
+        return numbers(system.margins(mode)(tz[0], tz[1:], p, r))[0]
+
+    for z in case.states(4):
+        tz = np.concatenate([[0.2], state_for(mode, z)])
+        (dz,) = numbers(system.flow(mode)(tz[0], tz[1:], p, r))
+        values, rates = numbers(system.events(mode)(tz[0], tz[1:], p, r))
+        np.testing.assert_allclose(values, margins(tz), rtol=1e-13, atol=1e-13)
+        expected = directional(margins, tz, np.concatenate([[1.0], dz]))
+        np.testing.assert_allclose(rates, expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", systems())
+def test_linearisation_agrees_with_central_differences(name: str, mode: Mode) -> None:
+    case, system, p, r = systems()[name]
+
+    def evaluated(function: Callable[..., object]) -> Callable[[Array], Array]:
+        return lambda z: numbers(function(0.2, z, p, r))[0]
+
+    for z in case.states(4):
+        z = state_for(mode, z)
+        dz, A, margins = system.linearisation(mode)(0.2, z, p, r)
+        np.testing.assert_allclose(np.asarray(dz).ravel(), evaluated(system.flow(mode))(z), rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(A, differences(evaluated(system.flow(mode)), z), rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(margins, differences(evaluated(system.margins(mode)), z), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_variational_flow_carries_deviations_by_the_linearisation(mode: Mode) -> None:
+    case, system, p, r = systems()["tracking_compass"]
+    deviations = np.random.default_rng(7).normal(size=(6, 2))
+    for z in case.states(3):
+        z = state_for(mode, z)
+        (dy,) = numbers(system.variational(mode, 2)(0.2, np.concatenate([z, deviations.T.ravel()]), p, r))
+        dz, A, _ = system.linearisation(mode)(0.2, z, p, r)
+        np.testing.assert_allclose(dy[:6], np.asarray(dz).ravel(), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(dy[6:].reshape(2, 6).T, np.asarray(A) @ deviations, rtol=1e-10, atol=1e-10)
+
+
+def test_lift_has_the_jacobian_of_its_central_differences() -> None:
+    for case in CASES.values():
+        xi = np.random.default_rng(3).normal(size=case.system.lift.size1_in(0))
+        expected = differences(lambda xi, case=case: numbers(case.system.lift(xi, case.p))[0], xi)
+        np.testing.assert_allclose(case.system.lift_jacobian(xi, case.p), expected, atol=1e-9)
+
+
+def test_every_phase_ends_by_a_margin_of_its_own_mode() -> None:
+    for mode in MODES:
+        for after in (*MODES, None):
+            if after is not mode:
+                assert ending_margin(mode, after) in margin_names(mode)
+
+
+def test_slip_that_follows_stick_begins_where_its_own_edge_of_the_cone_is_reached() -> None:
+    assert ending_margin(Mode.STICK, Mode.SLIP_FORWARD) == "cone_forward"
+    assert ending_margin(Mode.STICK, Mode.SLIP_BACKWARD) == "cone_backward"
+
+
+def test_parameters_are_named_by_dotted_keys_in_order() -> None:
+    system = CASES["compass_biped"].system
+    fields = tuple(f"walker.{name}" for name in CompassBiped.model_fields)
+    assert system.parameters == (*fields, "friction")
+    assert tracking_compass()[0].parameters == (*fields, "friction", "control.kp", "control.kd")
+    values = {name: float(k) for k, name in enumerate(system.parameters)}
+    np.testing.assert_array_equal(system.values(values), np.arange(len(values)))
+
+
+def test_section_after_a_slipping_impact_has_the_slip_velocity_last() -> None:
+    system = CASES["compass_biped"].system
+    assert [system.state_names[k] for k in system.section(Mode.STICK)] == ["theta1", "dtheta1", "dtheta2"]
+    assert [system.state_names[k] for k in system.section(Mode.SLIP_FORWARD)] == ["theta1", "dtheta1", "dtheta2", "dx"]
