@@ -63,7 +63,7 @@ def absolute_integral(values: Array, duration: float) -> float:
 
 
 def roots(values: Array) -> Array:
-    """Roots of the curve inside (-1, 1) at which it changes sign, ascending."""
+    """Roots in (-1, 1) at which the curve changes sign, ascending; at an end itself rounding decides."""
     s, to_fine = _fine(values.shape[0])
     negative = to_fine @ values < 0  # a zero on the grid counts as positive, so that no change is missed or doubled
     before = np.flatnonzero(negative[:-1] != negative[1:])
