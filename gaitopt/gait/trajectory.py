@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +102,12 @@ class Step:
             else:
                 merged.append((arc.mode, arc.duration))
         return tuple(merged)
+
+    @property
+    def arc_phases(self) -> tuple[int, ...]:
+        """For every arc the index of its phase; a breakpoint of the control starts an arc, but no phase."""
+        new = [first.mode is not second.mode for first, second in pairwise(self.arcs)]
+        return tuple(int(k) for k in np.cumsum([0, *new]))
 
     @property
     def period(self) -> float:

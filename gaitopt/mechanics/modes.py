@@ -64,5 +64,15 @@ class ModeSequence:
                 f"the first phase must be {self.impact}, not {self.phases[0]}"
             )
 
+    def onset_order(self, phase: int) -> int:
+        """Order of the zero that the slip velocity has where a slip phase starts.
+
+        0 where the foot slips already, 1 where it leaves rest with an acceleration (just after a sticking impact, or
+        in a reversal), 2 at the edge of the friction cone after a stick, where velocity and acceleration are zero.
+        """
+        if phase == 0:
+            return int(self.impact is Mode.STICK)
+        return 2 if self.phases[phase - 1] is Mode.STICK else 1
+
     def __str__(self) -> str:
         return f"{', '.join(self.phases)}; {self.impact}"

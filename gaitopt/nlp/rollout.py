@@ -20,6 +20,10 @@ RTOL, ATOL = 1e-8, 1e-10
 """A guess needs no more."""
 GRID = 8
 """Points per step of the integrator on which the end of a phase is looked for."""
+ARMED = 1e-12
+"""A margin that starts at zero, up to rounding, is not yet positive."""
+FIRST_STEP = 1e-5
+"""Short enough not to jump over a slip that has only just come into being [s]."""
 LONGEST_STEP = 20.0
 """No walker of human size takes longer over a step [s]."""
 
@@ -77,7 +81,15 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
 
     upright.terminal, upright.direction = True, -1  # type: ignore[attr-defined]
     solution = solve_ivp(
-        rate, (time, time + duration), z, "DOP853", dense_output=True, events=upright, rtol=RTOL, atol=ATOL
+        rate,
+        (time, time + duration),
+        z,
+        "DOP853",
+        dense_output=True,
+        events=upright,
+        rtol=RTOL,
+        atol=ATOL,
+        first_step=min(FIRST_STEP, duration) or None,
     )
     return solution.sol
 
@@ -92,9 +104,9 @@ def _phase_end(system: HybridSystem, p: Array, mode: Mode, after: Mode | None, m
         return float(system.margins(mode)(t, motion(t), p, data)[row])
 
     steps = np.linspace(motion.ts[:-1], motion.ts[1:], GRID, endpoint=False).ravel(order="F")
-    times = np.append(steps[1:], motion.t_max)
+    times = np.append(steps, motion.t_max)
     values = np.array([margin(t) for t in times])
-    falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
+    falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
     if falls.size:
         return float(brentq(margin, times[falls[0]], times[falls[0] + 1]))
     return float(times[np.argmin(np.abs(values))])

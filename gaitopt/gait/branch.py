@@ -1,0 +1,160 @@
+"""A family of gaits along a parameter: points, special points, and the branches that they join."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait.gait import Gait
+from gaitopt.mechanics import ModeSequence
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BranchPoint:
+    """One gait of a family.
+
+    Attributes
+    ----------
+    branch : number of the branch; it changes with the mode sequence.
+    index : number of the point within its branch.
+    value : the parameter.
+    gait : the gait, in full.
+    tangent : ndarray, shape (n_xi + 1,) - direction of the branch in section coordinates and parameter.
+    length : arclength to the next point that is tried.
+    """
+
+    branch: int
+    index: int
+    value: float
+    gait: Gait
+    tangent: Array
+    length: float
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object: the keys of a gait, and where it stands on its branch."""
+        return {
+            "record": "point",
+            "branch": self.branch,
+            "index": self.index,
+            "value": self.value,
+            **self.gait.to_record(),
+            "tangent": [float(entry) for entry in self.tangent],
+            "length": self.length,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpecialPoint:
+    """Where something happens to a family.
+
+    Attributes
+    ----------
+    branch : number of the branch that it lies on.
+    type : ``fold``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, ``lift_off``,
+        ``painleve`` or ``end``.
+    value : the parameter.
+    status : ``converged`` when located to rounding, ``guess`` when only bracketed.
+    reason : in words.
+    before, after : sequences on both sides of a change.
+    next : numbers of the branches that go on from here.
+    gait : the gait at this point, or None where there is none.
+    """
+
+    branch: int
+    type: str
+    value: float
+    status: str
+    reason: str = ""
+    before: ModeSequence | None = None
+    after: ModeSequence | None = None
+    next: tuple[int, ...] = ()
+    gait: Gait | None = None
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object with the keys of the command line."""
+        gait = {} if self.gait is None else self.gait.to_record()
+        record = {"record": "special", "branch": self.branch, "type": self.type, "value": self.value}
+        record |= {"status": self.status, "reason": self.reason, "next": list(self.next)}
+        for key, sequence in (("from", self.before), ("to", self.after)):
+            if sequence is not None:
+                record[key] = {"phases": [str(mode) for mode in sequence.phases], "impact": str(sequence.impact)}
+        return record | {"gait": gait}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Branch:
+    """A family of gaits in the order in which it was computed.
+
+    Index and slice it like a list of points; ``values`` and ``column`` give arrays to plot.
+
+    Attributes
+    ----------
+    parameter : dotted key of the parameter.
+    points, specials : everything that was found.
+    """
+
+    parameter: str
+    points: tuple[BranchPoint, ...] = ()
+    specials: tuple[SpecialPoint, ...] = ()
+    _columns: dict[str, Array] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __iter__(self) -> Iterator[BranchPoint]:
+        return iter(self.points)
+
+    @overload
+    def __getitem__(self, key: int) -> BranchPoint: ...
+
+    @overload
+    def __getitem__(self, key: slice) -> "Branch": ...
+
+    def __getitem__(self, key: int | slice) -> "BranchPoint | Branch":
+        if not isinstance(key, slice):
+            return self.points[key]
+        points = self.points[key]
+        kept = {point.branch for point in points}
+        specials = tuple(special for special in self.specials if special.branch in kept)
+        return Branch(parameter=self.parameter, points=points, specials=specials)
+
+    @property
+    def values(self) -> Array:
+        """The parameter at every point; shape (n,)."""
+        return np.array([point.value for point in self.points])
+
+    def column(self, name: str) -> Array:
+        """A scalar of the result at every point, NaN where it is not defined; shape (n,).
+
+        Raises
+        ------
+        KeyError
+            If the result has no such scalar.
+        """
+        if name not in self._columns:
+            values = [_scalar(point.gait, name) for point in self.points]
+            self._columns[name] = np.array([np.nan if value is None else value for value in values], dtype=float)
+        return self._columns[name]
+
+    def branch(self, number: int) -> "Branch":
+        """The part with one mode sequence."""
+        points = tuple(point for point in self.points if point.branch == number)
+        specials = tuple(special for special in self.specials if special.branch == number)
+        return Branch(parameter=self.parameter, points=points, specials=specials)
+
+    def special(self, kind: str) -> tuple[SpecialPoint, ...]:
+        """All special points of one type."""
+        return tuple(special for special in self.specials if special.type == kind)
+
+
+def _scalar(gait: Gait, name: str) -> float | None:
+    if name == "spectral_radius":
+        return gait.spectral_radius
+    if name.startswith("state."):
+        return float(gait.state[gait.system.state_names.index(name.removeprefix("state."))])
+    known: Mapping[str, float | None] = gait.measures
+    return known[name]

@@ -1,0 +1,125 @@
+"""Newton's method on the periodic problem with one freed parameter, bordered by the equation of pseudo-arclength.
+
+    F(w) = 0,      n' (y(w) - y_predicted) = 0,      y = (section state after impact / scale, parameter / scale)
+
+Arclength is measured in y alone: nodes and durations follow from y, so that neither the mesh nor the number of
+phases decides it. The Jacobian of the point before serves as long as it contracts (chord method).
+
+References
+----------
+H. B. Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix, vstack
+from scipy.sparse.linalg import SuperLU, splu
+
+from gaitopt.nlp.newton import Linearisation, linearise
+from gaitopt.nlp.transcription import Transcription
+
+Array = NDArray[np.float64]
+
+RESIDUAL = 1e-12
+"""Largest violation of an equality on the curve; some ten times the rounding of a step."""
+ITERATIONS = 10
+SLOW = 0.2
+"""A chord that contracts by less than this is replaced by a new Jacobian."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurvePoint:
+    """A point of the curve of gaits.
+
+    Attributes
+    ----------
+    at : equalities and Jacobian.
+    tangent : ndarray, shape of w - direction of the curve, of unit length in y.
+    factor : the bordered Jacobian with this tangent, factored.
+    iterations : what Newton's method took to get here.
+    """
+
+    at: Linearisation
+    tangent: Array
+    factor: SuperLU
+    iterations: int
+
+
+class Curve:
+    """The curve of solutions of one transcription in its one freed parameter.
+
+    Parameters
+    ----------
+    transcription : with exactly one freed parameter.
+    p : ndarray - values of the others.
+    scales : ndarray, shape (n_xi + 1,) - scales of the section coordinates and of the parameter.
+    """
+
+    def __init__(self, transcription: Transcription, p: Array, scales: Array) -> None:
+        self.transcription, self.p = transcription, p
+        section = transcription.system.section(transcription.layout.sequence.impact)
+        self._indices = np.append(section, transcription.w.numel() - 1)
+        self._scales = scales
+
+    def coordinates(self, w: Array) -> Array:
+        """The scaled coordinates y in which arclength is measured; shape (n_xi + 1,)."""
+        return w[self._indices] / self._scales
+
+    def start(self, w: Array, direction: Array) -> CurvePoint | None:
+        """The point of the curve next to ``w`` at the same parameter, its tangent along ``direction`` (in y)."""
+        upright = np.zeros(self._indices.size)
+        upright[-1] = 1.0
+        return self._correct(w, upright, None, direction)
+
+    def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
+        """The point at arclength ``length`` along the tangent; None if Newton's method does not converge."""
+        normal = self.coordinates(point.tangent)
+        return self._correct(point.at.w + length * point.tangent, normal, point.factor, normal)
+
+    def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
+        """The point near ``point`` with the given value of the parameter."""
+        slope = point.tangent[-1]
+        predicted = point.at.w + point.tangent * ((value - point.at.w[-1]) / slope if slope else 0.0)
+        predicted[-1] = value
+        return self.start(predicted, self.coordinates(point.tangent))
+
+    def _correct(self, predicted: Array, normal: Array, factor: SuperLU | None, forward: Array) -> CurvePoint | None:
+        w, last = predicted.copy(), np.inf
+        for iteration in range(ITERATIONS):
+            residual = np.asarray(self.transcription.violation(w, self.p)).ravel()
+            offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
+            size = max(float(np.abs(residual).max()), abs(offset))
+            if not np.isfinite(size):
+                return None
+            if size < RESIDUAL:
+                return self._finish(w, forward, iteration)
+            if factor is None or size > SLOW * last:
+                factor = self._factor(linearise(self.transcription, w, self.p), normal)
+            if factor is None:
+                return None
+            w = w - factor.solve(np.append(residual, offset))
+            last = size
+        return None
+
+    def _finish(self, w: Array, forward: Array, iterations: int) -> CurvePoint | None:
+        """Tangent and factor at a converged point."""
+        at = linearise(self.transcription, w, self.p)
+        bordered = self._factor(at, forward)
+        if bordered is None:
+            return None
+        right = np.zeros(w.size)
+        right[-1] = 1.0
+        tangent = bordered.solve(right)
+        tangent /= np.linalg.norm(self.coordinates(tangent))
+        factor = self._factor(at, self.coordinates(tangent))
+        return None if factor is None else CurvePoint(at=at, tangent=tangent, factor=factor, iterations=iterations)
+
+    def _factor(self, at: Linearisation, normal: Array) -> SuperLU | None:
+        values = normal / self._scales
+        row = csc_matrix((values, (np.zeros(values.size, dtype=int), self._indices)), shape=(1, at.w.size))
+        try:
+            return splu(vstack([at.jacobian, row], format="csc"))
+        except RuntimeError:  # exactly singular
+            return None

@@ -1,0 +1,169 @@
+"""What a mode sequence takes for granted along a gait, as numbers that are positive while it holds.
+
+A margin that an event makes zero at an end of its phase is divided by that zero, so that what is left tells whether
+the event is still crossed: with s in [-1, 1] over the phase and g the margin,
+
+    monitor = min over s of g(s) / ((1 + s)^a (1 - s)^b)
+
+a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip (a double zero), b = 1 where an
+event ends the phase. A monitor that changes sign along a branch marks the end of the sequence.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from gaitopt.gait import Arc, Gait, curves
+from gaitopt.mechanics import Mode, ending_margin, margin_names
+
+Array = NDArray[np.float64]
+
+SHORT = 1e-4
+"""Phases shorter than this part of the period are judged by their duration alone: the rest is rounding."""
+OPEN = 1.0
+"""Value of a monitor that is far from anything."""
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """What is watched.
+
+    Attributes
+    ----------
+    kind : ``duration``, ``touchdown`` (a second one), a margin of ``margin_names``, or of the impact: ``impulse``,
+        ``impulse_cone_forward``, ``impulse_cone_backward``, ``impact_slip``, ``impact_painleve``, ``lift_velocity``.
+    phase : index of the phase, None for the impact.
+    """
+
+    kind: str
+    phase: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Value of a monitor, and where in its phase, from 0 (start) to 1 (end), it is taken."""
+
+    value: float
+    where: float = 1.0
+
+
+def readings(gait: Gait) -> dict[Name, Reading]:
+    """All monitors of a solution, whether or not they hold."""
+    assert gait.step is not None, "monitors read a solution"
+    return {**dict(_phase_readings(gait)), **dict(_impact_readings(gait))}
+
+
+def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
+    assert gait.step is not None
+    modes = gait.problem.sequence.phases
+    arcs = _arcs_by_phase(gait)
+    period = abs(gait.step.period)
+    for phase, group in enumerate(arcs):
+        duration = sum(arc.duration for arc in group)
+        yield Name("duration", phase), Reading(duration / period)
+        if duration < SHORT * period:
+            continue
+        for row, kind in enumerate(margin_names(modes[phase])):
+            if kind != "touchdown":
+                zeros = _zeros(gait, phase, kind)
+                found = [_lowest(gait, arc, row, *_own(zeros, arc, group)) for arc in group]
+                yield Name(kind, phase), _combine(found, group)
+    yield Name("touchdown", len(arcs) - 1), Reading(_second_touchdown(gait))
+
+
+def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
+    """Arcs of each phase; breakpoints of the control cut a phase into several."""
+    assert gait.step is not None
+    groups: list[list[Arc]] = []
+    for arc, phase in zip(gait.step.arcs, gait.step.arc_phases, strict=True):
+        if phase == len(groups):
+            groups.append([])
+        groups[phase].append(arc)
+    return groups
+
+
+def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
+    """Orders of the zeros that events give a margin at the start and at the end of its phase."""
+    sequence = gait.problem.sequence
+    modes = sequence.phases
+    start = sequence.onset_order(phase) if kind == "slip_velocity" else 0
+    ends = phase + 1 < len(modes) and kind == ending_margin(modes[phase], modes[phase + 1])
+    return start, int(ends)
+
+
+def _own(zeros: tuple[int, int], arc: Arc, group: list[Arc]) -> tuple[int, int]:
+    return (zeros[0] if arc is group[0] else 0), (zeros[1] if arc is group[-1] else 0)
+
+
+def _lowest(gait: Gait, arc: Arc, row: int, start: int, end: int) -> tuple[float, float]:
+    """Where in [-1, 1] the margin without its zeros is lowest, and its value there."""
+    values = _margins(gait, arc)[row]
+    if start or end:
+        values = _deflation(values.size, start, end) @ values
+    at, lowest = curves.maximum(-values)
+    return at, -lowest
+
+
+@lru_cache(maxsize=64)
+def _deflation(count: int, start: int, end: int) -> Array:
+    """Matrix from values of g to values of g / ((1 + s)^start (1 - s)^end), both at ``points(count)``."""
+    factor = chebyshev.chebfromroots([-1.0] * start + [1.0] * end) * (-1) ** end
+    n = count - start - end
+    product = np.zeros((count, n))
+    for k in range(n):
+        product[: k + factor.size, k] = chebyshev.chebmul(np.eye(n)[k][: k + 1], factor)
+    quotient = np.linalg.pinv(product) @ np.linalg.inv(chebyshev.chebvander(curves.points(count), count - 1))
+    return chebyshev.chebvander(curves.points(count), n - 1) @ quotient
+
+
+def _combine(found: list[tuple[float, float]], group: list[Arc]) -> Reading:
+    index = int(np.argmin([value for _, value in found]))
+    at, value = found[index]
+    arc = group[index]
+    time = arc.start + arc.duration * (at + 1) / 2
+    return Reading(value, (time - group[0].start) / (group[-1].end - group[0].start))
+
+
+def _second_touchdown(gait: Gait) -> float:
+    """Lowest interior minimum of the touchdown margin after it was armed: below zero the foot lands earlier."""
+    assert gait.step is not None
+    lowest, armed = OPEN, False
+    for arc in gait.step.arcs:
+        values = _margins(gait, arc)[0]
+        c = curves.coefficients(values)
+        minima = [s for s in curves.roots(_slope(c)) if chebyshev.chebval(s, chebyshev.chebder(c, 2)) > 0]
+        for s in minima:
+            if armed or (values[curves.points(values.size) < s] > 0).any():
+                lowest = min(lowest, float(chebyshev.chebval(s, c)))
+        armed = armed or bool((values[:-1] > 0).any())
+    return lowest
+
+
+def _slope(c: Array) -> Array:
+    return np.asarray(chebyshev.chebval(curves.points(c.size), chebyshev.chebder(c)))
+
+
+def _margins(gait: Gait, arc: Arc) -> Array:
+    data = gait.system.control.data(arc.segment)
+    return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data))
+
+
+def _impact_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
+    assert gait.step is not None
+    assert gait.step.impact is not None
+    mode = gait.problem.sequence.impact
+    z_minus = gait.step.arcs[-1].states[-1]
+    _, impulse, slip, lift, painleve = (np.asarray(v).ravel() for v in gait.system.impact(mode)(z_minus, gait.p))
+    yield Name("impulse"), Reading(float(impulse[1]))
+    yield Name("lift_velocity"), Reading(float(lift[0]))
+    if mode is Mode.STICK:
+        friction = gait.p[gait.system.parameters.index("friction")]
+        yield Name("impulse_cone_forward"), Reading(float(friction * impulse[1] + impulse[0]))
+        yield Name("impulse_cone_backward"), Reading(float(friction * impulse[1] - impulse[0]))
+    else:
+        yield Name("impact_slip"), Reading(float(mode.direction * slip[0]))
+        yield Name("impact_painleve"), Reading(float(painleve[0]))

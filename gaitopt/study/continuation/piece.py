@@ -1,0 +1,125 @@
+"""One branch: the curve of gaits with one mode sequence, evaluated at a point in everything that is watched."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Gait
+from gaitopt.mechanics import ModeSequence
+from gaitopt.nlp.arclength import Curve, CurvePoint
+from gaitopt.nlp.assembly import assemble_gait
+from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import Problem
+from gaitopt.study.continuation.bifurcations import test_functions
+from gaitopt.study.continuation.monitors import Name, Reading, readings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Station:
+    """A point of a piece with its gait; what is watched is computed when it is asked for.
+
+    Attributes
+    ----------
+    point : on the curve.
+    gait : the gait there.
+    """
+
+    point: CurvePoint
+    gait: Gait
+
+    @property
+    def value(self) -> float:
+        """The parameter."""
+        return float(self.point.at.w[-1])
+
+    @cached_property
+    def monitors(self) -> dict[Name, Reading]:
+        """What the mode sequence takes for granted."""
+        return readings(self.gait)
+
+    @cached_property
+    def tests(self) -> dict[str, float]:
+        """Test functions of special points by type."""
+        return test_functions(self.gait.multipliers, float(self.point.tangent[-1]))
+
+
+class Piece:
+    """Gaits of one mode sequence along one parameter.
+
+    Parameters
+    ----------
+    problem : with this sequence.
+    parameter : dotted key.
+    transcription : with that parameter freed.
+    p : ndarray - values of all parameters, that of ``parameter`` being ignored.
+    scales : pair - scale of the section coordinates and of the parameter.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        parameter: str,
+        transcription: Transcription,
+        p: Array,
+        scales: tuple[float, float],
+    ) -> None:
+        self.problem, self.parameter, self.p, self.scales = problem, parameter, p, scales
+        self._use(transcription)
+
+    @property
+    def sequence(self) -> ModeSequence:
+        """The mode sequence of this piece."""
+        return self.transcription.layout.sequence
+
+    def start(self, w: Array, direction: Array) -> Station | None:
+        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; ``direction`` is in y."""
+        point = self.curve.start(w, direction)
+        if point is None:
+            return None
+        return self.remeshed(self._station(point))
+
+    def step(self, station: Station, length: float) -> Station | None:
+        """The gait at arclength ``length`` from a station."""
+        point = self.curve.step(station.point, length)
+        return None if point is None else self._station(point)
+
+    def at_parameter(self, station: Station, value: float) -> Station | None:
+        """The gait near a station with the given value of the parameter."""
+        point = self.curve.at_parameter(station.point, value)
+        return None if point is None else self._station(point)
+
+    def remeshed(self, station: Station) -> Station | None:
+        """The same gait on a finer mesh where its integration error asks for one; None if that fails."""
+        if phase_errors(self.transcription, station.point.at).max() < ERROR_TOLERANCE:
+            return station
+        refined = refine(self.transcription, station.point.at)
+        direction = self.coordinates(station.point.tangent)
+        self._use(refined.transcription)
+        point = self.curve.start(refined.at.w, direction)
+        return None if point is None else self._station(point)
+
+    def coordinates(self, w: Array) -> Array:
+        """Scaled section coordinates and parameter, in which arclength is measured."""
+        return self.curve.coordinates(w)
+
+    def _use(self, transcription: Transcription) -> None:
+        n_xi = transcription.system.section(transcription.layout.sequence.impact).size
+        scales = np.append(np.full(n_xi, self.scales[0]), self.scales[1])
+        self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
+
+    def _station(self, point: CurvePoint) -> Station:
+        problem = self.problem.replace({self.parameter: float(point.at.w[-1])})
+        gait = assemble_gait(
+            problem,
+            self.transcription,
+            point.at,
+            errors=np.zeros(self.transcription.n_phases),
+            message="continued",
+            solver={"iterations": float(point.iterations)},
+        )
+        return Station(point=point, gait=gait)
