@@ -154,6 +154,17 @@ def test_foot_clearance_is_the_height_after_the_legs_have_passed() -> None:
     assert measure(system, p, step)["foot_clearance"] == pytest.approx(foot[1][ahead].max(), abs=1e-8)
 
 
+def test_foot_that_is_high_only_behind_the_stance_foot_has_no_credit_for_it() -> None:
+    """A prescribed motion, high at its start; the feet pass where theta2 = -theta1, three eighths on."""
+    system, p, step = compass_step()
+    s = curves.points(POINTS)
+    states = np.zeros((POINTS, 6))
+    states[:, 0], states[:, 1] = 0.05 * s, 0.35 * s - 0.15
+    prescribed = Arc(mode=Mode.STICK, segment=0, times=s + 1, states=states)
+    clearance = measure(system, p, Step(arcs=(prescribed,), impact=step.impact))["foot_clearance"]
+    assert clearance == pytest.approx(1.6 * (np.cos(0.05) - np.cos(0.2)), rel=1e-12)
+
+
 def test_required_friction_is_asked_in_sticking_phases_only() -> None:
     system, p, step = compass_step()
     _, force = dense(0)[1]
