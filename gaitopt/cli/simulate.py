@@ -47,6 +47,7 @@ def simulate(
     """
     from gaitopt import study
     from gaitopt.cli.console import narration, print_json, results
+    from gaitopt.cli.progress import interruptible
     from gaitopt.cli.runs import is_folder, stored_gait
     from gaitopt.cli.tables import print_walk
     from gaitopt.gait import Gait
@@ -58,7 +59,10 @@ def simulate(
     if output is not None:
         check_folder(output, start.problem if isinstance(start, Gait) else start)
     narration(quiet=quiet).print(f"walking {steps} step{'s' if steps > 1 else ''}")
-    walk = study.simulate(start, begin, steps)
+    with interruptible() as interrupted:
+        walk = study.simulate(start, begin, steps, should_stop=interrupted)
+        if interrupted():
+            raise KeyboardInterrupt
     record = {**walk.to_record(), "run": None if output is None else str(output)}
     try:
         if output is not None:
