@@ -79,7 +79,7 @@ def report(gait: "Gait", folder: Path | None, *, json: bool, store: bool = False
     record = {**gait.to_record(), "run": None if folder is None else str(folder)}
     try:
         if store and folder is not None:
-            _store(gait, folder)
+            store_gait(gait, folder)
     finally:  # what was computed is printed even where it cannot be kept
         if json:
             print_json(record)
@@ -94,7 +94,8 @@ def report(gait: "Gait", folder: Path | None, *, json: bool, store: bool = False
     return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED
 
 
-def _store(gait: "Gait", folder: Path) -> None:
+def store_gait(gait: "Gait", folder: Path) -> None:
+    """Write the run of a gait."""
     from gaitopt.gait.table import trajectory_header, trajectory_rows
     from gaitopt.store import Table, write_run
 

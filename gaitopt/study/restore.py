@@ -52,6 +52,7 @@ def restore_gait(run: Run) -> Gait:
         measures=measure(system, p, step),
         freed=freed,
         solver=dict(run.gait.get("solver", {})),
+        verification=run.gait.get("verification"),
     )
 
 
