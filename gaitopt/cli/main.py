@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import typer
 
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
+from gaitopt.cli.plot import plot
+from gaitopt.cli.report import report
 from gaitopt.cli.simulate import simulate
 from gaitopt.cli.solve import solve
 from gaitopt.cli.verify import verify
@@ -32,6 +34,8 @@ app.command("schema")(schema)
 app.command("solve")(solve)
 app.command("simulate")(simulate)
 app.command("verify")(verify)
+app.command("plot")(plot)
+app.command("report")(report)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

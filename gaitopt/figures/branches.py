@@ -89,7 +89,8 @@ def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quan
         if special.get("value") is None or not near:
             continue
         closest = min(near, key=lambda point: abs(point["value"] - special["value"]))
-        height = special[quantity] if special.get(quantity) is not None else closest[quantity]
+        own = (special.get("gait") or {}).get(quantity)
+        height = closest[quantity] if own is None else own
         marker = SPECIAL.get(special["type"], (special["type"], "*"))[1]
         axes.plot(
             special["value"], height, marker, color=colour, markersize=7, markeredgewidth=1.4, markerfacecolor="white"

@@ -51,27 +51,27 @@ def two_roads(motion: Motion, walked: Step, nodes: tuple[Array, Array] | None = 
     return figure
 
 
+def differences(ours: Step, theirs: Step) -> Iterator[tuple[Array, Array]]:
+    """Times and differences of the states on each arc, compared at equal fractions of it."""
+    for mine, other in zip(ours.arcs, theirs.arcs, strict=False):
+        if mine.mode is not other.mode or mine.duration <= 0:
+            return
+        yield mine.times, mine.states - _at(other, 2 * (mine.times - mine.start) / mine.duration - 1)
+
+
 def _differences(axes: Axes, motion: Motion, walked: Step) -> list[Line2D]:
     """Angles' and rates' differences along arcs that both roads go through."""
     rate = motion.state_index(f"d{motion.system.walker.shape[0]}")
     kinds = {"positions": (slice(0, rate), "-"), "velocities": (slice(rate, None), ":")}
     entries = []
     for words, (columns, line) in kinds.items():
-        for times, gap in _gaps(motion.step, walked):
+        for times, gap in differences(motion.step, walked):
             size = np.maximum(np.abs(gap[:, columns]).max(axis=1), ROUNDING)
             axes.semilogy(times, size, color=NEUTRAL, linestyle=line, linewidth=1.1)
         entries.append(entry(f"difference, {words}", linestyle=line, linewidth=1.1))
     axes.set_xlabel(str(label("time")))
     axes.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
     return entries
-
-
-def _gaps(ours: Step, theirs: Step) -> Iterator[tuple[Array, Array]]:
-    """Times and differences of the states on each arc, compared at equal fractions of it."""
-    for mine, other in zip(ours.arcs, theirs.arcs, strict=False):
-        if mine.mode is not other.mode or mine.duration <= 0:
-            return
-        yield mine.times, mine.states - _at(other, 2 * (mine.times - mine.start) / mine.duration - 1)
 
 
 def _at(arc: Arc, fractions: Array) -> Array:
