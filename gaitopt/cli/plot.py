@@ -1,7 +1,8 @@
 """``gaitopt plot``: figures of a gait or a branch, and the moving walker."""
 
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +18,17 @@ FIGURES = "figures"
 """Folder of the figures within a run folder."""
 ANIMATION = "animation"
 
+
+class Format(StrEnum):
+    """Formats of a figure."""
+
+    SVG = "svg"
+    PNG = "png"
+    PDF = "pdf"
+
+
+DEFAULT_FORMATS = (Format.SVG, Format.PNG)
+
 RunArguments = Annotated[list[str], typer.Argument(metavar="RUN...", help="Run folders, or PROBLEMs.")]
 WhatOption = Annotated[
     list[str] | None,
@@ -24,9 +36,7 @@ WhatOption = Annotated[
         "--what", metavar="NAME", help="Which figure; repeat it for several. Without it all that tell something."
     ),
 ]
-FormatOption = Annotated[
-    list[Literal["svg", "png", "pdf"]] | None, typer.Option("--format", help="svg and png if not given.")
-]
+FormatOption = Annotated[list[Format] | None, typer.Option("--format", help="svg and png if not given.")]
 FolderOption = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Where to; by default RUN/figures.", show_default=False),
@@ -52,14 +62,14 @@ def plot(
     from gaitopt.cli.gaits import stored_gaits
 
     if len(runs) == 1 and holds_branch(runs[0]):
-        written = _plot_branch(runs[0], what, formats or ["svg", "png"], output or Path(runs[0]) / FIGURES)
+        written = _plot_branch(runs[0], what, formats or DEFAULT_FORMATS, output or Path(runs[0]) / FIGURES)
     else:
         gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
         if output is None and len(gaits) > 1:
             raise typer.BadParameter("say with -o where the figures of several runs go")
-        written = _plot_gaits(gaits, what, formats or ["svg", "png"], output or folders[0] / FIGURES)
+        written = _plot_gaits(gaits, what, formats or DEFAULT_FORMATS, output or folders[0] / FIGURES)
     for path in written:
         results().print(str(path), soft_wrap=True)
     return 0

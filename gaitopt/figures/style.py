@@ -49,7 +49,6 @@ STYLE: Any = {
     "svg.hashsalt": "gaitopt",
     "pdf.fonttype": 42,
 }
-FORMATS = ("svg", "png", "pdf")
 _NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
 
 

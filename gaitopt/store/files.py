@@ -10,7 +10,7 @@ TEMPORARY_SUFFIX = ".tmp"
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write ``content`` to ``path``, text as UTF-8; whoever looks finds the old file or the new one, even then.
+    """Write ``content`` to ``path``; whoever looks finds the old file or the new one, even after a crash.
 
     Raises
     ------
