@@ -18,7 +18,8 @@ def stored_gaits(
     runs: "Sequence[str]", changes: list[str] | None, console: "Console"
 ) -> "tuple[list[Gait], list[Path]]":
     """Gaits and their run folders; what was solved just now is stored, and a failed attempt is reported."""
-    gaits, folders = list[Gait](), list[Path]()
+    gaits: list[Gait] = []
+    folders: list[Path] = []
     for run in runs:
         gait, folder, fresh = gait_of(run, changes, None, console)
         if not gait.converged:

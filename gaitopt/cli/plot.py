@@ -81,13 +81,14 @@ def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Seque
     from gaitopt.figures.motion import motion_of
     from gaitopt.figures.style import save
     from gaitopt.store import write_whole
+    from gaitopt.store.files import make_folder
 
     words = what or [*telling(gaits), *([ANIMATION] if len(gaits) == 1 else [])]
     _check(words, (*GAIT_FIGURES, ANIMATION))
     alone = [word for word in words if word in ("roads", ANIMATION) and len(gaits) > 1]
     if alone:
         raise typer.BadParameter(f"--what {alone[0]} shows one gait, not {len(gaits)}")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     written: list[Path] = []
     for word in words:
         if word == ANIMATION:
@@ -102,11 +103,12 @@ def _plot_branch(run: str, what: list[str] | None, formats: "Sequence[str]", fol
     from gaitopt.cli.branches import stored_branch
     from gaitopt.figures.catalogue import BRANCH_FIGURES, USUAL_BRANCH_FIGURES, branch_figure
     from gaitopt.figures.style import save
+    from gaitopt.store.files import make_folder
 
     words = what or list(USUAL_BRANCH_FIGURES)
     _check(words, BRANCH_FIGURES)
     problem, parameter, records = stored_branch(run)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
     return [path for paths in drawn for path in paths]
 

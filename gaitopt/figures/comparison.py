@@ -43,8 +43,8 @@ def two_roads(motion: Motion, walked: Step, nodes: tuple[Array, Array] | None = 
         for arc in walked.arcs:
             upper.plot(arc.times, arc.states[:, column], color=colour, linestyle=dashes(arc.mode))
         upper.plot(found[0], found[1][:, column], "o", color=colour, markersize=4, fillstyle="none")
-        handles.append(entry(f"{symbol(name)}, simulated", color=colour))
-    handles.append(entry("nodes of the NLP", marker="o", linestyle="", fillstyle="none"))
+        handles.append(entry(f"{symbol(name)}, simulation", color=colour))
+    handles.append(entry("NLP", marker="o", linestyle="", fillstyle="none"))
     upper.set_ylabel("angle [rad]")
     handles += _differences(lower, motion, walked)
     legend_below(figure, [*handles, *mode_legend([mode for mode, _ in walked.phases])])
