@@ -63,9 +63,19 @@ class Layout:
             for arc in self.arcs
         ]
 
+    def node_times(self, durations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Time since impact of every node for given phase durations; shape (K + 1,) [s]."""
+        ends = self.arc_times(durations)
+        pieces = [np.linspace(a, b, arc.intervals + 1)[:-1] for arc, (a, b) in zip(self.arcs, ends, strict=True)]
+        return np.concatenate([*pieces, [ends[-1][1]]])
+
     def in_order(self, durations: NDArray[np.float64]) -> bool:
         """Whether no arc runs backwards: False once a switch has passed a breakpoint."""
         return all(end >= start for start, end in self.arc_times(durations))
+
+    def same_arcs(self, other: "Layout") -> bool:
+        """Whether both have the same arcs in the same order, on whatever intervals."""
+        return [replace(arc, intervals=0) for arc in self.arcs] == [replace(arc, intervals=0) for arc in other.arcs]
 
     def refined(self, wanted: Sequence[int]) -> "Layout":
         """The same arcs with other numbers of intervals."""
@@ -82,6 +92,7 @@ def layout(sequence: ModeSequence, durations: ArrayLike, breakpoints: Sequence[f
     breakpoints : of the control, times since impact [s], ascending.
     """
     switches = np.concatenate([[0.0], np.cumsum(durations)])
+    assert switches[-1] > 0, "a step takes time"
     arcs = []
     for phase, mode in enumerate(sequence.phases):
         begin, finish = switches[phase], switches[phase + 1]
