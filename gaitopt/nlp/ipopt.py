@@ -19,6 +19,10 @@ Progress = Callable[[int, float], None]
 
 TOLERANCE = 1e-10
 """Well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
+OPTIMALITY = 1e-8
+"""Scaled KKT residual of a design."""
+HISTORY = 20
+"""Secant pairs: as many as there are free directions in a large design."""
 MAX_ITERATIONS = 300
 
 ENDINGS: dict[str, tuple[Status, str]] = {
@@ -50,7 +54,9 @@ class IpoptResult:
     w : ndarray - last iterate, to be looked at even after a failure.
     status, words : whether it may be trusted, and why not.
     iterations : how many.
-    multipliers : ndarray - Lagrange multipliers of the constraints g.
+    multipliers, bound_multipliers : ndarray - Lagrange multipliers of g and of the bounds on w.
+    objective : its value.
+    kkt : dual infeasibility, the residual of the optimality conditions.
     """
 
     w: Array
@@ -58,6 +64,9 @@ class IpoptResult:
     words: str
     iterations: int
     multipliers: Array
+    bound_multipliers: Array
+    objective: float
+    kkt: float
 
 
 class _Watch(Callback):
@@ -126,13 +135,14 @@ class Ipopt:
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
-                "tol": TOLERANCE,
+                "tol": TOLERANCE if objective is None else OPTIMALITY,
                 "constr_viol_tol": TOLERANCE,
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
                 "max_iter": MAX_ITERATIONS,
-                # a feasibility problem has no curvature worth its price
-                "hessian_approximation": "limited-memory" if objective is None else "exact",
+                # the free directions are few, and secants learn them in fewer seconds than one exact Hessian takes
+                "hessian_approximation": "limited-memory",
+                "limited_memory_max_history": HISTORY,
             },
         }
         nlp: dict[str, Any] = {"x": w, "p": p, "g": g, "f": MX(0) if objective is None else objective}
@@ -158,4 +168,7 @@ class Ipopt:
             words=words,
             iterations=int(stats["iter_count"]),
             multipliers=np.asarray(solution["lam_g"]).ravel(),
+            bound_multipliers=np.asarray(solution["lam_x"]).ravel(),
+            objective=float(solution["f"]),
+            kkt=float(stats["iterations"]["inf_du"][-1]),
         )
