@@ -85,7 +85,7 @@ class ReturnMap:
 
     def jacobian(self, step: Step) -> Array:
         """Derivative of the map along one of its steps; shape (n_xi, n_xi)."""
-        return return_map_jacobian(self._system, self._p, step, self.section_mode)
+        return return_map_jacobian(self._system, self._p, step, self.section_mode, self.simulator.stepper)
 
     def fixed_point(self, xi: Array) -> FixedPoint:
         """Newton's method from ``xi`` until Pi(xi) = xi up to rounding."""

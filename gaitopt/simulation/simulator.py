@@ -95,7 +95,7 @@ class Simulator:
         p = _finite_vector("parameters", p, system.parameters)
         self.system, self.p = system, p
         self._max_switches = max_switches
-        self._stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
+        self.stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
         self._decisions = Decisions(system, p)
         self._limit = min(max_step_time, system.control.horizon)
         self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
@@ -174,14 +174,14 @@ class Simulator:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
         end = (*self._breakpoints, self._limit)[moment.segment]
         data = self.system.control.data(moment.segment)
-        arrival = self._stepper.advance(mode, data, moment.time, moment.state, end)
+        arrival = self.stepper.advance(mode, data, moment.time, moment.state, end)
         return replace(arrival, state=_at_rest(arrival.state)) if arrival.event == "slip_velocity" else arrival
 
     def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
         times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
         if dense:
             data = self.system.control.data(moment.segment)
-            times, states = sample(self._stepper, mode, data, moment.time, arrival.time, moment.state)
+            times, states = sample(self.stepper, mode, data, moment.time, arrival.time, moment.state)
             states[-1] = arrival.state
         return Arc(mode=mode, segment=moment.segment, times=times, states=states)
 
