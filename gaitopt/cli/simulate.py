@@ -8,6 +8,7 @@ import typer
 
 from gaitopt.cli.options import (
     DebugOption,
+    EngineOption,
     JsonOption,
     OutOption,
     QuietOption,
@@ -34,6 +35,7 @@ def simulate(
     run: RunArgument,
     state: StateOption = None,
     steps: StepsOption = 1,
+    engine: EngineOption = "auto",
     changes: SetOption = None,
     output: OutOption = None,
     json: JsonOption = False,
@@ -58,7 +60,7 @@ def simulate(
         check_folder(output, start.problem if isinstance(start, Gait) else start)
     narration(quiet=quiet).print(f"walking {steps} step{'s' if steps > 1 else ''}")
     with interruptible() as interrupted:
-        walk = study.simulate(start, begin, steps, should_stop=interrupted)
+        walk = study.simulate(start, begin, steps, engine=engine, should_stop=interrupted)
         if interrupted():
             raise KeyboardInterrupt
     record = {**walk.to_record(), "run": None if output is None else str(output)}

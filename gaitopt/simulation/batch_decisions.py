@@ -76,9 +76,10 @@ class BatchDecisions:
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.at_rest(float(times[k]), states[k], data[k])
-            refused = isinstance(decision, Refusal)
-            modes[k] = NONE if refused else MODES.index(decision)
-            endings[k] = ENDINGS.index(decision.ending) if refused else 0
+            if isinstance(decision, Refusal):
+                modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
+            else:
+                modes[k] = MODES.index(decision)
         return modes, endings
 
     def land(self, states: Array) -> Landing:

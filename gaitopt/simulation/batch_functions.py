@@ -28,7 +28,7 @@ class Rowwise:
         self._mapped = Buffered(function.map(WIDTH))
 
     def __call__(self, *values: Any) -> list[Array]:
-        """Outputs, each of shape (n, size), from inputs of shape (n, size) or (size,), which is the same in all rows."""
+        """Outputs of shape (n, size) from inputs of shape (n, size), or (size,) for the same in all rows."""
         arrays = [np.asarray(value, dtype=float) for value in values]
         n = max(len(array) for array in arrays if array.ndim == 2)
         outputs = [np.empty((n, size)) for size in self._sizes_out]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.batch_functions import Rowwise
-from gaitopt.simulation.events import INSTANT, PRIORITY
+from gaitopt.simulation.events import EDGE, INSTANT, PRIORITY, SIMULTANEOUS
 from gaitopt.simulation.heyoka_integrators import LANES, batch_integrator
-from gaitopt.simulation.heyoka_stepper import MAX_TAYLOR_STEPS, departure, moving, simultaneous
+from gaitopt.simulation.heyoka_stepper import BARELY_MOVING, MAX_TAYLOR_STEPS, RATE_EDGE
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -66,8 +66,10 @@ class HeyokaBatch:
         times, limits : ndarray, shape (n,) - times since the last impact [s].
         states : ndarray, shape (n, n_z) - states at ``times``.
         """
-        at_edge, fallen = departure(*self._margins(mode, segments, times, states))
-        arrivals = Arrivals(times=times.copy(), states=moving(mode, states), events=_first(mode, fallen, LIMIT))
+        at_edge, fallen = _departure(*self._margins(mode, segments, times, states))
+        arrivals = Arrivals(times=times.copy(), states=states.copy(), events=_first(mode, fallen, LIMIT))
+        if mode is not Mode.STICK:
+            arrivals.states[states[:, -1] == 0, -1] = mode.direction * BARELY_MOVING
         waiting = np.flatnonzero(~fallen.any(axis=1) & (times < limits))
         constants = self._runtime(mode)[segments]
         _Lanes(batch_integrator(self._system, mode).taylor, constants, limits, at_edge, arrivals).run(waiting)
@@ -77,8 +79,8 @@ class HeyokaBatch:
         """Of simultaneous events the one that counts."""
         rows = moved[arrivals.events[moved] >= 0]
         if rows.size:
-            values = self._margins(mode, segments[rows], arrivals.times[rows], arrivals.states[rows])
-            together = simultaneous(*values)
+            margins, rates = self._margins(mode, segments[rows], arrivals.times[rows], arrivals.states[rows])
+            together = (rates < 0) & (np.abs(margins) <= -rates * SIMULTANEOUS)
             together[np.arange(rows.size), arrivals.events[rows]] = True
             arrivals.events[rows] = _first(mode, together, LIMIT)
         return arrivals
@@ -154,6 +156,13 @@ class _Lanes:
         taylor.reset_cooldowns(lane)
         self._rows[lane], self._starts[lane], self._stops[lane], self._counts[lane] = row, time, stop, 0
         return int(row >= 0)
+
+
+def _departure(margins: Array, rates: Array) -> tuple[Flags, Flags]:
+    """Which margins start at their edge, and which do not hold from the start; ``touchdown``, the first, may not."""
+    fallen = np.where(margins < -EDGE, margins + INSTANT * rates < 0, (margins <= EDGE) & (rates < -RATE_EDGE))
+    fallen[:, 0] = False
+    return margins <= EDGE, fallen
 
 
 def _first(mode: Mode, flags: Flags, otherwise: int) -> Indices:

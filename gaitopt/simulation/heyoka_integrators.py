@@ -98,7 +98,7 @@ def _compiled(equations: _Equations, *, precision: type = float, lanes: int = 1,
     y = [hy.expression(f"y{k}") for k in range(n)]
     conversion = convert(function, {0: [hy.time], 1: y})
     rates, margins = conversion.outputs[0][:n], conversion.outputs[0][n:]
-    zeros = np.zeros((max(n, conversion.constants.numel_out(0)), lanes), dtype=precision).squeeze()
+    zeros: Any = np.zeros((max(n, conversion.constants.numel_out(0)), lanes), dtype=precision).squeeze()
     event = hy.t_event if lanes == 1 else hy.t_event_batch
     options = {"fp_type": precision, "compact_mode": not unrolled or function.n_instructions() > LONGEST_UNROLLED}
     build: Callable[..., Any] = hy.taylor_adaptive if lanes == 1 else hy.taylor_adaptive_batch

@@ -4,6 +4,7 @@ heyoka reports every simple root of a margin in a step, in order of time. What i
 a margin that starts at its edge (the level feet, a slip at its onset, which is a double root) and only leaves it.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import heyoka as hy
@@ -22,7 +23,6 @@ from gaitopt.simulation.heyoka_integrators import (
 from gaitopt.simulation.stepper import Arrival
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 RATE_EDGE = 1e-9
 """A rate this small, in the margin's unit per second, is zero: the margin leaves its edge by its second derivative."""
@@ -47,6 +47,8 @@ class HeyokaStepper:
     def __init__(self, system: HybridSystem, p: Array, *, precision: type = float) -> None:
         self._system, self._p, self._precision = system, np.array(p), precision
         self._events = {mode: Buffered(system.events(mode)) for mode in Mode}
+        for events in self._events.values():
+            events.inputs[2][:] = p
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
         self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
 
@@ -55,7 +57,9 @@ class HeyokaStepper:
         at_edge, fallen = self._departure(mode, data, time, state)
         if fallen is not None or limit <= time:
             return Arrival(time=time, state=state, event=fallen)
-        taylor = self._loaded("events", mode, data, time, moving(mode, state))
+        taylor = self._loaded("events", mode, data, time, state)
+        if mode is not Mode.STICK and state[-1] == 0:
+            taylor.state[-1] = mode.direction * BARELY_MOVING
         taylor.reset_cooldowns()
         names = margin_names(mode)
         while True:
@@ -103,42 +107,30 @@ class HeyokaStepper:
         build = event_integrator if kind == "events" else flow_integrator
         return build(self._system, mode, precision=self._precision)
 
-    def _departure(self, mode: Mode, data: Array, time: float, state: Array) -> tuple[set[str], str | None]:
+    def _departure(self, mode: Mode, data: Array, time: float, state: Array) -> tuple[list[str], str | None]:
         """Margins that start at their edge, and the first by priority that does not hold from the start."""
-        names = margin_names(mode)
-        margins, rates = self._events[mode](time, state, self._p, data)
-        at_edge, fallen = departure(margins, rates)
-        broken = [names[k] for k in np.flatnonzero(fallen)]
-        return {names[k] for k in np.flatnonzero(at_edge)}, min(broken, key=PRIORITY.index, default=None)
+        at_edge, broken = [], []
+        for name, margin, rate in self._margins(mode, data, time, state):
+            if margin <= EDGE:
+                broken += [name] if name != "touchdown" and falls(margin, rate) else []
+                at_edge.append(name)
+        return at_edge, min(broken, key=PRIORITY.index) if broken else None
 
     def _first(self, mode: Mode, data: Array, time: float, state: Array, event: str) -> str:
         """The event that counts among those that are simultaneous with ``event``."""
-        names = margin_names(mode)
-        margins, rates = self._events[mode](time, state, self._p, data)
-        return min((event, *(names[k] for k in np.flatnonzero(simultaneous(margins, rates)))), key=PRIORITY.index)
+        margins = self._margins(mode, data, time, state)
+        together = [name for name, margin, rate in margins if rate < 0 and abs(margin) <= -rate * SIMULTANEOUS]
+        return min((event, *together), key=PRIORITY.index)
+
+    def _margins(self, mode: Mode, data: Array, time: float, state: Array) -> Iterable[tuple[str, float, float]]:
+        events = self._events[mode]
+        t, z, _, r = events.inputs
+        t[0], z[:], r[:] = time, state, data
+        events.evaluate()
+        margins, rates = events.outputs
+        return zip(margin_names(mode), margins.tolist(), rates.tolist(), strict=True)
 
 
-def moving(mode: Mode, states: Array) -> Array:
-    """The states, shape (..., n_z), with a foot that starts to slip off its exact zero."""
-    started = states.copy()
-    if mode is not Mode.STICK:
-        started[..., -1] = np.where(started[..., -1] == 0, mode.direction * BARELY_MOVING, started[..., -1])
-    return started
-
-
-def departure(margins: Array, rates: Array) -> tuple[Flags, Flags]:
-    """Which margins start at their edge, and which do not hold from the start; both of shape (..., n_margins).
-
-    Parameters
-    ----------
-    margins, rates : ndarray, shape (..., n_margins) - at the start of an arc, ``touchdown`` first: it may be negative.
-    """
-    lasts = (margins < -EDGE) & (margins + INSTANT * rates < 0)
-    fallen = lasts | ((np.abs(margins) <= EDGE) & (rates < -RATE_EDGE))
-    fallen[..., 0] = False
-    return (margins <= EDGE) & ~fallen, fallen
-
-
-def simultaneous(margins: Array, rates: Array) -> Flags:
-    """Which margins fall through zero at the same instant, from their values at an event; shape (..., n_margins)."""
-    return (rates < 0) & (np.abs(margins) <= -rates * SIMULTANEOUS)
+def falls(margin: float, rate: float) -> bool:
+    """Whether a margin that is not above its edge at the start of an arc falls, rather than leaves it upwards."""
+    return margin + INSTANT * rate < 0 if margin < -EDGE else rate < -RATE_EDGE

@@ -11,7 +11,7 @@ from gaitopt.errors import SolveError
 from gaitopt.gait import Ending, Gait, Step, Trajectory, curves, floquet_multipliers, multiplier_distance, observe
 from gaitopt.mechanics import Mode
 from gaitopt.orbit import FixedPoint, ReturnMap
-from gaitopt.simulation import Simulator
+from gaitopt.simulation import Engine, Simulator, make_stepper
 
 Array = NDArray[np.float64]
 
@@ -71,17 +71,24 @@ class Verification:
         }
 
 
-def verify(gait: Gait) -> Verification:
+def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
     """Examine a gait by forward simulation from its state after impact.
+
+    Parameters
+    ----------
+    gait : a converged gait.
+    engine : integrator of the simulation: ``auto``, ``scipy`` or ``heyoka``.
 
     Raises
     ------
     SolveError
         If ``gait`` is a failed attempt.
+    UnknownNameError
+        If the engine is unknown or not installed.
     """
     if gait.step is None:
         raise SolveError(f"{gait.problem.name} is {gait.status}, there is no gait to verify: {gait.message}")
-    simulator = Simulator(gait.system, gait.p)
+    simulator = Simulator(gait.system, gait.p, stepper=make_stepper(gait.system, gait.p, engine))
     walked = simulator.run(gait.state, steps=1, dense=True)
     claims = [_sequence_claim(gait, walked), *_margin_claims(gait), _energy_claim(gait)]
     if claims[0].passed:
