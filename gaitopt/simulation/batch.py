@@ -4,14 +4,13 @@ The rules are those of ``Simulator``. All states that are in the same mode go th
 all with the same event through what follows, until every step has ended.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.batch_decisions import ENDINGS, MODES, BatchDecisions, Landing
+from gaitopt.simulation.batch_decisions import BatchDecisions, Landing
+from gaitopt.simulation.batch_steps import BASE, ENDINGS, MAX_PHASES, MODES, BatchSteps
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.heyoka_batch import Arrivals, HeyokaBatch
 from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES, ONSETS
@@ -19,40 +18,6 @@ from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES, ONS
 Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 Indices = NDArray[np.intp]
-
-MAX_PHASES = 30
-"""Phases that a code of 64 bits holds, two bits each; a step with more has the code 0."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BatchSteps:
-    """One step of each of n states.
-
-    Attributes
-    ----------
-    states : ndarray, shape (n, n_z) - state after the impact, x = 0; where the motion ended before, the state there.
-    endings : ndarray, shape (n,) - index in ``ENDINGS``; 0 is ``completed``.
-    times : ndarray, shape (n,) - time of the impact, or of the ending [s].
-    step_lengths : ndarray, shape (n,) - NaN where there was no impact [m].
-    phases : ndarray, shape (n,) - code of the modes gone through, see ``phase_names``.
-    impacts : ndarray, shape (n,) - index in ``MODES`` of the impact's mode, -1 where there was none.
-    """
-
-    states: Array
-    endings: Codes
-    times: Array
-    step_lengths: Array
-    phases: Codes
-    impacts: Codes
-
-
-def phase_names(code: int) -> tuple[Mode, ...]:
-    """The modes behind a code of ``BatchSteps.phases``, in order."""
-    digits = []
-    while code > 0:
-        code, digit = divmod(code, 4)
-        digits.append(MODES[digit - 1])
-    return tuple(reversed(digits))
 
 
 class BatchSimulator:
@@ -160,9 +125,9 @@ class _Motion:
 
     def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
         """Record arcs in one mode; an arc across a breakpoint continues its phase, one without duration is none."""
-        new = rows[(arrivals.times > self.times[rows]) & (self.phases[rows] % 4 != code + 1)]
+        new = rows[(arrivals.times > self.times[rows]) & (self.phases[rows] % BASE != code + 1)]
         self._n_phases[new] += 1
-        self.phases[new] = np.where(self._n_phases[new] > MAX_PHASES, 0, self.phases[new] * 4 + code + 1)
+        self.phases[new] = np.where(self._n_phases[new] > MAX_PHASES, 0, self.phases[new] * BASE + code + 1)
         self.times[rows], self.states[rows] = arrivals.times, arrivals.states
 
     def end(self, rows: Indices, ending: Ending) -> None:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.gait import Ending, ImpactRecord
+from gaitopt.gait import ImpactRecord
 from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode
 from gaitopt.simulation.batch_functions import Rowwise
+from gaitopt.simulation.batch_steps import ENDINGS, MODES, NONE
 from gaitopt.simulation.decisions import Decisions, Refusal
 from gaitopt.simulation.events import EDGE, INSTANT
 
@@ -19,11 +20,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Codes = NDArray[np.int64]
 
-MODES = tuple(Mode)
-ENDINGS = tuple(Ending)
-"""Codes of modes and endings are their indices here; ``completed`` is 0."""
-NONE = -1
-"""Code of the mode of a foot that has none."""
 CONE_EDGE = 1e-9
 """Relative distance from the edge of the cone within which an impact is looked at by itself."""
 
