@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import typer
 
+from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.plot import plot
 from gaitopt.cli.report import report
@@ -34,6 +35,7 @@ app.command("schema")(schema)
 app.command("solve")(solve)
 app.command("simulate")(simulate)
 app.command("verify")(verify)
+app.command("basin")(basin)
 app.command("plot")(plot)
 app.command("report")(report)
 

@@ -55,10 +55,15 @@ class SetAside:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Where jobs run: ``count`` processes of this machine, or a Dask scheduler by its address."""
+    """Where jobs run: ``count`` processes of this machine (1 is this very process), or a Dask scheduler by address."""
 
     count: int = field(default_factory=lambda: os.cpu_count() or 1)
     scheduler: str | None = None
+
+
+def make_workers(count: int | None, scheduler: str | None) -> Workers:
+    """So many processes of this machine (None: one per core), or those of a scheduler."""
+    return Workers(scheduler=scheduler) if count is None else Workers(count=count, scheduler=scheduler)
 
 
 def run_jobs(
@@ -84,9 +89,21 @@ def run_jobs(
     UnknownNameError
         If the scheduler does not answer.
     """
-    if jobs:
+    if workers.scheduler is None and workers.count == 1:
+        yield from _run_here(task, jobs, dict(done or {}), should_stop)
+    elif jobs:
         with _client(workers) as client:
             yield from _Run(client, task, jobs, dict(done or {})).results(should_stop)
+
+
+def _run_here(
+    task: Callable[[Any, Any], Any], jobs: list[Job], results: dict[str, Any], should_stop: Callable[[], bool] | None
+) -> Iterator[tuple[str, Any]]:
+    for job in jobs:
+        if should_stop is not None and should_stop():
+            return
+        results[job.key] = task(job.argument, results.get(job.parent or ""))
+        yield job.key, results[job.key]
 
 
 class _Run:
