@@ -12,6 +12,7 @@ from gaitopt.cli.plot import plot
 from gaitopt.cli.report import report
 from gaitopt.cli.simulate import simulate
 from gaitopt.cli.solve import solve
+from gaitopt.cli.sweep import sweep
 from gaitopt.cli.verify import verify
 from gaitopt.errors import GaitoptError
 
@@ -36,6 +37,7 @@ app.command("solve")(solve)
 app.command("simulate")(simulate)
 app.command("verify")(verify)
 app.command("basin")(basin)
+app.command("sweep")(sweep)
 app.command("plot")(plot)
 app.command("report")(report)
 
