@@ -115,7 +115,7 @@ class _Design:
             if result.status is not Status.CONVERGED:
                 return self._failed(result.status, result.words, solver)
             durations = program.transcription.unpack(program.motion(result.w))[1]
-            if not self._layout(durations).same_arcs(program.transcription.layout):
+            if program.at_reach(result.w) or not self._layout(durations).same_arcs(program.transcription.layout):
                 program, held, x = self._program(self._moved(program, result.w), []), [], None
                 continue
             refined = refine(program.transcription, polish(program.transcription, program.motion(result.w), self._p).at)

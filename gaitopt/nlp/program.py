@@ -25,7 +25,13 @@ from gaitopt.problem import Problem, Range
 Array = NDArray[np.float64]
 
 RADIUS = "spectral_radius"
-SMOOTHING = 5e-5
+REACH = 1.0
+"""In one search angles, rates and slip velocity at a node change by no more than their largest value in the step."""
+LONGEST = 3.0
+"""No phase grows longer in one search than so many periods."""
+NEAR = 1e-6
+"""Part of the reach within which a solution counts as kept by it."""
+SMOOTHING = 1e-3
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 
 
@@ -70,10 +76,13 @@ class Program:
         self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA}
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
         self._start = [w, *(np.array([self._extremum(name, w)]) for name in self._extrema)]
-        self._lower = np.concatenate([self._floor(bounds[0]), np.full(len(self._extrema), -np.inf)])
-        upper = np.full(self._lower.size, np.inf)
-        upper[w.size - bounds.shape[1] : w.size] = bounds[1]
-        self._upper = upper
+        nodes, durations, _ = transcription.unpack(w)
+        reach = self._reach(nodes, durations)
+        longest = np.full(transcription.n_phases, LONGEST * durations.sum())
+        unbounded = np.full(len(self._extrema), np.inf)
+        self._n_nodes = nodes.size
+        self._lower = np.concatenate([w[: nodes.size] - reach, np.zeros(durations.size), bounds[0], -unbounded])
+        self._upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], unbounded])
         self.rows = [*self._physics(held), *self._extremal(w), *self._asked()]
         unknowns = vertcat(transcription.w, *self._extrema.values())
         parameters = vertcat(transcription.parameters, self._offsets)
@@ -112,9 +121,20 @@ class Program:
             value = self._extrema[name] if name in EXTREMA else self._outcome.value(name)
         return value + self._offsets[self.names.index(name)]
 
-    def _floor(self, freed: Array) -> Array:
-        n_nodes = self.transcription.system.n_z * self.transcription.n_nodes
-        return np.concatenate([np.full(n_nodes, -np.inf), np.zeros(self.transcription.n_phases), freed])
+    def at_reach(self, x: Array) -> bool:
+        """Whether a solution has been kept by the reach of the search, and wants to go on."""
+        nodes = slice(0, self._n_nodes)
+        room = np.minimum(x - self._lower, self._upper - x)[nodes]
+        return bool(np.any(room < NEAR * (self._upper - self._lower)[nodes]))
+
+    def _reach(self, nodes: Array, durations: Array) -> Array:
+        """How far each node's state may go in one search, so that it keeps clear of motions that are no walk."""
+        t, n = self.transcription, self.transcription.system.n_shape
+        length = float(t.system.impact(t.layout.sequence.impact)(nodes[:, -1], self._p)[0][n])
+        sizes = np.abs(nodes).max(axis=1)
+        speed = max(sizes[-1], abs(length) / durations.sum())
+        scale = np.concatenate([np.full(n, sizes[:n].max()), [np.inf], np.full(n, sizes[n + 1 : -1].max()), [speed]])
+        return np.tile(REACH * scale, t.n_nodes)
 
     def _physics(self, held: list[Touch]) -> list[Rows]:
         t = self.transcription

@@ -17,7 +17,7 @@ Vandewalle & Diehl (2009), in discrete time. Its gradient, with the adjoints X o
     d rho = <G, dR V_K> + <Lambda, dB - dA V>
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -64,9 +64,8 @@ class _Radius(Callback):
         return Sparsity.dense((self._t.w, self._t.parameters)[i].numel(), 1)
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
-        w, p = (np.asarray(value).ravel() for value in arg)
-        _, M, _ = section_response(self._t, linearise(self._t, w, p))
-        return [DM(smoothed_radius(M)[0])]
+        answer = _response(self._t, *(np.asarray(value).ravel() for value in arg))
+        return [DM(np.nan if answer is None else smoothed_radius(answer[1])[0])]
 
     def has_jacobian(self) -> bool:
         return True
@@ -113,10 +112,22 @@ class _Gradient(Callback):
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
         w, p, _ = (np.asarray(value).ravel() for value in arg)
-        V, M, solve_adjoint = section_response(self._t, linearise(self._t, w, p))
-        radius, P = smoothed_radius(M)
-        G = radius_gradient(M, radius, P)
-        return [self._product(w, p, V, solve_adjoint(G), G).T, DM(1, p.size)]
+        answer = _response(self._t, w, p)
+        if answer is None:
+            return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
+        V, M, adjoint = answer
+        G = radius_gradient(M, *smoothed_radius(M))
+        return [self._product(w, p, V, adjoint(G), G).T, DM(1, p.size)]
+
+
+def _response(t: Transcription, w: Array, p: Array) -> tuple[Array, Array, Callable[[Array], Array]] | None:
+    """How the step answers to a deviation, or None where it has no definite answer."""
+    if not np.isfinite(w).all():
+        return None
+    try:
+        return section_response(t, linearise(t, w, p))
+    except RuntimeError:  # singular
+        return None
 
 
 def smoothed_radius(M: Array) -> tuple[float, Array]:
