@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, Callback, Sparsity, nlpsol, nlpsol_out
+from casadi import DM, MX, Callback, Function, Sparsity, jacobian, nlpsol, nlpsol_out, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait import Status
@@ -112,7 +112,9 @@ class Ipopt:
 
     Parameters
     ----------
-    w, p, objective, g : CasADi expressions; ``objective`` None for a problem of feasibility.
+    w, p, objective : CasADi expressions; ``objective`` None for a problem of feasibility.
+    g : the constraints, perhaps in blocks of like sparsity: each has its Jacobian for itself, so that a row that depends on
+        everything does not make those of the others dense to compute.
     progress, should_stop : called at every iteration.
     """
 
@@ -121,17 +123,20 @@ class Ipopt:
         *,
         w: MX,
         p: MX,
-        g: MX,
+        g: MX | Sequence[MX],
         objective: MX | None = None,
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
-        self._watch = _Watch(w.numel(), g.numel(), p.numel(), progress, should_stop)
+        blocks = [g] if isinstance(g, MX) else list(g)
+        rows = vertcat(*blocks)
+        self._watch = _Watch(w.numel(), rows.numel(), p.numel(), progress, should_stop)
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,  # a point where the motion does not exist is IPOPT's business, as is Ctrl-C
             "iteration_callback": self._watch,
             "error_on_fail": False,
+            "jac_g": Function("jac_g", [w, p], [rows, vertcat(*(jacobian(block, w) for block in blocks))]),
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
@@ -145,7 +150,7 @@ class Ipopt:
                 "limited_memory_max_history": HISTORY,
             },
         }
-        nlp: dict[str, Any] = {"x": w, "p": p, "g": g, "f": MX(0) if objective is None else objective}
+        nlp: dict[str, Any] = {"x": w, "p": p, "g": rows, "f": MX(0) if objective is None else objective}
         self._solver = nlpsol("gait", "ipopt", nlp, options)
 
     def solve(self, w: Array, p: Array, bounds_w: tuple[Array, Array], bounds_g: tuple[Array, Array]) -> IpoptResult:

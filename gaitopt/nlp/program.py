@@ -86,13 +86,12 @@ class Program:
         self.rows = [*self._physics(held), *self._extremal(w), *self._asked()]
         unknowns = vertcat(transcription.w, *self._extrema.values())
         parameters = vertcat(transcription.parameters, self._offsets)
-        g = vertcat(*(rows.expression for rows in self.rows))
         objective = sum((weight * self.scalar(name) for name, weight in problem.objective.items()), MX(0))
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
         self._solver = Ipopt(
             w=unknowns,
             p=parameters,
-            g=g,
+            g=[rows.expression for rows in self.rows],
             objective=objective if problem.objective else None,
             progress=progress,
             should_stop=should_stop,
