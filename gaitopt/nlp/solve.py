@@ -5,14 +5,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from casadi import Function, sum1, vertcat
+from casadi import Function
 from numpy.typing import NDArray
 
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import complaints, residual_complaint
-from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
+from gaitopt.nlp.feasibility import Feasibility
+from gaitopt.nlp.ipopt import IpoptResult, Progress
 from gaitopt.nlp.layout import Layout, layout
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
@@ -29,8 +30,6 @@ RESIDUAL_TOLERANCE = 1e-9
 VANISHING = 1e-7
 """A phase shorter than this part of the period does not take place."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
-SHORTEST = 0.1
-"""Shortest step, relative to the guess: feet that stay together solve all equations in no time at all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,17 +127,8 @@ def _attempt(
     relaxed: bool = False,
 ) -> Attempt:
     """Run IPOPT; ``relaxed`` leaves the margins out."""
-    equalities = transcription.equalities
-    margins = transcription.inequalities[0]
-    period = sum1(transcription.w[start.size - transcription.n_phases :])
-    g = vertcat(equalities, period) if relaxed else vertcat(equalities, period, margins)
-    lower = np.zeros(g.numel())
-    lower[equalities.numel()] = SHORTEST * start[start.size - transcription.n_phases :].sum()
-    upper = np.where(np.arange(g.numel()) < equalities.numel(), 0.0, np.inf)
-    nodes = np.full(start.size - transcription.n_phases, -np.inf)
-    floor = np.concatenate([nodes, np.full(transcription.n_phases, -np.inf if relaxed else 0.0)])
-    solver = Ipopt(w=transcription.w, p=transcription.parameters, g=g, progress=progress, should_stop=should_stop)
-    result = solver.solve(start, p, (floor, np.full(start.size, np.inf)), (lower, upper))
+    program = Feasibility(transcription, progress=progress, should_stop=should_stop, relaxed=relaxed)
+    result = program.solve(start, p)
     return Attempt(transcription=transcription, p=p, start=start, result=result)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.errors import SolveError
+from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Status
 from gaitopt.problem import Problem
 from gaitopt.store import LineWriter, Table, csv_text, read_lines, write_whole
@@ -70,7 +70,7 @@ class Sweep:
         """
         jobs: list[Job] = []
         for number in range(self.grid.size):
-            problem = self.problem.replace(self.point(number))
+            problem = self._at(number)
             neighbour = self._neighbour(number) if self.warm else None
             parent = None if neighbour is None else jobs[neighbour].key
             key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
@@ -87,6 +87,12 @@ class Sweep:
         """Values by dotted key at one point of the grid."""
         values = self.grid.points(np.array([number]))[0]
         return dict(zip([axis.key for axis in self.grid.axes], values.tolist(), strict=True))
+
+    def _at(self, number: int) -> Problem:
+        try:
+            return self.problem.replace(self.point(number))
+        except ProblemError as error:
+            raise ProblemError(str(error).replace("--set ", "--over ")) from error
 
     def _neighbour(self, number: int) -> int | None:
         """The point one step towards the first along the first axis that allows it; None for the first point."""
