@@ -4,6 +4,8 @@ const SPECIAL_WORDS = {
   fold: "fold", period_doubling: "period doubling", neimark_sacker: "Neimark–Sacker", mode_change: "other phases begin",
   impact_change: "other impact begins", lift_off: "foot lifts off", painleve: "Painlevé paradox", end: "branch ends",
 };
+const LOG = 10; // multipliers beyond this go on a log axis
+const SMALLEST = 1e-3; // what a multiplier of zero is drawn as there
 const NEAR = 40; // pixels within which a gait is under the pointer
 
 class BranchDiagram {
@@ -29,14 +31,21 @@ class BranchDiagram {
     return gait.scalars[this.quantity.value];
   }
 
+  // Where a value stands on the vertical axis.
+  height(value) {
+    return this.log && typeof value === "number" ? Math.log10(Math.max(value, SMALLEST)) : value;
+  }
+
   draw() {
     const key = this.quantity.value;
     const drawn = this.gaits.filter((gait) => typeof this.value(gait) === "number");
-    const level = key === "spectral_radius" ? [1] : [];
+    this.log = key === "spectral_radius" && drawn.some((gait) => this.value(gait) > LOG);
+    const level = key === "spectral_radius" ? [this.height(1)] : [];
     const { words, unit } = this.scalars[key];
     const options = { title: `${words} over ${this.parameter}`, x: this.parameter, y: unit ? `${words} [${unit}]` : words, height: 340 };
     options.xRange = extent(this.gaits.map((gait) => gait.value));
-    options.yRange = extent([...drawn.map((gait) => this.value(gait)), ...level]);
+    options.yRange = extent([...drawn.map((gait) => this.height(this.value(gait))), ...level]);
+    if (this.log) options.yTick = (power) => shown(10 ** power);
     this.diagram.replaceChildren();
     this.chart = new Chart(this.diagram, options, (chart) => this.paint(chart, level));
     const entries = this.numbers.map((number, n) => [COLOURS[n % COLOURS.length], `branch ${number}`]);
@@ -60,7 +69,7 @@ class BranchDiagram {
 
   paintBranch(chart, gaits, colour) {
     const known = gaits.filter((gait) => typeof this.value(gait) === "number");
-    const point = (gait) => [gait.value, this.value(gait)];
+    const point = (gait) => [gait.value, this.height(this.value(gait))];
     known.slice(1).forEach((gait, k) => chart.line([point(known[k]), point(gait)], `curve ${colour} ${radius(gait) < 1 ? "thick" : "unstable"}`));
     known.forEach((gait) => chart.dot(...point(gait), `dot ${colour}`, 2));
   }
@@ -70,7 +79,7 @@ class BranchDiagram {
     const nearest = this.gaits[this.nearestTo(special)];
     const y = typeof own === "number" ? own : nearest && this.value(nearest);
     if (typeof y !== "number" || typeof special.value !== "number") return;
-    const [a, b] = [chart.px(special.value), chart.py(y)];
+    const [a, b] = [chart.px(special.value), chart.py(this.height(y))];
     const diamond = svg(chart.svg, "path", { class: "special", d: `M${a} ${b - 7}l7 7l-7 7l-7 -7z` });
     svg(diamond, "title").textContent = SPECIAL_WORDS[special.type] ?? special.type;
   }
@@ -80,7 +89,7 @@ class BranchDiagram {
     const frame = this.chart.svg.getBoundingClientRect();
     const [x, y] = [event.clientX - frame.left, event.clientY - frame.top];
     const distances = this.gaits.map((gait) => {
-      const height = this.value(gait);
+      const height = this.height(this.value(gait));
       return typeof height === "number" ? Math.hypot(this.chart.px(gait.value) - x, this.chart.py(height) - y) : Infinity;
     });
     const best = distances.indexOf(Math.min(...distances));
@@ -98,7 +107,7 @@ class BranchDiagram {
     this.tip.hidden = near < 0;
     if (near < 0) return;
     const gait = this.gaits[near];
-    const [x, y] = [this.chart.px(gait.value), this.chart.py(this.value(gait))];
+    const [x, y] = [this.chart.px(gait.value), this.chart.py(this.height(this.value(gait)))];
     this.tip.textContent = this.describe(gait);
     this.tip.style.left = `${Math.min(x, this.chart.width - 190)}px`;
     this.tip.style.top = `${y + 14}px`;
@@ -119,7 +128,7 @@ class BranchDiagram {
 
   mark() {
     const gait = this.gaits[this.chosen];
-    const height = this.value(gait);
+    const height = this.height(this.value(gait));
     if (!this.marker) return;
     this.marker.style.display = typeof height === "number" ? "" : "none";
     if (typeof height === "number") set(this.marker, { cx: this.chart.px(gait.value), cy: this.chart.py(height) });
