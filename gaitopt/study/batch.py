@@ -12,6 +12,7 @@ from gaitopt.gait import Gait
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine
+from gaitopt.simulation.batch_functions import Rowwise
 from gaitopt.simulation.batch_steps import ENDINGS, BatchSteps, phase_names, stack_outcomes
 from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
 from gaitopt.study.system import build_system
@@ -136,10 +137,11 @@ class StepMap:
         self.system, self.p, self._engine = system, p, engine
         self.names = system.walker.section_names(slipping=True)
         self._indices = system.section(Mode.SLIP_FORWARD)
+        self._lift = Rowwise(system.lift)
 
     def __call__(self, xi: Array) -> Returns:
         """One step of every state; checked as ``section_states`` does."""
-        states = np.array(self.system.lift(xi.T, self.p)).T.reshape(len(xi), self.system.n_z)
+        (states,) = self._lift(xi, self.p)
         found = self._batch.step(states) if self._engine is Engine.HEYOKA else self._one_by_one(states)
         fields = {name: getattr(found, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
         return Returns(names=self.names, states=found.states[:, self._indices], **fields)
