@@ -5,14 +5,14 @@ import pytest
 
 pytest.importorskip("heyoka")
 
-from gaitopt.gait import Ending  # noqa: E402
-from gaitopt.mechanics import Mode  # noqa: E402
-from gaitopt.problem import load_problem  # noqa: E402
-from gaitopt.simulation import Simulator  # noqa: E402
-from gaitopt.simulation.batch_functions import WIDTH, Rowwise  # noqa: E402
-from gaitopt.simulation.batch_steps import MAX_PHASES, phase_code, phase_names  # noqa: E402
-from gaitopt.simulation.heyoka_stepper import HeyokaStepper  # noqa: E402
-from gaitopt.study import build_system, return_map, solve  # noqa: E402
+from gaitopt.gait import Ending
+from gaitopt.mechanics import Mode
+from gaitopt.problem import load_problem
+from gaitopt.simulation import Simulator
+from gaitopt.simulation.batch_functions import WIDTH, Rowwise
+from gaitopt.simulation.batch_steps import MAX_PHASES, phase_code, phase_names
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.study import build_system, return_map, solve
 
 FIELDS = ("states", "endings", "times", "step_lengths", "phases", "impacts")
 

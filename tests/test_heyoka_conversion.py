@@ -48,7 +48,7 @@ def test_instruction_of_two_operands_has_the_same_value(operation):
 @pytest.mark.parametrize("kinked", [ca.fabs, ca.sign, ca.floor])
 def test_instruction_with_a_kink_is_refused_by_the_function_that_holds_it(kinked):
     x = SX.sym("x")
-    with pytest.raises(ValueError, match="wobble: CasADi's operation .* engine scipy"):
+    with pytest.raises(ValueError, match=r"wobble: CasADi's operation .* engine scipy"):
         convert(Function("wobble", [x], [kinked(x)]), {0: [hy.expression("x")]})
 
 

@@ -5,14 +5,14 @@ import pytest
 
 pytest.importorskip("heyoka")
 
-from gaitopt.errors import UnknownNameError  # noqa: E402
-from gaitopt.gait import Ending  # noqa: E402
-from gaitopt.mechanics import Mode  # noqa: E402
-from gaitopt.orbit import ReturnMap  # noqa: E402
-from gaitopt.problem import load_problem, problem_names  # noqa: E402
-from gaitopt.simulation import ScipyStepper, Simulator, choose_engine, make_stepper  # noqa: E402
-from gaitopt.simulation.heyoka_stepper import HeyokaStepper, falls  # noqa: E402
-from gaitopt.study import build_system, solve, verify  # noqa: E402
+from gaitopt.errors import UnknownNameError
+from gaitopt.gait import Ending
+from gaitopt.mechanics import Mode
+from gaitopt.orbit import ReturnMap
+from gaitopt.problem import load_problem, problem_names
+from gaitopt.simulation import ScipyStepper, Simulator, choose_engine, make_stepper
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper, falls
+from gaitopt.study import build_system, solve, verify
 
 AGREEMENT = 1e-10
 GAITS = [name for name in problem_names() if not load_problem(name).free and "curve" not in load_problem(name).text]

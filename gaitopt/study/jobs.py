@@ -1,8 +1,8 @@
 """Many independent jobs on Dask: processes of this machine, or the workers of a cluster.
 
 Every job has a key and is submitted once. Results are handed over one by one as they finish, so that whoever started
-the jobs can keep each at once. A worker that dies costs the job it was at; a job that takes three workers with it is
-set aside.
+the jobs can keep each at once. A worker that dies costs the job it was at (and the one before, if its result was still
+on the way); a job that takes three workers with it is set aside.
 """
 
 import logging
