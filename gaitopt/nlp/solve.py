@@ -96,7 +96,7 @@ def _attempt_in_order(
         transcription = Transcription(system, plan)
         attempt = _attempt(transcription, p, start(transcription), progress, should_stop)
         durations = transcription.unpack(attempt.result.w)[1]
-        if attempt.result.status is not Status.CONVERGED or plan.in_order(durations):
+        if attempt.result.status is not Status.CONVERGED or plan.in_order(durations, system.control.breakpoints):
             break
         plan = layout(problem.sequence, durations, system.control.breakpoints)
         start = _start(roll_out(system, p, problem.sequence, attempt.result.w[: system.n_z], durations), plan)

@@ -17,8 +17,9 @@ from gaitopt.simulation import Stepper
 Array = NDArray[np.float64]
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # an event that is grazed has no rate, and its map no derivative
 def return_map_jacobian(system: HybridSystem, p: Array, step: Step, section_mode: Mode, stepper: Stepper) -> Array:
-    """Derivative of the return map along one complete step, shape (n_xi, n_xi).
+    """Derivative of the return map along one complete step, shape (n_xi, n_xi); not finite if it grazes an event.
 
     Parameters
     ----------

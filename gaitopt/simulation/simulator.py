@@ -170,6 +170,10 @@ class Simulator:
     def _mode_at_rest(self, moment: _Moment) -> Mode | Refusal:
         return self._decisions.at_rest(moment.time, moment.state, self.system.control.data(moment.segment))
 
+    def _lands(self, mode: Mode, moment: _Moment) -> bool:
+        """Whether touchdown falls on a breakpoint of the control; the arc that would follow could not see it."""
+        return self._decisions.lands(mode, moment.time, moment.state, self.system.control.data(moment.segment))
+
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
         end = (*self._breakpoints, self._limit)[moment.segment]
@@ -190,16 +194,17 @@ class Simulator:
         here = replace(moment, time=arrival.time, state=arrival.state)
         if arrival.failure:
             return Refusal(Ending.NUMERICAL, arrival.failure), here
-        if arrival.event is None:
+        event = "touchdown" if arrival.event is None and self._lands(mode, here) else arrival.event
+        if event is None:
             return self._pass_breakpoint(mode, here)
-        if arrival.event in FATAL:
-            return FATAL[arrival.event], here
-        if arrival.event == "touchdown":
+        if event in FATAL:
+            return FATAL[event], here
+        if event == "touchdown":
             return self._decisions.impact(here.state), here
         here = replace(here, switches=here.switches + 1)
         if here.switches > self._max_switches:
             return Refusal(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
-        return ONSETS.get(arrival.event) or self._mode_at_rest(here), here
+        return ONSETS.get(event) or self._mode_at_rest(here), here
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Refusal, _Moment]:
         """The next segment of the control; its torques may jump, so that a foot at rest is asked anew."""
