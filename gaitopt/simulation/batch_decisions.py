@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import ImpactRecord
 from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode
-from gaitopt.simulation.batch_functions import Rowwise
 from gaitopt.simulation.batch_steps import ENDINGS, MODES, NONE
 from gaitopt.simulation.decisions import Decisions, Refusal
 from gaitopt.simulation.events import EDGE, INSTANT
+from gaitopt.simulation.heyoka_functions import CompiledRows
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -45,11 +45,11 @@ class BatchDecisions:
     """Decisions about the feet of many states of one system at fixed parameters."""
 
     def __init__(self, system: HybridSystem, p: Array) -> None:
-        self._law, self._p, self._n_x = system.law, np.array(p), system.n_shape
+        self._law, self._n_x = system.law, system.n_shape
         self._friction = float(p[system.parameters.index("friction")])
         self._one_by_one = Decisions(system, p)
-        self._events = [Rowwise(system.events(mode)) for mode in MODES]
-        self._impacts = [Rowwise(system.impact(mode)) for mode in MODES]
+        self._events = [CompiledRows(system.events(mode), {2: p}) for mode in MODES]
+        self._impacts = [CompiledRows(system.impact(mode), {1: p}) for mode in MODES]
 
     def at_rest(self, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
         """Modes of feet at rest and, where there is none, endings; both of shape (n,).
@@ -62,7 +62,7 @@ class BatchDecisions:
         """
         if not times.size:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        (stick, rates), *slips = (events(times[:, None], states, self._p, data) for events in self._events)
+        (stick, rates), *slips = (events(times[:, None], states, data) for events in self._events)
         cones = stick[:, 3:]
         clear = np.abs(cones) > EDGE + INSTANT * np.abs(rates[:, 3:])
         carries = [margins[:, 2] > 0 for margins in (stick, *(margins for margins, _ in slips))]
@@ -80,7 +80,7 @@ class BatchDecisions:
 
     def land(self, states: Array) -> Landing:
         """Impacts at touchdown in the given states, shape (n, n_z)."""
-        candidates = [impact(states, self._p) for impact in self._impacts]
+        candidates = [impact(states) for impact in self._impacts]
         consistent = np.column_stack([self._consistent(*pair) for pair in zip(MODES, candidates, strict=True)])
         if self._law is ImpactLaw.FRICTIONLESS:
             consistent[:, 1:] &= ~consistent[:, :1]

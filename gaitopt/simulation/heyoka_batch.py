@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.batch_functions import Rowwise
 from gaitopt.simulation.events import EDGE, INSTANT, PRIORITY, SIMULTANEOUS
+from gaitopt.simulation.heyoka_functions import CompiledRows
 from gaitopt.simulation.heyoka_integrators import LANES, batch_integrator
 from gaitopt.simulation.heyoka_stepper import BARELY_MOVING, MAX_TAYLOR_STEPS, RATE_EDGE
 
@@ -53,7 +53,7 @@ class HeyokaBatch:
 
     def __init__(self, system: HybridSystem, p: Array) -> None:
         self._system, self._p = system, np.array(p)
-        self._events = {mode: Rowwise(system.events(mode)) for mode in Mode}
+        self._events = {mode: CompiledRows(system.events(mode), {2: self._p}) for mode in Mode}
         self._constants: dict[Mode, Array] = {}
         self.data = np.array([system.control.data(k) for k in range(len(system.control.breakpoints) + 1)])
 
@@ -86,7 +86,7 @@ class HeyokaBatch:
         return arrivals
 
     def _margins(self, mode: Mode, segments: Indices, times: Array, states: Array) -> list[Array]:
-        return self._events[mode](times[:, None], states, self._p, self.data[segments])
+        return self._events[mode](times[:, None], states, self.data[segments])
 
     def _runtime(self, mode: Mode) -> Array:
         """Runtime parameters on every segment of the control; shape (n_segments, n_par)."""
