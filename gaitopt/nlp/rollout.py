@@ -13,6 +13,7 @@ from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import brentq
 
 from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin, margin_names
+from gaitopt.nlp.layout import Layout
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,15 @@ class Rollout:
     def __call__(self, phase: int, times: Array) -> Array:
         """States in one phase at times since impact; shape (n_z, n)."""
         return np.asarray(self.motions[phase](times))
+
+    def nodes(self, plan: Layout) -> Array:
+        """States at the shooting nodes of a layout; shape (n_z, K + 1)."""
+        durations = np.array(self.durations)
+        pieces = [
+            self(arc.phase, np.linspace(begin, end, arc.intervals + 1))[:, :-1]
+            for arc, (begin, end) in zip(plan.arcs, plan.arc_times(durations), strict=True)
+        ]
+        return np.hstack([*pieces, self(len(durations) - 1, np.array([durations.sum()]))])
 
 
 def roll_out(

@@ -103,6 +103,11 @@ class Transcription:
         return Function("residual", [self.w, self.parameters], [self.equalities, jacobian(self.equalities, self.w)])
 
     @cached_property
+    def violation(self) -> Function:
+        """(w, p) -> equalities."""
+        return Function("violation", [self.w, self.parameters], [self.equalities])
+
+    @cached_property
     def halved_defects(self) -> Function:
         """(w, p) -> difference of the defects when every interval is integrated in two halves."""
         difference = self._defects(halves=2) - self._defects(halves=1)
@@ -175,12 +180,18 @@ class Transcription:
         return vec(self._Z[:, 1:] - horzcat(*self._map(step, columns)))
 
     def _events(self) -> list[MX]:
-        """What ends each phase: an edge of the cone, zero slip velocity, or touchdown."""
+        """What ends each phase: an edge of the cone, zero slip velocity, or touchdown.
+
+        A slip that starts at rest is also at rest after no time at all; dividing by that zero leaves its real end,
+        and keeps the equations regular where the slip comes into being.
+        """
         modes, events = self.layout.sequence.phases, []
         for phase, (mode, after) in enumerate(zip(modes, (*modes[1:], None), strict=True)):
             index = max(i for i, arc in enumerate(self.layout.arcs) if arc.phase == phase)
-            names = margin_names(mode)
-            events.append(self._end_margins(index)[names.index(ending_margin(mode, after))])
+            name = ending_margin(mode, after)
+            margin = self._end_margins(index)[margin_names(mode).index(name)]
+            order = self.layout.sequence.onset_order(phase) if name == "slip_velocity" else 0
+            events.append(margin / self._d[phase] ** order if order else margin)
         return events
 
     def _end_margins(self, index: int) -> MX:

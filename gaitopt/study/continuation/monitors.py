@@ -68,7 +68,7 @@ def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
         if duration < SHORT * period:
             continue
         for row, kind in enumerate(margin_names(modes[phase])):
-            if kind != "touchdown":
+            if kind not in ("touchdown", "upright"):
                 zeros = _zeros(gait, phase, kind)
                 found = [_lowest(gait, arc, row, *_own(zeros, arc, group)) for arc in group]
                 yield Name(kind, phase), _combine(found, group)
