@@ -362,6 +362,12 @@ def test_a_run_stops_between_steps_when_asked() -> None:
     assert trajectory.message == "2 of 10 steps, then stopped on request"
 
 
+def test_a_slip_velocity_that_is_only_rounding_is_none() -> None:
+    for rounding in (1e-16, -1e-14):
+        start = compass_gait(0.2) + np.array([0, 0, 0, 0, 0, rounding])
+        assert modes(compass(0.2).run(start).steps[0]) == [STICK]
+
+
 def test_simulation_does_not_depend_on_where_the_foot_stands() -> None:
     moved = compass_gait(0.14).copy()
     moved[2] = 5.0

@@ -120,6 +120,7 @@ class Ipopt:
         self._watch = _Watch(w.numel(), g.numel(), p.numel(), progress, should_stop)
         options: dict[str, Any] = {
             "print_time": False,
+            "show_eval_warnings": False,  # a point where the motion does not exist is IPOPT's business, as is Ctrl-C
             "iteration_callback": self._watch,
             "error_on_fail": False,
             "ipopt": {

@@ -16,6 +16,7 @@ Which of these hold is found out, not assumed; none or several is a named ending
 """
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,8 @@ class Decisions:
     def at_rest(self, t: float, z: Array, data: Array) -> Mode | Refusal:
         """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``."""
         stick, rates = self._margins(Mode.STICK, t, z, data)
+        if not all(map(isfinite, stick.values())):
+            return Refusal(Ending.NUMERICAL, "the contact forces are not finite")
         slips = {mode: self._margins(mode, t, z, data)[0] for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)}
         leaves = {
             Mode.SLIP_FORWARD: _falls(stick["cone_forward"], rates["cone_forward"]),

@@ -70,11 +70,15 @@ def first_event(
     armed : whether each margin may fire: it is positive at ``before``, or at its edge at the start of an arc.
     reach : the motion at any time within the step.
     """
+
+    def within(t: float) -> Point:
+        return before if t <= before.time else after if t >= after.time else reach(t)
+
     found = []
     for k, name in enumerate(names):
-        bracket = _bracket(k, before, after, armed[k], reach)
+        bracket = _bracket(k, before, after, armed[k], within)
         if bracket is not None:
-            found.append((name, *_root(k, *bracket, reach)))
+            found.append((name, *_root(k, *bracket, within)))
     if not found:
         return None
     earliest = min(time for _, time, _ in found)

@@ -116,7 +116,9 @@ class ScipyStepper:
     def _solver(self, field: "_Field", start: Point, limit: float, first_step: float) -> DOP853:
         if not np.isfinite(start.flow).all():
             raise IntegrationError("the equations of motion are not finite")
-        return DOP853(field.rate, start.time, start.state, limit, first_step=first_step, **self._tolerances)
+        solver = DOP853(field.rate, start.time, start.state, limit, first_step=first_step, **self._tolerances)
+        solver.fun = field.rate  # past scipy's three layers of checks, which cost as much as the mechanics
+        return solver
 
     def _field(self, mode: Mode, data: Array) -> "_Field":
         if mode not in self._fields:
@@ -139,16 +141,17 @@ class _Field:
         self._data = data
         self._flow.inputs[2][:], self._flow.inputs[3][:] = self._p, data
 
-    def point(self, t: float, z: Array) -> Point:
+    def point(self, t: float, z: Array, flow: Array | None = None) -> Point:
+        """The point of the motion at ``t`` in state ``z``, where the rate may be known already."""
         margins, rates = self._events(t, z, self._p, self._data)
-        return Point(t, z, self.rate(t, z), margins.tolist(), rates.tolist())
+        return Point(t, z, self.rate(t, z) if flow is None else flow, margins.tolist(), rates.tolist())
 
     def step(self, solver: DOP853) -> Point:
         """One accepted step of the integrator."""
         solver.step()
         if solver.status == "failed":
             raise IntegrationError("the step size of the integrator vanishes: the motion is singular")
-        return self.point(float(solver.t), solver.y)
+        return self.point(float(solver.t), solver.y, solver.f)
 
 
 def _rate(flow: Buffered) -> Callable[[float, Array], Array]:

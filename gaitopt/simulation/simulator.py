@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.simulation.decisions import Decisions, Refusal
+from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.sampling import sample
 from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
 from gaitopt.simulation.stepper import Arrival, Stepper
@@ -160,13 +161,13 @@ class Simulator:
     def _after_impact(self, state: Array) -> Array:
         z = _finite_vector("state", state, self.system.state_names)
         z[self.system.n_shape] = 0.0
-        return z
+        return _at_rest(z) if abs(z[-1]) <= EDGE else z
 
     def _first_mode(self, moment: _Moment) -> Mode | Refusal:
         slip_velocity = float(moment.state[-1])
-        return Mode.slip(slip_velocity) if slip_velocity != 0 else self._at_rest(moment)
+        return Mode.slip(slip_velocity) if slip_velocity != 0 else self._mode_at_rest(moment)
 
-    def _at_rest(self, moment: _Moment) -> Mode | Refusal:
+    def _mode_at_rest(self, moment: _Moment) -> Mode | Refusal:
         return self._decisions.at_rest(moment.time, moment.state, self.system.control.data(moment.segment))
 
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
@@ -174,9 +175,7 @@ class Simulator:
         end = (*self._breakpoints, self._limit)[moment.segment]
         data = self.system.control.data(moment.segment)
         arrival = self._stepper.advance(mode, data, moment.time, moment.state, end)
-        if arrival.event == "slip_velocity":
-            arrival.state[-1] = 0.0  # the foot has come to rest; what is left is rounding
-        return arrival
+        return replace(arrival, state=_at_rest(arrival.state)) if arrival.event == "slip_velocity" else arrival
 
     def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
         times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
@@ -200,7 +199,7 @@ class Simulator:
         here = replace(here, switches=here.switches + 1)
         if here.switches > self._max_switches:
             return Refusal(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
-        return ONSETS.get(arrival.event) or self._at_rest(here), here
+        return ONSETS.get(arrival.event) or self._mode_at_rest(here), here
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Refusal, _Moment]:
         """The next segment of the control; its torques may jump, so that a foot at rest is asked anew."""
@@ -208,7 +207,7 @@ class Simulator:
             where = ", where the control law ends" if self._limit == self.system.control.horizon else ""
             return Refusal(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment
         moment = replace(moment, segment=moment.segment + 1)
-        return (self._at_rest(moment) if mode is Mode.STICK else mode), moment
+        return (self._mode_at_rest(moment) if mode is Mode.STICK else mode), moment
 
     def _describe(self, refusal: Refusal, number: int, mode: Mode | None, moment: _Moment) -> str:
         values = ", ".join(
@@ -216,6 +215,11 @@ class Simulator:
         )
         where = "in mode " + mode if mode is not None else "at the choice of the first mode"
         return f"{refusal.reason}: step {number}, {moment.time:.6g} s after the impact, {where}, at {values}"
+
+
+def _at_rest(state: Array) -> Array:
+    """The state with the slip velocity exactly zero; what was left of it is rounding."""
+    return np.array([*state[:-1], 0.0])
 
 
 def _finite_vector(what: str, values: Array, names: tuple[str, ...]) -> Array:

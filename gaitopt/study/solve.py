@@ -31,4 +31,6 @@ def solve(
     SolveError
         If the reference of a PD law is not a gait.
     """
-    return solve_gait(problem, build_system(problem), progress=progress, should_stop=should_stop)
+    return solve_gait(
+        problem, build_system(problem, should_stop=should_stop), progress=progress, should_stop=should_stop
+    )

@@ -1,5 +1,7 @@
 """From a problem to its hybrid system; the reference of a PD law is solved first, from its own file."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,15 +35,19 @@ SHORTEST_PIECE = 1 / 64
 """In periods; a motion that is not smooth on this scale has long ceased to be a walk."""
 
 
-def build_system(problem: Problem) -> HybridSystem:
+def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> HybridSystem:
     """The hybrid system of a problem's walker, control and impact law.
+
+    Parameters
+    ----------
+    should_stop : polled while the reference of a PD law is solved.
 
     Raises
     ------
     SolveError
         If the reference of a PD law is not a gait.
     """
-    return HybridSystem(type(problem.walker), _control(problem), problem.impact_law)
+    return HybridSystem(type(problem.walker), _control(problem, should_stop), problem.impact_law)
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
@@ -65,12 +71,12 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
     return Reference(pieces=tuple(pieces), horizon=arc.end)
 
 
-def _control(problem: Problem) -> Control:
+def _control(problem: Problem, should_stop: Callable[[], bool] | None) -> Control:
     spec = problem.control
     if isinstance(spec, ConstantTorqueSpec):
         return ConstantTorque(torques=dict(spec.torques))
     if isinstance(spec, PDSpec):
-        source = _reference_gait(problem)
+        source = _reference_gait(problem, should_stop)
         if isinstance(spec.reference, CurveReference):
             return _curve_tracking(problem, spec, spec.reference, source)
         reference = gait_reference(source, spec.reference.beyond_end)
@@ -78,7 +84,7 @@ def _control(problem: Problem) -> Control:
     return NoControl()
 
 
-def _reference_gait(problem: Problem) -> Gait:
+def _reference_gait(problem: Problem, should_stop: Callable[[], bool] | None) -> Gait:
     source = problem.reference_problem()
     assert source is not None, "a reference names a problem"
     if source.walker.shape != problem.walker.shape:
@@ -86,7 +92,7 @@ def _reference_gait(problem: Problem) -> Gait:
             f"{problem.name}: control.reference: {source.name} moves {', '.join(source.walker.shape)}, "
             f"but this walker moves {', '.join(problem.walker.shape)}; name a gait of the same kind of walker"
         )
-    gait = solve_gait(source, build_system(source))
+    gait = solve_gait(source, build_system(source, should_stop=should_stop), should_stop=should_stop)
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
     return gait

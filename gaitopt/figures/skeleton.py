@@ -1,0 +1,114 @@
+"""What a walker looks like: points that move, lines between them, and discs for the masses.
+
+The legs of the named walkers are known. Any other walker is drawn from its bodies and feet: two points that keep
+their distance are joined, and whatever hangs loose is tied to its neighbour by a thin line.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+from casadi import SX, Function, horzcat, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.figures.motion import Motion
+from gaitopt.mechanics import CompassBiped, RimlessWheel, Walker
+from gaitopt.mechanics.lagrangian import parameter_namespace
+
+Array = NDArray[np.float64]
+
+RIGID = 1e-9
+"""Relative change of a distance below which two points belong to one rigid part."""
+COINCIDENT = 1e-9
+"""Points so close [m] are one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Skeleton:
+    """A walker's drawing along a motion.
+
+    Attributes
+    ----------
+    points : ndarray, shape (m, n, 2) - positions [m] at m times; the first is the stance foot, the second the swing
+        foot.
+    legs : pairs of indices into the points, stance leg first.
+    ties : pairs that are not rigid.
+    discs : index and mass fraction of every mass.
+    """
+
+    points: Array
+    legs: tuple[tuple[int, int], ...]
+    ties: tuple[tuple[int, int], ...] = ()
+    discs: tuple[tuple[int, float], ...] = ()
+
+
+def skeleton(motion: Motion, states: Array) -> Skeleton:
+    """The drawing of a motion's walker at ``states`` of shape (m, n_z)."""
+    positions, masses, _ = _mechanism(motion.system.walker)
+    p = motion.p[: len(motion.system.walker.model_fields)]
+    points = np.asarray(positions(states[:, : motion.system.n_shape + 1].T, p)).T.reshape(len(states), -1, 2)
+    mass = np.asarray(masses(p)).ravel()
+    discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
+    draw = _DRAWINGS.get(motion.system.walker, _rigid_parts)
+    return draw(Skeleton(points=points, legs=(), discs=discs), motion)
+
+
+def slope(motion: Motion) -> float:
+    """Slope of the ground [rad], downhill along x, from the direction of gravity."""
+    _, _, gravity = _mechanism(motion.system.walker)
+    along, normal = np.asarray(gravity(motion.p[: len(motion.system.walker.model_fields)])).ravel()
+    return float(np.arctan2(along, -normal))
+
+
+def _compass(bare: Skeleton, motion: Motion) -> Skeleton:
+    """Bodies are leg, hip, leg: both legs end in the hip."""
+    return Skeleton(points=bare.points, legs=((0, 3), (3, 1)), discs=bare.discs)
+
+
+def _wheel(bare: Skeleton, motion: Motion) -> Skeleton:
+    """All spokes, turned about the hub from the stance spoke."""
+    spokes = round(motion.parameter("walker.spokes"))
+    foot, swing, hub = (bare.points[:, k] for k in range(3))
+    turns = -2 * np.pi / spokes * np.arange(2, spokes)
+    arm = foot - hub
+    others = [hub + arm @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) for a in -turns]
+    points = np.stack([foot, swing, hub, *others], axis=1)
+    return Skeleton(points=points, legs=tuple((2, k) for k in range(points.shape[1]) if k != 2), discs=bare.discs)
+
+
+_DRAWINGS: dict[type[Walker], Callable[[Skeleton, Motion], Skeleton]] = {CompassBiped: _compass, RimlessWheel: _wheel}
+
+
+def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
+    """A shortest tree over the points (Kruskal), rigid pairs first."""
+    pairs = []
+    for a, b in combinations(range(bare.points.shape[1]), 2):
+        distance = np.linalg.norm(bare.points[:, a] - bare.points[:, b], axis=1)
+        pairs.append((bool(np.ptp(distance) > RIGID * max(distance.mean(), COINCIDENT)), float(distance.mean()), a, b))
+    part = list(range(bare.points.shape[1]))
+    legs, ties = list[tuple[int, int]](), list[tuple[int, int]]()
+    for loose, length, a, b in sorted(pairs):
+        if part[a] != part[b]:
+            part = [part[a] if x == part[b] else x for x in part]
+            if length > COINCIDENT:
+                (ties if loose else legs).append((a, b))
+    return Skeleton(points=bare.points, legs=tuple(legs), ties=tuple(ties), discs=bare.discs)
+
+
+@lru_cache(maxsize=8)
+def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function]:
+    """(shape and x, p) -> stance foot, swing foot and bodies in columns; p -> masses; p -> gravity."""
+    p = SX.sym("p", len(walker.model_fields))
+    q = SX.sym("q", len(walker.shape) + 1)
+    coordinates = {name: q[k] for k, name in enumerate((*walker.shape, "x"))}
+    mechanism = walker.mechanism(SimpleNamespace(**coordinates, y=SX(0)), parameter_namespace(walker, p))
+    places = horzcat(vertcat(q[-1], 0), mechanism.swing_foot, *(body.position for body in mechanism.bodies))
+    masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
+    return (
+        Function("positions", [q, p], [places]),
+        Function("masses", [p], [masses]),
+        Function("gravity", [p], [mechanism.gravity]),
+    )

@@ -1,0 +1,30 @@
+// Elements of a page by one call each.
+
+const SVG_NAMESPACE = new DOMParser().parseFromString("<svg></svg>", "text/html").querySelector("svg").namespaceURI;
+
+function html(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  element.append(...children);
+  return element;
+}
+
+function svg(parent, tag, attributes = {}) {
+  const element = document.createElementNS(SVG_NAMESPACE, tag);
+  set(element, attributes);
+  parent.append(element);
+  return element;
+}
+
+function set(element, attributes) {
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+}
+
+const MODE_WORDS = { stick: "stick", slip_forward: "slip forward", slip_backward: "slip backward" };
+
+function modeKey(modes) {
+  const key = html("p", { class: "key" });
+  for (const mode of Object.keys(MODE_WORDS).filter((mode) => modes.includes(mode)))
+    key.append(html("span", { class: `swatch ${mode}`, "aria-hidden": "true" }), `${MODE_WORDS[mode]} `);
+  return key;
+}

@@ -1,0 +1,124 @@
+// The walker on its slope: legs, masses, contact force inside the friction cone, and the marks that slip leaves.
+// World coordinates are metres with x downhill and y along the slope's normal; one group turns and scales them.
+
+const VIEW = { width: 640, height: 360 };
+const WALKER_SHARE = 0.66; // of the view's height
+const GROUND_AT = 0.84;
+const FORCE_PER_WEIGHT = 0.45; // length of an arrow as heavy as the walker, in heights of the walker
+const CONE = 0.6;
+const MARK_DEPTH = { slip_forward: 0.025, slip_backward: 0.06 }; // below the ground, in heights of the walker
+
+class Walker {
+  constructor(host, film, repeats) {
+    this.film = film;
+    this.repeats = repeats;
+    this.frames = unpack(film.frames);
+    this.count = Object.keys(this.frames).filter((name) => /^y\d+$/.test(name)).length;
+    this.duration = film.period * repeats;
+    this.height = Math.max(...Array.from({ length: this.count }, (_, k) => Math.max(...this.frames[`y${k}`])));
+    this.scale = (WALKER_SHARE * VIEW.height) / this.height;
+    this.build(host);
+    this.draw(0);
+  }
+
+  build(host) {
+    const degrees = (this.film.slope * 180) / Math.PI;
+    const tilt = Math.abs(degrees) < 0.005 ? "level ground" : `slope ${Number(degrees.toPrecision(3))}°`;
+    this.words = html("span");
+    host.append(html("div", { class: "words" }, this.words, html("span", {}, tilt)));
+    const picture = svg(host, "svg", { viewBox: `0 0 ${VIEW.width} ${VIEW.height}`, class: "walker", role: "img" });
+    picture.setAttribute("aria-label", `moving picture of ${this.film.name}`);
+    const place = `translate(${VIEW.width / 2} ${GROUND_AT * VIEW.height}) rotate(${degrees})`;
+    this.world = svg(svg(picture, "g", { transform: place }), "g");
+    this.ground = svg(this.world, "path", { class: "ground" });
+    this.marks = this.slips().map((slip) => ({ ...slip, line: svg(this.world, "line", { class: `mark ${slip.mode}` }) }));
+    this.cone = svg(this.world, "path", { class: "cone" });
+    this.ties = this.film.ties.map(() => svg(this.world, "line", { class: "tie" }));
+    this.legs = this.film.legs.map(() => svg(this.world, "line", { class: "leg" }));
+    this.discs = this.film.discs.map(([, share]) => svg(this.world, "circle", { class: "disc", r: this.height * (0.012 + 0.035 * Math.sqrt(share)) }));
+    this.force = svg(this.world, "path", { class: "force" });
+  }
+
+  // Every slip of every step: from when, and between which frames.
+  slips() {
+    const slipping = this.film.phases.filter((phase) => phase.mode !== "stick");
+    return Array.from({ length: this.repeats }, (_, step) => slipping.map((phase) => ({ ...phase, step }))).flat();
+  }
+
+  // Step, phase, and the frame (with its fraction) at a time since the start.
+  moment(time) {
+    const step = Math.min(Math.floor(time / this.film.period), this.repeats - 1);
+    const t = Math.min(time - step * this.film.period, this.film.period);
+    const phase = this.film.phases.find((phase) => t <= phase.end) ?? this.film.phases.at(-1);
+    const along = (t - phase.start) / Math.max(phase.end - phase.start, 1e-12);
+    const frame = phase.first + Math.max(0, along) * (phase.last - phase.first);
+    return { step, t, phase, frame: Math.min(frame, phase.last) };
+  }
+
+  at(name, frame) {
+    const column = this.frames[name];
+    const before = Math.floor(frame);
+    const after = Math.min(before + 1, column.length - 1);
+    return column[before] + (frame - before) * (column[after] - column[before]);
+  }
+
+  draw(time) {
+    const { step, t, phase, frame } = this.moment(time);
+    const offset = step * this.film.step_length;
+    const points = Array.from({ length: this.count }, (_, k) => [this.at(`x${k}`, frame) + offset, this.at(`y${k}`, frame)]);
+    const camera = this.film.step_length * (step + t / this.film.period);
+    this.world.setAttribute("transform", `scale(${this.scale} ${-this.scale}) translate(${-camera} 0)`);
+    this.drawGround(camera);
+    this.drawMarks(step, t, frame);
+    this.join(this.legs, this.film.legs, points, step);
+    this.join(this.ties, this.film.ties, points, 0);
+    this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
+    this.drawForce(points[0], frame);
+    const slipped = 1000 * (this.at("x", frame) - this.frames.x[0]);
+    const about = Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
+    this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
+  }
+
+  // Two legs change their roles at every impact, so their colours follow the leg and not the role.
+  join(lines, pairs, points, step) {
+    lines.forEach((line, n) => {
+      const [[x1, y1], [x2, y2]] = pairs[n].map((k) => points[k]);
+      set(line, { x1, y1, x2, y2 });
+      line.classList.toggle("other", pairs.length === 2 && (n + step) % 2 === 1);
+    });
+  }
+
+  drawGround(camera) {
+    const reach = VIEW.width / this.scale;
+    const gap = this.height / 10;
+    let path = `M${camera - reach} 0H${camera + reach}`;
+    for (let k = Math.floor((camera - reach) / gap); k * gap < camera + reach; k += 1)
+      path += `M${k * gap} 0l${-gap / 2} ${-gap / 2}`;
+    this.ground.setAttribute("d", path);
+  }
+
+  drawMarks(step, t, frame) {
+    for (const { line, step: own, start, first, last, mode } of this.marks) {
+      const begun = own < step || (own === step && t >= start);
+      line.style.display = begun ? "" : "none";
+      if (!begun) continue;
+      const offset = own * this.film.step_length;
+      const end = own < step ? last : Math.min(frame, last);
+      const y = -MARK_DEPTH[mode] * this.height;
+      set(line, { x1: this.frames.x[first] + offset, x2: this.at("x", end) + offset, y1: y, y2: y });
+    }
+  }
+
+  drawForce([x, y], frame) {
+    const mu = this.film.friction;
+    const top = CONE * this.height;
+    const cone = Math.min(1, 0.5 / mu) * top; // a wide cone is cut lower, so that it stays in the picture
+    this.cone.setAttribute("d", `M${x + mu * cone} ${cone}L${x} ${y}L${x - mu * cone} ${cone}`);
+    const unit = (FORCE_PER_WEIGHT * this.height) / this.film.weight;
+    const tip = [x + unit * this.at("f_t", frame), y + unit * this.at("f_n", frame)];
+    const length = Math.hypot(tip[0] - x, tip[1] - y);
+    const [a, b] = [(tip[0] - x) / length, (tip[1] - y) / length].map((part) => 0.05 * this.height * part);
+    const head = `M${tip[0] - a - b / 2} ${tip[1] - b + a / 2}L${tip[0]} ${tip[1]}L${tip[0] - a + b / 2} ${tip[1] - b - a / 2}`;
+    this.force.setAttribute("d", `M${x} ${y}L${tip[0]} ${tip[1]}${head}`);
+  }
+}

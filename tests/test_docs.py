@@ -1,0 +1,50 @@
+"""What README and docs show is true: commands run, library calls run, problem files are problems."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from gaitopt.cli.main import main
+from gaitopt.problem import parse_problem
+from gaitopt.study import solve, verify
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(language: str) -> list[str]:
+    pattern = rf"^```{language}\n(.*?)^```$"
+    return [block for page in PAGES for block in re.findall(pattern, page.read_text(), re.MULTILINE | re.DOTALL)]
+
+
+COMMANDS = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_that_is_shown_works(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    program, *arguments = shlex.split(command)
+    assert program == "gaitopt"
+    assert main(arguments) == 0
+    assert capsys.readouterr().out
+
+
+@pytest.mark.parametrize("program", blocks("python"))
+def test_library_calls_that_are_shown_work(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exec(compile(program, "docs", "exec"), {})  # noqa: S102 - our own pages
+
+
+@pytest.mark.parametrize("text", blocks("yaml"))
+def test_a_problem_file_that_is_shown_has_a_verified_gait(text):
+    gait = solve(parse_problem(text))
+    assert gait.converged, gait.message
+    assert verify(gait).passed
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page):
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
+        assert (page.parent / target).exists(), target

@@ -1,0 +1,166 @@
+"""What the foot does at rest and at an impact, against an enumeration of all that could happen."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from casadi import DM, SX, Function
+from numpy.typing import NDArray
+
+from gaitopt.gait import Ending, ImpactRecord
+from gaitopt.mechanics import CompassBiped, HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
+from gaitopt.simulation.decisions import Decisions, Refusal
+
+Array = NDArray[np.float64]
+
+NO_DATA = np.zeros(0)
+
+
+@cache
+def wheel() -> HybridSystem:
+    return HybridSystem(RimlessWheel, NoControl())
+
+
+@cache
+def compass(law: ImpactLaw = ImpactLaw.COULOMB) -> HybridSystem:
+    return HybridSystem(CompassBiped, NoControl(), law)
+
+
+def wheel_parameters(friction: float, kappa: float = 1 / 3, slope: float = 0.2) -> Array:
+    return np.array([8, 1, 1, kappa, 1, slope, friction])
+
+
+def compass_parameters(friction: float) -> Array:
+    return np.array([1.6, 4, 0.8, 2, 9.8, np.radians(1), friction])
+
+
+def everything_possible(p: Array, z: Array) -> list[str]:
+    """All consistent continuations of a wheel at rest, by its accelerations and by free flight."""
+    friction, found = p[-1], []
+    for mode in Mode:
+        f_t, f_n = np.asarray(wheel().observation(mode)(0, z, p, [])[0]).ravel()
+        ddx = float(wheel().flow(mode)(0, z, p, [])[-1])
+        holds = abs(f_t) <= friction * f_n if mode is Mode.STICK else mode.direction * ddx > 0
+        if f_n > 0 and holds:
+            found.append(str(mode))
+    theta, _, rate, _ = z
+    if rate**2 * np.cos(theta) > np.cos(p[5]):
+        found.append("lift_off")
+    return found
+
+
+def test_the_foot_at_rest_does_the_only_thing_that_is_possible() -> None:
+    rng = np.random.default_rng(7)
+    seen = set()
+    for _ in range(1500):
+        p = wheel_parameters(10 ** rng.uniform(-2, 1.2), rng.uniform(0.05, 1), rng.uniform(-1, 1))
+        z = np.array([rng.uniform(-0.39, 0.39), 0, rng.normal(), 0])
+        decision = Decisions(wheel(), p).at_rest(0.0, z, NO_DATA)
+        outcome = str(decision.ending if isinstance(decision, Refusal) else decision)
+        possible = everything_possible(p, z)
+        assert outcome == (possible[0] if len(possible) == 1 else "painleve"), (p, z)
+        seen.add(outcome)
+    assert seen == {*Mode, "lift_off", "painleve"}
+
+
+@pytest.mark.parametrize(("slope", "mode"), [(0.2, Mode.SLIP_FORWARD), (-0.2, Mode.SLIP_BACKWARD)])
+def test_an_upright_wheel_slides_downhill_without_friction(slope: float, mode: Mode) -> None:
+    assert Decisions(wheel(), wheel_parameters(0.0, slope=slope)).at_rest(0.0, np.zeros(4), NO_DATA) is mode
+    assert (
+        Decisions(wheel(), wheel_parameters(np.tan(0.201), slope=slope)).at_rest(0.0, np.zeros(4), NO_DATA)
+        is Mode.STICK
+    )
+
+
+def test_at_the_edge_of_the_cone_the_rate_of_the_margin_decides() -> None:
+    """The wheel rolls towards less friction at -theta and towards more at +theta."""
+    for theta, mode in ((-0.3, Mode.STICK), (0.3, Mode.SLIP_FORWARD)):
+        z = np.array([theta, 0, 0.5, 0])
+        f_t, f_n = np.asarray(wheel().observation(Mode.STICK)(0, z, wheel_parameters(1), [])[0]).ravel()
+        p = wheel_parameters(abs(f_t) / f_n)
+        _, rates = wheel().events(Mode.STICK)(0, z, p, [])
+        falling = float(rates[3 if f_t < 0 else 4]) < 0
+        assert Decisions(wheel(), p).at_rest(0.0, z, NO_DATA) is (Mode.slip(-f_t) if falling else Mode.STICK)
+        assert falling == (mode is not Mode.STICK)
+
+
+def test_forces_that_are_not_finite_are_a_numerical_ending() -> None:
+    refusal = Decisions(wheel(), wheel_parameters(1)).at_rest(0.0, np.array([0, 0, 1e200, 0]), NO_DATA)
+    assert isinstance(refusal, Refusal)
+    assert refusal.ending is Ending.NUMERICAL
+
+
+# impacts
+
+
+def touchdown(theta: float, dtheta1: float, dtheta2: float, dx: float = 0.0) -> Array:
+    return np.array([theta, theta, 0.1, dtheta1, dtheta2, dx])
+
+
+def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
+    rng = np.random.default_rng(3)
+    seen = set()
+    for _ in range(1000):
+        p = compass_parameters(10 ** rng.uniform(-2, 1))
+        z = touchdown(rng.uniform(0.05, 0.6), rng.uniform(0.3, 2), rng.uniform(-2, 0.3), rng.choice([0, rng.normal()]))
+        record = Decisions(compass(), p).impact(z)
+        if isinstance(record, Refusal):
+            assert record.ending is Ending.DOUBLE_SUPPORT
+            continue
+        f_t, f_n = record.impulse
+        slip = record.state[-1]
+        assert f_n > 0
+        if record.mode is Mode.STICK:
+            assert slip == 0
+            assert abs(f_t) <= p[-1] * f_n
+        else:
+            assert np.sign(slip) == record.mode.direction
+            assert f_t == pytest.approx(-p[-1] * np.sign(slip) * f_n, rel=1e-12)
+        seen.add(record.mode)
+    assert seen == set(Mode)
+
+
+def test_the_record_counts_the_foot_from_zero_and_keeps_the_step() -> None:
+    record = Decisions(compass(), compass_parameters(0.5)).impact(touchdown(0.15, 0.9, -0.3))
+    assert isinstance(record, ImpactRecord)
+    assert record.state[2] == 0
+    assert record.step_length == pytest.approx(0.1 + 2 * 1.6 * np.sin(0.15), rel=1e-14)
+    assert record.impulse_ratio == abs(record.impulse[0]) / record.impulse[1]
+
+
+@pytest.mark.parametrize("law", list(ImpactLaw))
+def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) -> None:
+    z = touchdown(0.15, 0.9, -0.3)
+    sticking = Decisions(compass(law), compass_parameters(1)).impact(z)
+    assert isinstance(sticking, ImpactRecord)
+    for factor, slips in ((1 + 1e-9, False), (1.0, False), (1 - 1e-9, True), (0.5, True)):
+        record = Decisions(compass(law), compass_parameters(sticking.impulse_ratio * factor)).impact(z)
+        assert isinstance(record, ImpactRecord)
+        assert (record.mode is not Mode.STICK) == slips
+        if slips and law is ImpactLaw.FRICTIONLESS:
+            assert record.impulse[0] == 0
+
+
+def test_a_foot_that_rises_at_touchdown_has_no_consistent_impact() -> None:
+    refusal = Decisions(compass(), compass_parameters(0.5)).impact(touchdown(0.15, -0.9, 0.3))
+    assert isinstance(refusal, Refusal)
+    assert refusal.ending is Ending.IMPACT_INCONSISTENT
+    assert "no impact is consistent at mu = 0.5" in refusal.reason
+    assert "stick needs F_t" in refusal.reason
+
+
+class TwoImpacts(HybridSystem):
+    """A spoiled system in which the foot may as well stick as slip forward."""
+
+    def impact(self, mode: Mode) -> Function:
+        slip = 0.3 if mode is Mode.SLIP_FORWARD else -0.1
+        outputs = [DM.zeros(6), DM([0.1, 1.0]), DM(slip if mode is Mode.SLIP_FORWARD else 0), DM(1.0), DM(1.0)]
+        return Function("impact", [SX.sym("z", 6), SX.sym("p", 7)], [SX(output) for output in outputs])
+
+
+def test_two_consistent_impacts_are_a_named_ending() -> None:
+    refusal = Decisions(TwoImpacts(CompassBiped, NoControl()), compass_parameters(0.5)).impact(touchdown(0.1, 1, 0))
+    assert isinstance(refusal, Refusal)
+    assert refusal.ending is Ending.IMPACT_AMBIGUOUS
+    assert "stick and slip_forward are consistent at mu = 0.5" in refusal.reason
+    assert "v_t = 0.3" in refusal.reason

@@ -1,0 +1,140 @@
+"""Arcs by scipy's integrator: accuracy, failures, and the seam for other integrators."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from casadi import SX, Function, vertcat
+from numpy.typing import NDArray
+from scipy.integrate import quad
+
+from gaitopt.gait import Ending
+from gaitopt.mechanics import HybridSystem, Mechanism, Mode, NoControl, RimlessWheel
+from gaitopt.simulation import Arrival, ScipyStepper, Simulator, scipy_stepper
+from gaitopt.simulation.buffered import Buffered
+
+Array = NDArray[np.float64]
+
+HALF_ANGLE, SLOPE, KAPPA = np.pi / 10, np.radians(13), 1 / 3
+P = np.array([10, 1, 1, KAPPA, 1, SLOPE, 1.0])
+START = np.array([-HALF_ANGLE, 0, 0.7, 0])
+NO_DATA = np.zeros(0)
+
+
+class Cliff(RimlessWheel):
+    """A wheel on a spring whose force is not defined beyond theta = 0.1."""
+
+    model = "cliff"
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        wheel = RimlessWheel.mechanism(q, p)
+        return Mechanism(**{**{name: getattr(wheel, name) for name in Mechanism.__slots__}, "potential": _cliff(q)})
+
+
+def _cliff(q: SimpleNamespace) -> Any:
+    return 0.1 * (0.1 - q.theta) ** 1.5
+
+
+def stepper(**tolerances: float) -> ScipyStepper:
+    return ScipyStepper(HybridSystem(RimlessWheel, NoControl()), P, **tolerances)
+
+
+def exact_period() -> float:
+    def slowness(theta: float) -> float:
+        return 1 / np.sqrt(0.49 + 2 * (np.cos(HALF_ANGLE - SLOPE) - np.cos(theta + SLOPE)) / (1 + KAPPA))
+
+    return quad(slowness, -HALF_ANGLE, HALF_ANGLE, epsabs=1e-14, epsrel=1e-14)[0]
+
+
+def test_the_event_is_as_accurate_as_the_integration() -> None:
+    errors = []
+    for rtol in (1e-7, 1e-9, 1e-11, 1e-13):
+        arrival = stepper(rtol=rtol, atol=rtol / 100).advance(Mode.STICK, NO_DATA, 0.0, START, 5.0)
+        assert arrival.event == "touchdown"
+        errors.append(abs(arrival.time - exact_period()))
+    assert all(error < rtol for error, rtol in zip(errors, (1e-7, 1e-9, 1e-11, 2e-13), strict=True))
+
+
+def test_an_arc_without_an_event_ends_exactly_at_its_limit() -> None:
+    arrival = stepper().advance(Mode.STICK, NO_DATA, 0.1, START, 0.25)
+    assert (arrival.time, arrival.event, arrival.failure) == (0.25, None, "")
+
+
+def test_an_arc_of_no_length_is_where_it_starts() -> None:
+    arrival = stepper().advance(Mode.STICK, NO_DATA, 0.25, START, 0.25)
+    assert arrival.time == 0.25
+    assert np.array_equal(arrival.state, START)
+
+
+def test_an_arc_may_be_cut_anywhere() -> None:
+    whole = stepper().advance(Mode.STICK, NO_DATA, 0.0, START, 5.0)
+    middle = stepper().advance(Mode.STICK, NO_DATA, 0.0, START, 0.4)
+    rest = stepper().advance(Mode.STICK, NO_DATA, middle.time, middle.state, 5.0)
+    assert rest.time == pytest.approx(whole.time, abs=1e-13)
+    assert rest.state == pytest.approx(whole.state, abs=1e-12)
+
+
+def test_samples_lie_on_the_arc() -> None:
+    one = stepper()
+    end = one.advance(Mode.STICK, NO_DATA, 0.0, START, 5.0)
+    times = np.array([0.0, 1e-9, 0.1, 0.1 + 1e-14, 0.5, end.time])
+    states = one.sample(Mode.STICK, NO_DATA, START, times)
+    for t, z in zip(times[1:], states[1:], strict=True):
+        assert z == pytest.approx(one.advance(Mode.STICK, NO_DATA, 0.0, START, t).state, abs=1e-12)
+    energy = states[:, 2] ** 2 * (1 + KAPPA) / 2 + np.cos(states[:, 0] + SLOPE)
+    assert energy == pytest.approx(energy[0], abs=1e-13)
+
+
+def test_a_motion_that_becomes_singular_is_a_numerical_ending() -> None:
+    trajectory = Simulator(HybridSystem(Cliff, NoControl()), P).run(START)
+    assert trajectory.ending is Ending.NUMERICAL
+    assert trajectory.steps[0].arcs[-1].states[-1][0] == pytest.approx(0.1, abs=1e-6)
+    assert "the motion is singular" in trajectory.message
+
+
+def test_a_motion_that_is_undefined_from_the_start_is_a_numerical_ending() -> None:
+    trajectory = Simulator(HybridSystem(Cliff, NoControl()), P).run(np.array([0.2, 0, 0.7, 0]))
+    assert trajectory.ending is Ending.NUMERICAL
+    assert trajectory.steps == ()
+    slipping = Simulator(HybridSystem(Cliff, NoControl()), P).run(np.array([0.2, 0, 0.7, 0.1]))
+    assert slipping.ending is Ending.NUMERICAL
+
+
+def test_endless_integration_is_a_numerical_ending(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scipy_stepper, "MAX_INTEGRATION_STEPS", 3)
+    trajectory = Simulator(HybridSystem(RimlessWheel, NoControl()), P).run(START)
+    assert trajectory.ending is Ending.NUMERICAL
+    assert "more than 3 integration steps" in trajectory.message
+
+
+class Recorder:
+    """Another stepper behind the same seam: it notes what it is asked and leaves the work to scipy's."""
+
+    def __init__(self) -> None:
+        self.asked: list[Mode] = []
+        self._inner = stepper()
+
+    def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
+        self.asked.append(mode)
+        return self._inner.advance(mode, data, time, state, limit)
+
+    def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
+        return self._inner.sample(mode, data, state, times)
+
+
+def test_any_stepper_can_take_the_place_of_scipys() -> None:
+    system, recorder = HybridSystem(RimlessWheel, NoControl()), Recorder()
+    trajectory = Simulator(system, P, stepper=recorder).run(START, 3, dense=True)
+    assert recorder.asked == [mode for step in trajectory.steps for mode, _ in step.phases]
+    assert np.array_equal(trajectory.section_states, Simulator(system, P).run(START, 3).section_states)
+
+
+def test_a_buffered_function_gives_what_the_function_gives() -> None:
+    x, y = SX.sym("x", 2), SX.sym("y")
+    function = Function("f", [x, y], [vertcat(x[0] * y, SX(1, 1), x[1]), x.T @ x])
+    assert function.nnz_out(0) < function.numel_out(0)
+    first, second = Buffered(function)([2.0, 3.0], 5.0)
+    assert first.tolist() == [10.0, 0.0, 3.0]
+    assert second.tolist() == [13.0]

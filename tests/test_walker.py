@@ -1,0 +1,134 @@
+"""Walkers: their names, their parameters and what is refused, and the registry."""
+
+import math
+
+import numpy as np
+import pytest
+from oracles import CASES, COMPASS, TORSO, WHEEL, TorsoCompass
+from pydantic import ValidationError
+
+from gaitopt.errors import UnknownNameError
+from gaitopt.mechanics import CompassBiped, Mode, ModeSequence, RimlessWheel, Walker, find_walker, registered_walkers
+from gaitopt.mechanics.units import parse_angle
+
+WALKERS = {RimlessWheel: WHEEL, CompassBiped: COMPASS, TorsoCompass: TORSO}
+
+
+def test_state_is_named_shape_then_foot_then_their_rates() -> None:
+    assert RimlessWheel.state_names() == ("theta", "x", "dtheta", "dx")
+    assert CompassBiped.state_names() == ("theta1", "theta2", "x", "dtheta1", "dtheta2", "dx")
+
+
+def test_section_has_the_slip_velocity_only_where_the_impact_slips() -> None:
+    assert RimlessWheel.section_names(slipping=False) == ("dtheta",)
+    assert RimlessWheel.section_names(slipping=True) == ("dtheta", "dx")
+    assert CompassBiped.section_names(slipping=False) == ("theta1", "dtheta1", "dtheta2")
+    assert TorsoCompass.section_names(slipping=False) == ("theta1", "torso", "dtheta1", "dtheta2", "dtorso")
+
+
+def test_built_in_walkers_are_registered_by_their_model() -> None:
+    assert find_walker("compass_biped") is CompassBiped
+    assert find_walker("rimless_wheel") is RimlessWheel
+    assert all(walker.model == name for name, walker in registered_walkers().items())
+
+
+def test_unknown_walker_is_refused_with_those_that_exist() -> None:
+    with pytest.raises(UnknownNameError, match="no walker is called 'hexapod'; registered: compass_biped, "):
+        find_walker("hexapod")
+
+
+def positive_parameters() -> list[tuple[type[Walker], str]]:
+    signed = {"slope", "spokes", "inertia_ratio", "hip_mass"}
+    return [(walker, name) for walker in WALKERS for name in walker.model_fields if name not in signed]
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "1", True, None])
+@pytest.mark.parametrize(("walker", "name"), positive_parameters())
+def test_masses_lengths_and_gravity_are_finite_positive_numbers(walker: type[Walker], name: str, value: object) -> None:
+    with pytest.raises(ValidationError) as caught:
+        walker(**{**WALKERS[walker], name: value})
+    assert caught.value.errors()[0]["loc"] == (name,)
+
+
+@pytest.mark.parametrize(
+    ("walker", "name", "value"),
+    [
+        (RimlessWheel, "spokes", 2),
+        (RimlessWheel, "spokes", 4.5),
+        (RimlessWheel, "inertia_ratio", -0.1),
+        (RimlessWheel, "inertia_ratio", 1.1),
+        (RimlessWheel, "inertia_ratio", math.nan),
+        (RimlessWheel, "slope", math.pi / 2),
+        (CompassBiped, "hip_mass", -1.0),
+        (CompassBiped, "slope", "1 degree"),
+        (CompassBiped, "slope", math.nan),
+        (TorsoCompass, "slope", -math.pi / 2),
+    ],
+)
+def test_impossible_geometry_is_refused(walker: type[Walker], name: str, value: object) -> None:
+    with pytest.raises(ValidationError) as caught:
+        walker(**{**WALKERS[walker], name: value})
+    assert caught.value.errors()[0]["loc"] == (name,)
+
+
+@pytest.mark.parametrize("walker", [CompassBiped, TorsoCompass])
+def test_mass_beyond_the_leg_is_refused(walker: type[Walker]) -> None:
+    numbers = {**WALKERS[walker], "leg_com": WALKERS[walker]["leg_length"]}
+    with pytest.raises(ValidationError, match="must be less than leg_length"):
+        walker(**numbers)
+
+
+def test_unknown_parameter_is_refused() -> None:
+    with pytest.raises(ValidationError, match="leg_mas"):
+        CompassBiped(**COMPASS, leg_mas=1.0)
+
+
+def test_walker_cannot_be_changed() -> None:
+    walker = CompassBiped(**COMPASS)
+    with pytest.raises(ValidationError, match="frozen"):
+        walker.leg_mass = 5.0
+
+
+@pytest.mark.parametrize(
+    ("text", "angle"),
+    [("1 deg", math.pi / 180), ("-3.5deg", -3.5 * math.pi / 180), ("1e-1 rad", 0.1), (" .5 rad ", 0.5)],
+)
+def test_angles_may_have_units(text: str, angle: float) -> None:
+    assert parse_angle(text) == pytest.approx(angle, rel=1e-15)
+    assert CompassBiped(**{**COMPASS, "slope": text}).slope == pytest.approx(angle, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["1", "deg", "1 grad", "1 deg 2", "9**9 deg", "nan deg", "1,5 deg", ""])
+def test_text_that_is_no_angle_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"1 deg, 0\.1 rad"):
+        parse_angle(text)
+
+
+def test_both_feet_are_on_the_ground_after_an_impact() -> None:
+    for case in CASES.values():
+        xi = np.linspace(0.1, 0.2, case.system.lift.size1_in(0))
+        q, _ = case.coordinates(case.system.lift_state(xi, case.p))
+        other = case.oracle.swing_foot.position(q)
+        if case.n == 1:  # the wheel stands on the spoke that it came from, one before the stance spoke
+            q[0] += 2 * np.pi / case.walker.spokes
+            other = case.oracle.swing_foot.position(q)
+        assert other[1] == pytest.approx(0, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("phases", "impact", "words"),
+    [
+        ((), Mode.STICK, "at least one phase"),
+        ((Mode.STICK, Mode.STICK), Mode.STICK, "phases 1 and 2 are both stick"),
+        ((Mode.STICK,), Mode.SLIP_FORWARD, "the first phase must be slip_forward, not stick"),
+        ((Mode.SLIP_BACKWARD, Mode.STICK), Mode.SLIP_FORWARD, "must be slip_forward, not slip_backward"),
+    ],
+)
+def test_sequence_that_contradicts_itself_is_refused(phases: tuple[Mode, ...], impact: Mode, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        ModeSequence(phases=phases, impact=impact)
+
+
+def test_slip_may_turn_into_the_opposite_slip_and_follow_a_sticking_impact() -> None:
+    sequence = ModeSequence(phases=(Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK), impact=Mode.STICK)
+    assert str(sequence) == "slip_forward, slip_backward, stick; stick"

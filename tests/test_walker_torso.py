@@ -1,0 +1,104 @@
+"""A walker of a user's own: the compass with a torso, solved, verified and simulated like the built-in ones."""
+
+import json
+import os
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import EXAMPLES, TorsoCompass, torso_oracle
+from scipy.integrate import solve_ivp
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+
+NAMES = ("torso-compass", "torso-compass-slip")
+
+
+@cache
+def solved(name: str) -> go.Gait:
+    return go.solve(go.load_problem(EXAMPLES / f"{name}.yaml", walkers=(TorsoCompass,)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gait_is_found_and_confirmed_by_the_simulator(name: str) -> None:
+    verification = go.verify(solved(name))
+    assert [claim for claim in verification.claims if not claim.passed] == []
+
+
+@pytest.mark.parametrize(("name", "radius", "sliding"), [(NAMES[0], 0.7664, 0.0), (NAMES[1], 0.9002, 0.01238)])
+def test_gait_is_stable_and_slides_as_its_file_says(name: str, radius: float, sliding: float) -> None:
+    gait = solved(name)
+    assert gait.spectral_radius == pytest.approx(radius, abs=5e-5)
+    assert gait.measures["slip_distance"] == pytest.approx(sliding, abs=5e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_perturbed_walk_returns_to_the_gait(name: str) -> None:
+    gait = solved(name)
+    section = TorsoCompass.section_names(slipping=False)
+    start = {key: value for key, value in zip(gait.system.state_names, gait.state, strict=True) if key in section}
+    walk = go.simulate(gait, {**start, "dtheta1": 1.01 * start["dtheta1"]}, steps=150, dense=False)
+    distance = np.linalg.norm(walk.trajectory.section_states - gait.state, axis=1)
+    assert distance[0] > 5e-3
+    assert distance[-1] < 1e-6
+
+
+def test_sticking_gait_is_periodic_for_newtons_law_written_by_hand() -> None:
+    """One step with the oracle's matrices, eq. (3) for the foot and eq. (9) for the impact: no CasADi anywhere."""
+    gait = solved("torso-compass")
+    oracle = torso_oracle(**dict(gait.problem.walker))
+    W = np.eye(5)[3:]
+
+    def flow(t: float, y: np.ndarray) -> np.ndarray:
+        q, dq = y[:5], y[5:]
+        saddle = np.block([[oracle.M(q), -W.T], [W, np.zeros((2, 2))]])
+        rest = np.concatenate([-oracle.B(q, dq) - oracle.G(q), np.zeros(2)])
+        return np.concatenate([dq, np.linalg.solve(saddle, rest)[:5]])
+
+    shape, rates = gait.state[:3], gait.state[4:7]
+    start = np.concatenate([shape, [0, 0], rates, [0, 0]])
+    period = gait.measures["period"]
+    y = solve_ivp(flow, (0, period), start, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+    q, dq = y[:5], y[5:]
+    foot = oracle.swing_foot.jacobian(q)
+    A = foot @ np.linalg.solve(oracle.M(q), foot.T)
+    dq_plus = dq - np.linalg.solve(oracle.M(q), foot.T @ np.linalg.solve(A, foot @ dq))
+    assert oracle.swing_foot.position(q)[1] == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose([-q[1], -q[0], q[2]], shape, atol=1e-9)
+    np.testing.assert_allclose([-dq_plus[1], -dq_plus[0], dq_plus[2]], rates, atol=1e-8)
+    assert oracle.swing_foot.position(q)[0] == pytest.approx(gait.measures["step_length"], abs=1e-9)
+
+
+def test_walker_that_is_neither_registered_nor_given_is_refused_with_its_place() -> None:
+    with pytest.raises(ProblemError, match=r"torso-compass\.yaml:\d+:\d+ walker\.model: .*torso_compass"):
+        go.load_problem(EXAMPLES / "torso-compass.yaml")
+
+
+def test_registered_walker_goes_through_the_command_line(tmp_path: Path) -> None:
+    """As a user would have it: a package of one's own that declares the entry point."""
+    package = tmp_path / "torso_compass-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: torso-compass\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text("[gaitopt.walkers]\ntorso_compass = torso_compass:TorsoCompass\n")
+    path = os.pathsep.join([str(tmp_path), str(EXAMPLES), os.environ.get("PYTHONPATH", "")])
+
+    def gaitopt(*arguments: str) -> dict[str, object]:
+        command = [sys.executable, "-m", "gaitopt", *arguments, "--json", "--quiet"]
+        done = subprocess.run(
+            command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    run = str(tmp_path / "run")
+    found = gaitopt("solve", str(EXAMPLES / "torso-compass-slip.yaml"), "-o", run)
+    assert found["status"] == "converged"
+    assert found["verification"]["passed"]
+    assert gaitopt("verify", run)["verification"]["passed"]
+    walked = gaitopt("simulate", run, "--steps", "3")
+    assert walked["status"] == "completed"
+    assert walked["period"] == pytest.approx(found["period"], abs=1e-9)
