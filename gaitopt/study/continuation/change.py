@@ -53,7 +53,7 @@ def find_change(piece: Piece, event: Location) -> Change:
     for side in (ahead, -ahead):
         for sequence in candidates:
             for distance in DISTANCES:
-                found = _attempt(piece, event.station, sequence, side * distance * piece.scales[1])
+                found = _attempt(piece, event.station, sequence, side * distance * piece.scales[-1])
                 if found is not None:
                     return Change(piece=found[0], station=found[1], reason=words, length=FIRST_STEPS * distance)
     tried = " | ".join(str(sequence) for sequence in candidates) or "none"
@@ -90,7 +90,7 @@ def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: flo
     transcription = Transcription(system, plan, (piece.parameter,))
     successor = Piece(problem, piece.parameter, transcription, p, piece.scales)
     w = transcription.pack(rolled.nodes(plan), np.array(rolled.durations), (value,))
-    found = successor.start(w, _direction(successor, station, w))
+    found = successor.start(w, _forward(station, state, offset, w.size))
     if found is None or not _holds(successor, found, station):
         return None
     return successor, found
@@ -121,15 +121,12 @@ def _start_state(station: Station, sequence: ModeSequence, offset: float, p: Arr
     return state
 
 
-def _direction(successor: Piece, station: Station, w: Array) -> Array:
-    """From the event towards the successor, in its scaled coordinates."""
-    system = successor.transcription.system
-    indices = system.section(successor.sequence.impact)
-    behind = np.append(station.gait.state[indices], station.value)
-    ahead = np.append(w[indices], w[-1])
-    scales = np.append(np.full(indices.size, successor.scales[0]), successor.scales[1])
-    difference = (ahead - behind) / scales
-    return np.asarray(difference / np.linalg.norm(difference))
+def _forward(station: Station, state: Array, offset: float, n_w: int) -> Array:
+    """From the event towards the successor, as far as the two can be compared: state after impact and parameter."""
+    forward = np.zeros(n_w)
+    forward[: state.size] = state - station.gait.state
+    forward[-1] = offset
+    return forward
 
 
 def _holds(successor: Piece, found: Station, station: Station) -> bool:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
+from gaitopt.nlp.arclength import Scales
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
@@ -85,7 +86,7 @@ def follow_family(
     should_stop: Callable[[], bool] | None = None,
 ) -> Iterator[Record]:
     """As ``continuation``, point by point."""
-    if not gait.converged:
+    if gait.step is None:
         raise SolveError(f"{gait.problem.name} is {gait.status}, so there is nothing to continue: {gait.message}")
     value = float(gait.p[_index(gait, parameter)])
     _check_target(parameter, value, to, lower, upper)
@@ -98,7 +99,8 @@ def follow_family(
         max_seconds=max_seconds,
         verify_every=verify_every,
     )
-    piece, station = _first(gait, parameter, (float(np.abs(gait.state).max()), span), ahead)
+    scales = (float(np.abs(gait.state).max()), gait.step.period, span)
+    piece, station = _first(gait, parameter, scales, ahead)
     return Follower(piece, station, limits, should_stop=should_stop).records()
 
 
@@ -118,19 +120,20 @@ def _check_target(parameter: str, value: float, to: float, lower: float | None, 
             raise ProblemError(f"{parameter}: {beyond:g} lies beyond the {name} bound {bound:g}; move the bound or the target")
 
 
-def _first(gait: Gait, parameter: str, scales: tuple[float, float], ahead: float) -> tuple[Piece, Station]:
+def _first(gait: Gait, parameter: str, scales: Scales, ahead: float) -> tuple[Piece, Station]:
     """The branch of a gait, and its first point with the tangent in the wanted direction."""
     problem, system = gait.problem, gait.system
-    durations = tuple(duration for _, duration in gait.step.phases) if gait.step else ()
+    assert gait.step is not None, "a gait has a step"
+    durations = tuple(duration for _, duration in gait.step.phases)
     rolled = roll_out(system, gait.p, problem.sequence, gait.state, durations)
     plan = layout(problem.sequence, durations, system.control.breakpoints)
     transcription = Transcription(system, plan, (parameter,))
     piece = Piece(problem, parameter, transcription, gait.p, scales)
     value = gait.p[system.parameters.index(parameter)]
     w = transcription.pack(rolled.nodes(plan), np.array(durations), (value,))
-    direction = np.zeros(system.section(problem.sequence.impact).size + 1)
-    direction[-1] = ahead
-    station = piece.start(w, direction)
+    forward = np.zeros(w.size)
+    forward[-1] = ahead
+    station = piece.start(w, forward)
     if station is None:
         raise SolveError(f"{problem.name}: the gait cannot be continued in {parameter}: Newton's method fails at it")
     return piece, station
