@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
-    from gaitopt.study import simulate, solve, verify
+    from gaitopt.study import return_map, simulate, solve, verify
 
 __version__ = "0.1.0"
 
@@ -29,6 +29,7 @@ __all__ = [
     "Trajectory",
     "Walker",
     "load_problem",
+    "return_map",
     "simulate",
     "solve",
     "verify",
@@ -47,6 +48,7 @@ _HOME = {
     "Trajectory": "gaitopt.gait",
     "Walker": "gaitopt.mechanics.walker",
     "load_problem": "gaitopt.problem",
+    "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",
     "solve": "gaitopt.study",
     "verify": "gaitopt.study",

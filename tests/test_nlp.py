@@ -67,7 +67,14 @@ def test_breakpoints_cut_phases_into_arcs():
     plan = layout(sequence, [0.1, 0.6, 0.05], [0.3, 0.72])
     assert [(arc.phase, arc.segment) for arc in plan.arcs] == [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)]
     assert plan.arc_times(np.array([0.1, 0.6, 0.05]))[2] == (0.3, pytest.approx(0.7))
-    assert not plan.in_order(np.array([0.1, 0.1, 0.05]))
+    assert plan.in_order(np.array([0.1, 0.61, 0.04]), [0.3, 0.72])
+    assert not plan.in_order(np.array([0.1, 0.1, 0.05]), [0.3, 0.72])
+
+
+def test_step_that_outlasts_a_breakpoint_it_did_not_reach_needs_another_layout():
+    plan = layout(load_problem("compass-passive-stick").sequence, [0.6], [0.7])
+    assert plan.in_order(np.array([0.65]), [0.7])
+    assert not plan.in_order(np.array([0.75]), [0.7])
 
 
 def test_rollout_finds_the_durations_that_a_solved_gait_has():

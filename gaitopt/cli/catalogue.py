@@ -1,6 +1,6 @@
 """``gaitopt list``, ``show``, ``validate``, ``schema``: problems, before anything is solved."""
 
-from gaitopt.cli.options import DebugOption, JsonOption, ProblemArgument, SetOption, overrides
+from gaitopt.cli.options import DebugOption, JsonOption, ProblemArgument, SetOption
 
 
 def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
@@ -25,9 +25,9 @@ def show(
 ) -> int:
     """Show a problem, complete and in SI."""
     from gaitopt.cli.console import print_json, results
-    from gaitopt.problem import load_problem
+    from gaitopt.cli.runs import asked
 
-    found = load_problem(problem).replace(overrides(changes))
+    found = asked(problem, changes)
     if json:
         print_json({**found.resolved(), "hash": found.digest})
         return 0
@@ -42,9 +42,9 @@ def validate(
 ) -> int:
     """Check a problem and name all of its faults."""
     from gaitopt.cli.console import print_json, results
-    from gaitopt.problem import load_problem
+    from gaitopt.cli.runs import asked
 
-    found = load_problem(problem).replace(overrides(changes))
+    found = asked(problem, changes)
     if json:
         print_json({"problem": found.name, "valid": True, "hash": found.digest})
     else:

@@ -6,9 +6,13 @@ from collections.abc import Sequence
 
 import typer
 
+from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
+from gaitopt.cli.plot import plot
+from gaitopt.cli.report import report
 from gaitopt.cli.simulate import simulate
 from gaitopt.cli.solve import solve
+from gaitopt.cli.sweep import sweep
 from gaitopt.cli.verify import verify
 from gaitopt.errors import GaitoptError
 
@@ -32,6 +36,10 @@ app.command("schema")(schema)
 app.command("solve")(solve)
 app.command("simulate")(simulate)
 app.command("verify")(verify)
+app.command("basin")(basin)
+app.command("sweep")(sweep)
+app.command("plot")(plot)
+app.command("report")(report)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,6 +20,9 @@ OutOption = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Run folder; by default results/NAME-HASH.", show_default=False),
 ]
+EngineOption = Annotated[
+    str, typer.Option("--engine", metavar="auto|scipy|heyoka", help="Integrator of the simulation; auto chooses.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, floats to the last digit.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="No narration and no progress on stderr.")]
 DebugOption = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]

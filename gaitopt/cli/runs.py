@@ -1,5 +1,6 @@
 """What a user means by RUN: a run folder, or a problem whose gait is in the store or is solved now."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,11 +10,32 @@ from gaitopt.cli.options import overrides
 from gaitopt.errors import UnknownNameError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from rich.console import Console
 
-    from gaitopt.gait import Gait
+    from gaitopt.gait import Gait, Step
+    from gaitopt.mechanics import HybridSystem
+    from gaitopt.problem import Problem
+    from gaitopt.store import Table
 
 PROBLEM_SUFFIXES = (".yaml", ".yml")
+
+
+def asked(problem: str, changes: list[str] | None) -> "Problem":
+    """The problem of a name or a file, with the ``--set`` options applied."""
+    from gaitopt.problem import load_problem
+
+    found = load_problem(problem)
+    return found.replace(overrides(changes)) if changes else found
+
+
+def motion_table(system: "HybridSystem", p: "NDArray[np.float64]", steps: "Iterable[Step]") -> "Table":
+    """The table of a motion that a run folder holds."""
+    from gaitopt.gait.table import trajectory_header, trajectory_rows
+    from gaitopt.store import Table
+
+    return Table(header=trajectory_header(system), rows=trajectory_rows(system, p, steps))
 
 
 def is_folder(run: str) -> bool:
@@ -51,12 +73,11 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
 def gait_of(run: str, changes: list[str] | None, output: Path | None, console: "Console") -> "tuple[Gait, Path, bool]":
     """A gait, its run folder, and whether it was solved just now (and is verified, but not stored)."""
     from gaitopt.cli.solve import solve_verified
-    from gaitopt.problem import load_problem
     from gaitopt.store import GAIT_FILE, check_folder, run_folder
 
     if is_folder(run):
         return (*stored_gait(run, changes), False)
-    problem = load_problem(run).replace(overrides(changes))
+    problem = asked(run, changes)
     folder = output or run_folder(problem)
     check_folder(folder, problem)
     if (folder / GAIT_FILE).is_file():

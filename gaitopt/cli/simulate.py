@@ -8,13 +8,13 @@ import typer
 
 from gaitopt.cli.options import (
     DebugOption,
+    EngineOption,
     JsonOption,
     OutOption,
     QuietOption,
     RunArgument,
     SetOption,
     key_value,
-    overrides,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def simulate(
     run: RunArgument,
     state: StateOption = None,
     steps: StepsOption = 1,
+    engine: EngineOption = "auto",
     changes: SetOption = None,
     output: OutOption = None,
     json: JsonOption = False,
@@ -47,18 +48,21 @@ def simulate(
     """
     from gaitopt import study
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import is_folder, stored_gait
+    from gaitopt.cli.progress import interruptible
+    from gaitopt.cli.runs import asked, is_folder, stored_gait
     from gaitopt.cli.tables import print_walk
     from gaitopt.gait import Gait
-    from gaitopt.problem import load_problem
     from gaitopt.store import check_folder
 
-    start = stored_gait(run, changes)[0] if is_folder(run) else load_problem(run).replace(overrides(changes))
+    start = stored_gait(run, changes)[0] if is_folder(run) else asked(run, changes)
     begin = read_state(state)
     if output is not None:
         check_folder(output, start.problem if isinstance(start, Gait) else start)
     narration(quiet=quiet).print(f"walking {steps} step{'s' if steps > 1 else ''}")
-    walk = study.simulate(start, begin, steps)
+    with interruptible() as interrupted:
+        walk = study.simulate(start, begin, steps, engine=engine, should_stop=interrupted)
+        if interrupted():
+            raise KeyboardInterrupt
     record = {**walk.to_record(), "run": None if output is None else str(output)}
     try:
         if output is not None:
@@ -96,9 +100,8 @@ def read_state(texts: list[str] | None) -> dict[str, float]:
 
 
 def _store(walk: "Walk", folder: Path) -> None:
-    from gaitopt.gait.table import trajectory_header, trajectory_rows
-    from gaitopt.store import Table, write_walk
+    from gaitopt.cli.runs import motion_table
+    from gaitopt.store import write_walk
 
-    rows = trajectory_rows(walk.system, walk.p, walk.trajectory.steps)
-    table = Table(header=trajectory_header(walk.system), rows=rows)
+    table = motion_table(walk.system, walk.p, walk.trajectory.steps)
     write_walk(folder, problem=walk.problem, walk=walk.to_record(), trajectory=table)

@@ -10,7 +10,6 @@ from gaitopt.cli.options import (
     ProblemArgument,
     QuietOption,
     SetOption,
-    overrides,
 )
 
 if TYPE_CHECKING:
@@ -33,10 +32,10 @@ def solve(
 ) -> int:
     """Solve for a gait, verify it and store it."""
     from gaitopt.cli.console import narration
-    from gaitopt.problem import load_problem
+    from gaitopt.cli.runs import asked
     from gaitopt.store import check_folder, run_folder
 
-    found = load_problem(problem).replace(overrides(changes))
+    found = asked(problem, changes)
     folder = output or run_folder(found)
     check_folder(folder, found)
     gait = solve_verified(found, narration(quiet=quiet))
@@ -79,7 +78,7 @@ def report(gait: "Gait", folder: Path | None, *, json: bool, store: bool = False
     record = {**gait.to_record(), "run": None if folder is None else str(folder)}
     try:
         if store and folder is not None:
-            _store(gait, folder)
+            store_gait(gait, folder)
     finally:  # what was computed is printed even where it cannot be kept
         if json:
             print_json(record)
@@ -94,11 +93,11 @@ def report(gait: "Gait", folder: Path | None, *, json: bool, store: bool = False
     return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED
 
 
-def _store(gait: "Gait", folder: Path) -> None:
-    from gaitopt.gait.table import trajectory_header, trajectory_rows
-    from gaitopt.store import Table, write_run
+def store_gait(gait: "Gait", folder: Path) -> None:
+    """Write the run of a gait."""
+    from gaitopt.cli.runs import motion_table
+    from gaitopt.store import write_run
 
     assert gait.step is not None, "only a gait is stored"
-    rows = trajectory_rows(gait.system, gait.p, [gait.step])
-    table = Table(header=trajectory_header(gait.system), rows=rows)
+    table = motion_table(gait.system, gait.p, [gait.step])
     write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table)

@@ -11,4 +11,5 @@ def animation_page(motion: Motion, about: str = "") -> str:
     templates = Environment(
         loader=PackageLoader("gaitopt.figures", "web"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+    templates.policies["json.dumps_kwargs"] = {"sort_keys": False, "separators": (",", ":")}
     return templates.get_template("animation.html").render(film=film(motion), about=about)

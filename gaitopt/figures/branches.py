@@ -19,6 +19,8 @@ from gaitopt.figures.style import COLOURS, NEUTRAL, entry, legend_below, panels
 Record = Mapping[str, Any]
 
 UNSTABLE: Any = (0, (1.2, 1.4))
+LOG = 10.0
+"""Multipliers beyond this go on a log axis, or those near the unit circle could not be told apart."""
 SPECIAL = {
     "fold": ("fold", "o"),
     "period_doubling": ("period doubling", "s"),
@@ -44,7 +46,7 @@ def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quant
     figure, (axes,) = panels()
     handles, present = list[Line2D](), set[str]()
     for (name, records), colour in zip(curves.items(), cycle(COLOURS), strict=False):
-        points = [record for record in records if record["record"] == "point" and record.get(quantity) is not None]
+        points = _points(records, quantity)
         for _, branch in groupby(sorted(points, key=_order), key=lambda point: point["branch"]):
             _draw(axes, list(branch), quantity, colour)
         specials = [record for record in records if record["record"] == "special"]
@@ -53,6 +55,11 @@ def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quant
             handles.append(entry(name, color=colour))
     if quantity == "spectral_radius":
         axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
+        if (
+            max((point[quantity] for records in curves.values() for point in _points(records, quantity)), default=0)
+            > LOG
+        ):
+            axes.set_yscale("log")
     axes.set_xlabel(str(label(parameter)))
     axes.set_ylabel(str(label(quantity)))
     legend_below(figure, [*handles, *_legend(present)])
@@ -63,6 +70,10 @@ def is_stable(point: Record) -> bool:
     """Whether the gait of a record attracts its neighbours."""
     radius = point.get("spectral_radius")
     return radius is not None and radius < 1
+
+
+def _points(records: Sequence[Record], quantity: str) -> list[Record]:
+    return [record for record in records if record["record"] == "point" and record.get(quantity) is not None]
 
 
 def _order(point: Record) -> tuple[int, int]:
@@ -89,7 +100,8 @@ def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quan
         if special.get("value") is None or not near:
             continue
         closest = min(near, key=lambda point: abs(point["value"] - special["value"]))
-        height = special[quantity] if special.get(quantity) is not None else closest[quantity]
+        own = (special.get("gait") or {}).get(quantity)
+        height = closest[quantity] if own is None else own
         marker = SPECIAL.get(special["type"], (special["type"], "*"))[1]
         axes.plot(
             special["value"], height, marker, color=colour, markersize=7, markeredgewidth=1.4, markerfacecolor="white"

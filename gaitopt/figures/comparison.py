@@ -43,12 +43,20 @@ def two_roads(motion: Motion, walked: Step, nodes: tuple[Array, Array] | None = 
         for arc in walked.arcs:
             upper.plot(arc.times, arc.states[:, column], color=colour, linestyle=dashes(arc.mode))
         upper.plot(found[0], found[1][:, column], "o", color=colour, markersize=4, fillstyle="none")
-        handles.append(entry(f"{symbol(name)}, simulated", color=colour))
-    handles.append(entry("nodes of the NLP", marker="o", linestyle="", fillstyle="none"))
+        handles.append(entry(f"{symbol(name)}, simulation", color=colour))
+    handles.append(entry("NLP", marker="o", linestyle="", fillstyle="none"))
     upper.set_ylabel("angle [rad]")
     handles += _differences(lower, motion, walked)
     legend_below(figure, [*handles, *mode_legend([mode for mode, _ in walked.phases])])
     return figure
+
+
+def differences(ours: Step, theirs: Step) -> Iterator[tuple[Array, Array]]:
+    """Times and differences of the states on each arc, compared at equal fractions of it."""
+    for mine, other in zip(ours.arcs, theirs.arcs, strict=False):
+        if mine.mode is not other.mode or mine.duration <= 0:
+            return
+        yield mine.times, mine.states - _at(other, 2 * (mine.times - mine.start) / mine.duration - 1)
 
 
 def _differences(axes: Axes, motion: Motion, walked: Step) -> list[Line2D]:
@@ -57,21 +65,13 @@ def _differences(axes: Axes, motion: Motion, walked: Step) -> list[Line2D]:
     kinds = {"positions": (slice(0, rate), "-"), "velocities": (slice(rate, None), ":")}
     entries = []
     for words, (columns, line) in kinds.items():
-        for times, gap in _gaps(motion.step, walked):
+        for times, gap in differences(motion.step, walked):
             size = np.maximum(np.abs(gap[:, columns]).max(axis=1), ROUNDING)
             axes.semilogy(times, size, color=NEUTRAL, linestyle=line, linewidth=1.1)
         entries.append(entry(f"difference, {words}", linestyle=line, linewidth=1.1))
     axes.set_xlabel(str(label("time")))
     axes.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
     return entries
-
-
-def _gaps(ours: Step, theirs: Step) -> Iterator[tuple[Array, Array]]:
-    """Times and differences of the states on each arc, compared at equal fractions of it."""
-    for mine, other in zip(ours.arcs, theirs.arcs, strict=False):
-        if mine.mode is not other.mode or mine.duration <= 0:
-            return
-        yield mine.times, mine.states - _at(other, 2 * (mine.times - mine.start) / mine.duration - 1)
 
 
 def _at(arc: Arc, fractions: Array) -> Array:

@@ -16,9 +16,9 @@ FEWEST = 5
 
 
 def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
-    """The step of ``motion`` as a JSON-able object, see ``walker.js`` and ``gait.js`` for its readers.
+    """The step of ``motion`` as a JSON-able object, in SI units; ``walker.js`` and the report read it.
 
-    Positions are in metres with y along the slope's normal, forces in newtons, angles in radians.
+    Frames are equidistant within each phase. Point 0 is the stance foot, so that its x is the slip.
     """
     arcs = [resampled(arc, max(FEWEST, round(frames * arc.duration / motion.step.period))) for arc in motion.step.arcs]
     drawing = skeleton(motion, np.vstack([arc.states for arc in arcs]))
@@ -62,8 +62,9 @@ def _columns(motion: Motion, arcs: list[Arc], drawing: Skeleton) -> dict[str, An
     force = np.vstack([o.force for o in observed])
     torque = np.vstack([o.torque for o in observed])
     states = np.vstack([arc.states for arc in arcs])
-    columns = {"t": np.concatenate([arc.times for arc in arcs]), "f_t": force[:, 0], "f_n": force[:, 1]}
-    columns |= {name: states[:, k] for k, name in enumerate(motion.system.state_names)}
+    columns = {"f_t": force[:, 0], "f_n": force[:, 1]}
+    for name in motion.system.walker.shape:
+        columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
     columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.system.walker.actuators)}
     for k in range(drawing.points.shape[1]):
         columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}

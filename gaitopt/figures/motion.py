@@ -64,7 +64,9 @@ def motion_of(gait: Gait, name: str = "") -> Motion:
     return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, step=gait.step)
 
 
-def motion_from_record(system: HybridSystem, p: Array, record: Mapping[str, Any], name: str = "") -> Motion:
+def motion_from_record(
+    system: HybridSystem, p: Array, record: Mapping[str, Any], name: str = "", points: int = POINTS
+) -> Motion:
     """The step that a JSON record describes by its state after impact, its modes and their durations.
 
     The motion is integrated anew from the state, so that a record needs to hold no more than that.
@@ -73,6 +75,7 @@ def motion_from_record(system: HybridSystem, p: Array, record: Mapping[str, Any]
     ----------
     p : ndarray, shape (n_p,) - parameters for which the record holds.
     record : a gait or a point of a branch, with the keys ``state``, ``phases`` and ``impact``.
+    points : Chebyshev points of every phase.
     """
     z = np.array([record["state"][name] for name in system.state_names])
     time, arcs = 0.0, list[Arc]()
@@ -81,7 +84,7 @@ def motion_from_record(system: HybridSystem, p: Array, record: Mapping[str, Any]
         if mode is Mode.STICK:
             z[-1] = 0.0
         for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
-            times = start + (end - start) * (curves.points(POINTS) + 1) / 2
+            times = start + (end - start) * (curves.points(points) + 1) / 2
             states = integrate_to(system, mode, z, times, p, system.control.data(segment))
             arcs.append(Arc(mode=mode, segment=segment, times=times, states=states))
             z = states[-1].copy()

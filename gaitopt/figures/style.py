@@ -5,6 +5,7 @@ that no window system and no global state is involved.
 """
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.mechanics import Mode
+from gaitopt.store import write_whole
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 MODE_COLOURS = {Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9"}
@@ -63,11 +65,19 @@ def panels(
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) -> list[Path]:
-    """Write a figure in several formats; the same figure gives the same bytes."""
+    """Write a figure in several formats; the same figure gives the same bytes.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written; none is left half-written.
+    """
     paths = [stem.with_name(f"{stem.name}.{extension}") for extension in formats]
-    with mpl.rc_context(STYLE):
-        for path, extension in zip(paths, formats, strict=True):
-            figure.savefig(path, format=extension, metadata=_NO_DATE[extension])
+    for path, extension in zip(paths, formats, strict=True):
+        drawn = BytesIO()
+        with mpl.rc_context(STYLE):
+            figure.savefig(drawn, format=extension, metadata=_NO_DATE[extension])
+        write_whole(path, drawn.getvalue())
     return paths
 
 

@@ -77,7 +77,7 @@ def absolute_integral(values: Array, duration: float) -> float:
     changes = roots(values)
     if changes.size == 0:
         return abs(integral(values, duration))
-    primitive = chebyshev.chebint(coefficients(values))
+    primitive = np.asarray(chebyshev.chebint(coefficients(values)), dtype=float)
     ends = np.concatenate([[-1.0], changes, [1.0]])
     return float(np.abs(np.diff(evaluate(primitive, ends))).sum()) * duration / 2
 

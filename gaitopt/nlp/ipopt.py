@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, Callback, Sparsity, nlpsol, nlpsol_out
+from casadi import DM, MX, Callback, Function, Sparsity, jacobian, nlpsol, nlpsol_out, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait import Status
@@ -19,6 +19,10 @@ Progress = Callable[[int, float], None]
 
 TOLERANCE = 1e-10
 """Well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
+OPTIMALITY = 1e-8
+"""Scaled KKT residual of a design."""
+HISTORY = 20
+"""Secant pairs: as many as there are free directions in a large design."""
 MAX_ITERATIONS = 300
 
 ENDINGS: dict[str, tuple[Status, str]] = {
@@ -50,7 +54,9 @@ class IpoptResult:
     w : ndarray - last iterate, to be looked at even after a failure.
     status, words : whether it may be trusted, and why not.
     iterations : how many.
-    multipliers : ndarray - Lagrange multipliers of the constraints g.
+    multipliers, bound_multipliers : ndarray - Lagrange multipliers of g and of the bounds on w.
+    objective : its value.
+    kkt : dual infeasibility, the residual of the optimality conditions.
     """
 
     w: Array
@@ -58,6 +64,9 @@ class IpoptResult:
     words: str
     iterations: int
     multipliers: Array
+    bound_multipliers: Array
+    objective: float
+    kkt: float
 
 
 class _Watch(Callback):
@@ -103,7 +112,9 @@ class Ipopt:
 
     Parameters
     ----------
-    w, p, objective, g : CasADi expressions; ``objective`` None for a problem of feasibility.
+    w, p, objective : CasADi expressions; ``objective`` None for a problem of feasibility.
+    g : the constraints, perhaps in blocks of like sparsity: each has its Jacobian for itself, so that a row that depends on
+        everything does not make those of the others dense to compute.
     progress, should_stop : called at every iteration.
     """
 
@@ -112,30 +123,34 @@ class Ipopt:
         *,
         w: MX,
         p: MX,
-        g: MX,
+        g: MX | Sequence[MX],
         objective: MX | None = None,
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
-        self._watch = _Watch(w.numel(), g.numel(), p.numel(), progress, should_stop)
+        blocks = [g] if isinstance(g, MX) else list(g)
+        rows = vertcat(*blocks)
+        self._watch = _Watch(w.numel(), rows.numel(), p.numel(), progress, should_stop)
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,  # a point where the motion does not exist is IPOPT's business, as is Ctrl-C
             "iteration_callback": self._watch,
             "error_on_fail": False,
+            "jac_g": Function("jac_g", [w, p], [rows, vertcat(*(jacobian(block, w) for block in blocks))]),
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
-                "tol": TOLERANCE,
+                "tol": TOLERANCE if objective is None else OPTIMALITY,
                 "constr_viol_tol": TOLERANCE,
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
                 "max_iter": MAX_ITERATIONS,
-                # a feasibility problem has no curvature worth its price
-                "hessian_approximation": "limited-memory" if objective is None else "exact",
+                # the free directions are few, and secants learn them in fewer seconds than one exact Hessian takes
+                "hessian_approximation": "limited-memory",
+                "limited_memory_max_history": HISTORY,
             },
         }
-        nlp: dict[str, Any] = {"x": w, "p": p, "g": g, "f": MX(0) if objective is None else objective}
+        nlp: dict[str, Any] = {"x": w, "p": p, "g": rows, "f": MX(0) if objective is None else objective}
         self._solver = nlpsol("gait", "ipopt", nlp, options)
 
     def solve(self, w: Array, p: Array, bounds_w: tuple[Array, Array], bounds_g: tuple[Array, Array]) -> IpoptResult:
@@ -158,4 +173,7 @@ class Ipopt:
             words=words,
             iterations=int(stats["iter_count"]),
             multipliers=np.asarray(solution["lam_g"]).ravel(),
+            bound_multipliers=np.asarray(solution["lam_x"]).ravel(),
+            objective=float(solution["f"]),
+            kkt=float(stats["iterations"]["inf_du"][-1]),
         )

@@ -17,6 +17,8 @@ INTERVALS = 14
 """Intervals of a first layout, shared among the arcs by length: about ten digits on the gaits of the paper."""
 FEWEST = 2
 """Intervals of even the shortest arc."""
+COINCIDENT = 1e-11
+"""A switch this close [s] to a breakpoint is at it, on either side: what the torques then miss is below rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,9 +65,26 @@ class Layout:
             for arc in self.arcs
         ]
 
-    def in_order(self, durations: NDArray[np.float64]) -> bool:
-        """Whether no arc runs backwards: False once a switch has passed a breakpoint."""
-        return all(end >= start for start, end in self.arc_times(durations))
+    def node_times(self, durations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Time since impact of every node for given phase durations; shape (K + 1,) [s]."""
+        ends = self.arc_times(durations)
+        pieces = [np.linspace(a, b, arc.intervals + 1)[:-1] for arc, (a, b) in zip(self.arcs, ends, strict=True)]
+        return np.concatenate([*pieces, [ends[-1][1]]])
+
+    def in_order(self, durations: NDArray[np.float64], breakpoints: Sequence[float]) -> bool:
+        """Whether every arc keeps to its segment of the control: False once a switch has passed a breakpoint.
+
+        The breakpoints are all those of the control, so that a step which outlasts one that it did not reach is found.
+        """
+        limits = (-np.inf, *breakpoints, np.inf)
+        return all(
+            limits[arc.segment] - COINCIDENT <= start <= end + COINCIDENT <= limits[arc.segment + 1] + 2 * COINCIDENT
+            for arc, (start, end) in zip(self.arcs, self.arc_times(durations), strict=True)
+        )
+
+    def same_arcs(self, other: "Layout") -> bool:
+        """Whether both have the same arcs in the same order, on whatever intervals."""
+        return [replace(arc, intervals=0) for arc in self.arcs] == [replace(arc, intervals=0) for arc in other.arcs]
 
     def refined(self, wanted: Sequence[int]) -> "Layout":
         """The same arcs with other numbers of intervals."""
@@ -82,6 +101,7 @@ def layout(sequence: ModeSequence, durations: ArrayLike, breakpoints: Sequence[f
     breakpoints : of the control, times since impact [s], ascending.
     """
     switches = np.concatenate([[0.0], np.cumsum(durations)])
+    assert switches[-1] > 0, "a step takes time"
     arcs = []
     for phase, mode in enumerate(sequence.phases):
         begin, finish = switches[phase], switches[phase + 1]

@@ -5,6 +5,7 @@ J dw = -halved defects                 error of the solution by the finer integr
 A dW = lift,  DPi = impact' dW_K       return map's derivative, A being J without the periodicity's z_K
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,19 +102,38 @@ def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array,
 
 def return_map_jacobian(problem: Transcription, at: Linearisation) -> Array:
     """Derivative of the return map on the section by implicit differentiation of the equalities; (n_xi, n_xi)."""
+    return section_response(problem, at)[1]
+
+
+def section_response(problem: Transcription, at: Linearisation) -> tuple[Array, Array, Callable[[Array], Array]]:
+    """How the step answers to a deviation on the section.
+
+    Returns
+    -------
+    response : ndarray, shape (n, n_xi) - of nodes and durations.
+    returned : ndarray, shape (n_xi, n_xi) - the deviation after the step.
+    adjoint : from weights (n_xi, n_xi) of ``returned`` to those (n, n_xi) of the equations of ``response``.
+    """
     system, n_z, n = problem.system, problem.system.n_z, at.residual.size
     last = slice((problem.n_nodes - 1) * n_z, problem.n_nodes * n_z)
+    indices = system.section(problem.layout.sequence.impact)
     opened = at.square
-    reset = -opened[n - n_z :, last].toarray()
+    reset = -opened[n - n_z :, last].toarray()[indices]
     opened = opened.tolil()
     opened[n - n_z :, last] = 0.0
+    factor = splu(opened.tocsc())
     full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
-    indices = system.section(problem.layout.sequence.impact)
     lift = np.asarray(system.lift_jacobian(at.w[system.section(Mode.SLIP_FORWARD)], full))
     right = np.zeros((n, indices.size))
     right[n - n_z :] = lift[:, : indices.size]
-    response = splu(opened.tocsc()).solve(right)
-    return (reset @ response[last])[indices]
+    response = factor.solve(right)
+
+    def adjoint(weights: Array) -> Array:
+        end = np.zeros((n, indices.size))
+        end[last] = reset.T @ weights
+        return np.asarray(factor.solve(end, trans="T"))
+
+    return response, reset @ response[last], adjoint
 
 
 def _sparse(matrix: DM) -> csc_matrix:

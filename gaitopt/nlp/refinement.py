@@ -16,6 +16,8 @@ ERROR_TOLERANCE = 1e-10
 SAFETY = 4.0
 """Factor by which a refinement aims below the tolerance."""
 MAX_REFINEMENTS = 4
+MAX_INTERVALS = 500
+"""A step that is not accurate on so many is no walking step: its motion is singular."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +52,8 @@ def refine(transcription: Transcription, at: Linearisation) -> Refined:
             break
         growth = np.maximum((SAFETY * current.errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
         layout = current.transcription.layout
+        if layout.intervals * growth.max() > MAX_INTERVALS:
+            break
         wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
         finer = Transcription(transcription.system, layout.refined(wanted), transcription.free)
         at = polish(finer, _resample(current.transcription, finer, current.at), at.p).at
@@ -58,8 +62,14 @@ def refine(transcription: Transcription, at: Linearisation) -> Refined:
 
 
 def phase_errors(transcription: Transcription, at: Linearisation) -> Array:
-    """Largest estimated error of the states in each phase, and of its duration; shape (n_phases,)."""
-    nodes, durations = integration_error(transcription, at)
+    """Largest estimated error of the states in each phase, and of its duration; shape (n_phases,).
+
+    Infinite where the equations are singular.
+    """
+    try:
+        nodes, durations = integration_error(transcription, at)
+    except RuntimeError:
+        return np.full(transcription.n_phases, np.inf)
     errors = np.abs(durations)
     for arc, first in zip(transcription.layout.arcs, transcription.layout.first_nodes, strict=True):
         largest = np.abs(nodes[:, first : first + arc.intervals + 1]).max()

@@ -1,7 +1,8 @@
 """First guess of a step: the motion rolled out from a state along the given mode sequence.
 
-The sequence is obeyed, not tested: each phase runs until the margin that should end it falls through zero, or to
-where it comes closest.
+The sequence is obeyed, not tested: each phase runs until the margin that should end it falls through zero. A switch
+that does not come is put where its margin is closest to zero, a touchdown that does not come where the walker would
+be at the rates with which it started.
 """
 
 from collections.abc import Sequence
@@ -27,6 +28,8 @@ FIRST_STEP = 1e-5
 """Short enough not to jump over a slip that has only just come into being [s]."""
 LONGEST_STEP = 20.0
 """No walker of human size takes longer over a step [s]."""
+SHORTEST_PHASE = 0.05
+"""Part of a step for a phase whose end is not found, and for which no time seems to be left."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,9 +39,15 @@ class Rollout:
     durations: tuple[float, ...]
     motions: tuple[OdeSolution, ...]
 
+    @property
+    def period(self) -> float:
+        """Time from impact to impact [s]; zero where the walker falls at once."""
+        return float(sum(self.durations))
+
     def __call__(self, phase: int, times: Array) -> Array:
-        """States in one phase at times since impact; shape (n_z, n)."""
-        return np.asarray(self.motions[phase](times))
+        """States in one phase at times since impact, after a fall those of the fall; shape (n_z, n)."""
+        motion = self.motions[phase]
+        return np.asarray(motion(np.minimum(times, motion.t_max)))
 
     def nodes(self, plan: Layout) -> Array:
         """States at the shooting nodes of a layout; shape (n_z, K + 1)."""
@@ -59,20 +68,32 @@ def roll_out(
 ) -> Rollout:
     """Follow ``sequence`` from ``state`` just after an impact; given durations are kept, missing ones are found."""
     time, z = 0.0, state.copy()
+    transit = transit_time(system, p, sequence, state)
     found: list[float] = []
     motions: list[OdeSolution] = []
     for phase, mode in enumerate(sequence.phases):
         if mode is Mode.STICK:
             z[-1] = 0.0
-        after = sequence.phases[phase + 1] if phase + 1 < len(sequence.phases) else None
         known = None if durations is None else durations[phase]
         motion = _integrate(system, p, mode, time, z, LONGEST_STEP if known is None else known)
-        duration = known if known is not None else _phase_end(system, p, mode, after, motion) - time
+        duration = known if known is not None else _phase_end(system, p, sequence, phase, motion, transit) - time
         found.append(duration)
         motions.append(motion)
         time += duration
-        z = motion(time)
+        z = motion(min(time, motion.t_max))
     return Rollout(durations=tuple(found), motions=tuple(motions))
+
+
+def transit_time(system: HybridSystem, p: Array, sequence: ModeSequence, state: Array) -> float:
+    """Time of a step [s] at the rates of ``state``, for the joint that would be first where an impact leads back to it.
+
+    Relabelling is affine, s_plus = A s_minus + b, so that s_minus follows from any one of its values.
+    """
+    n = system.n_shape
+    mapped = np.asarray(system.impact(sequence.impact)(state, p)[0]).ravel()[:n]
+    A = np.asarray(system.impact_jacobian(sequence.impact)(state, p))[:n, :n]
+    way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), np.abs(state[n + 1 : 2 * n + 1])
+    return float(np.min(way[rates > 0] / rates[rates > 0], initial=LONGEST_STEP))
 
 
 def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array, duration: float) -> OdeSolution:
@@ -104,8 +125,11 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
     return solution.sol
 
 
-def _phase_end(system: HybridSystem, p: Array, mode: Mode, after: Mode | None, motion: OdeSolution) -> float:
-    """Time at which the phase ends: its ending margin falls through zero after having been positive."""
+def _phase_end(
+    system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution, transit: float
+) -> float:
+    """Time since impact at which the phase ends: its ending margin falls through zero after having been positive."""
+    mode, after = sequence.phases[phase], (*sequence.phases[1:], None)[phase]
     row = margin_names(mode).index(ending_margin(mode, after))
     breakpoints = system.control.breakpoints
 
@@ -119,4 +143,5 @@ def _phase_end(system: HybridSystem, p: Array, mode: Mode, after: Mode | None, m
     falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
     if falls.size:
         return float(brentq(margin, times[falls[0]], times[falls[0] + 1]))
-    return float(times[np.argmin(np.abs(values))])
+    lost = float(times[np.argmin(np.abs(values))]) if after else transit
+    return max(lost, motion.ts[0] + SHORTEST_PHASE * transit)

@@ -5,18 +5,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from casadi import Function, vertcat
+from casadi import Function
 from numpy.typing import NDArray
 
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import complaints, residual_complaint
-from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
+from gaitopt.nlp.feasibility import Feasibility
+from gaitopt.nlp.ipopt import IpoptResult, Progress
 from gaitopt.nlp.layout import Layout, layout
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
-from gaitopt.nlp.rollout import Rollout, roll_out
+from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
@@ -28,6 +29,7 @@ RESIDUAL_TOLERANCE = 1e-9
 """Largest violation of any equality or margin in a solution that is called converged."""
 VANISHING = 1e-7
 """A phase shorter than this part of the period does not take place."""
+FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +64,14 @@ def solve_gait(
     """
     p = system.values(problem.parameters)
     began = time.perf_counter()
-    attempt = _attempt_in_order(problem, system, p, progress, should_stop)
+    state = np.array([problem.guess.state[name] for name in system.state_names])
+    guess = roll_out(system, p, problem.sequence, state, problem.guess.durations)
+    attempt = _attempt_in_order(problem, system, p, guess, progress, should_stop)
+    if attempt.result.status in FAILURES and problem.guess.durations is None:
+        shortened = np.array(guess.durations) * transit_time(system, p, problem.sequence, state) / guess.period
+        second = roll_out(system, p, problem.sequence, state, shortened)
+        retried = _attempt_in_order(problem, system, p, second, progress, should_stop)
+        attempt = retried if retried.result.status not in FAILURES else attempt
     solver = {"iterations": float(attempt.result.iterations), "seconds": time.perf_counter() - began}
     if attempt.result.status is not Status.CONVERGED:
         message = attempt.result.words
@@ -76,19 +85,18 @@ def _attempt_in_order(
     problem: Problem,
     system: HybridSystem,
     p: Array,
+    guess: Rollout,
     progress: Progress | None,
     should_stop: Callable[[], bool] | None,
 ) -> Attempt:
     """Solve, and again with a new layout while a switch passes a breakpoint of the control."""
-    state = np.array([problem.guess.state[name] for name in system.state_names])
-    guess = roll_out(system, p, problem.sequence, state, problem.guess.durations)
     plan = layout(problem.sequence, guess.durations, system.control.breakpoints)
     start = _start(guess, plan)
     for _ in range(MAX_REORDERS):
         transcription = Transcription(system, plan)
         attempt = _attempt(transcription, p, start(transcription), progress, should_stop)
         durations = transcription.unpack(attempt.result.w)[1]
-        if attempt.result.status is not Status.CONVERGED or plan.in_order(durations):
+        if attempt.result.status is not Status.CONVERGED or plan.in_order(durations, system.control.breakpoints):
             break
         plan = layout(problem.sequence, durations, system.control.breakpoints)
         start = _start(roll_out(system, p, problem.sequence, attempt.result.w[: system.n_z], durations), plan)
@@ -119,16 +127,8 @@ def _attempt(
     relaxed: bool = False,
 ) -> Attempt:
     """Run IPOPT; ``relaxed`` leaves the margins out."""
-    equalities = transcription.equalities
-    margins = transcription.inequalities[0]
-    g = equalities if relaxed else vertcat(equalities, margins)
-    n_margins = 0 if relaxed else margins.numel()
-    lower = np.zeros(g.numel())
-    upper = np.concatenate([np.zeros(equalities.numel()), np.full(n_margins, np.inf)])
-    nodes = np.full(start.size - transcription.n_phases, -np.inf)
-    floor = np.concatenate([nodes, np.full(transcription.n_phases, -np.inf if relaxed else 0.0)])
-    solver = Ipopt(w=transcription.w, p=transcription.parameters, g=g, progress=progress, should_stop=should_stop)
-    result = solver.solve(start, p, (floor, np.full(start.size, np.inf)), (lower, upper))
+    program = Feasibility(transcription, progress=progress, should_stop=should_stop, relaxed=relaxed)
+    result = program.solve(start, p)
     return Attempt(transcription=transcription, p=p, start=start, result=result)
 
 
@@ -136,9 +136,9 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
     """Polish, refine until the integration error is small, and assemble the gait."""
     p, system = attempt.p, attempt.transcription.system
     refined = refine(attempt.transcription, polish(attempt.transcription, attempt.result.w, p).at)
-    trouble = _trouble(refined)
-    if trouble is not None:
-        return Gait(problem=problem, system=system, p=p, status=Status.NOT_CONVERGED, message=trouble, solver=solver)
+    wrong = trouble(refined)
+    if wrong is not None:
+        return Gait(problem=problem, system=system, p=p, status=Status.NOT_CONVERGED, message=wrong, solver=solver)
     return assemble_gait(
         problem,
         refined.transcription,
@@ -149,7 +149,7 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
     )
 
 
-def _trouble(refined: Refined) -> str | None:
+def trouble(refined: Refined) -> str | None:
     """What keeps a solution of IPOPT from being a gait, looked at without IPOPT."""
     transcription, at = refined.transcription, refined.at
     _, durations, _ = transcription.unpack(at.w)
@@ -157,7 +157,9 @@ def _trouble(refined: Refined) -> str | None:
     for phase, (mode, duration) in enumerate(zip(modes, durations, strict=True), start=1):
         if duration < VANISHING * durations.sum():
             return f"phase {phase} ({mode}) shrinks to nothing: here the gait does without it"
-    if at.size > RESIDUAL_TOLERANCE:
+    if not np.isfinite(refined.errors).all():
+        return "the equations are singular there: the gait is not isolated, or its motion breaks down"
+    if not at.size <= RESIDUAL_TOLERANCE:
         return f"the equations are only met to {at.size:.2g}"
     if not refined.accurate:
         intervals = transcription.layout.intervals

@@ -52,19 +52,19 @@ class Transcription:
         self.system, self.layout, self.free = system, layout, free
         self.n_nodes = layout.intervals + 1
         self.n_phases = len(layout.sequence.phases)
-        self._Z = MX.sym("Z", system.n_z, self.n_nodes)
-        self._d = MX.sym("d", self.n_phases)
-        self._freed = MX.sym("v", len(free))
+        self.Z = MX.sym("Z", system.n_z, self.n_nodes)
+        self.durations = MX.sym("d", self.n_phases)
+        self.freed = MX.sym("v", len(free))
         self.parameters = MX.sym("p", len(system.parameters))
         entries = [
-            self._freed[free.index(name)] if name in free else self.parameters[i]
+            self.freed[free.index(name)] if name in free else self.parameters[i]
             for i, name in enumerate(system.parameters)
         ]
-        self._p = vertcat(*entries) if free else self.parameters
-        self.w = vertcat(vec(self._Z), self._d, self._freed)
+        self.p = vertcat(*entries) if free else self.parameters
+        self.w = vertcat(vec(self.Z), self.durations, self.freed)
         self._switches = [MX(0)]
         for j in range(self.n_phases):
-            self._switches.append(self._switches[-1] + self._d[j])
+            self._switches.append(self._switches[-1] + self.durations[j])
 
     def pack(self, nodes: Array, durations: Array, freed: Array | tuple[float, ...] = ()) -> Array:
         """The vector w from nodes (n_z, K + 1), durations (n_phases,) and freed parameters."""
@@ -115,9 +115,7 @@ class Transcription:
 
     def node_times(self, w: Array) -> Array:
         """Time since impact of every node; shape (K + 1,) [s]."""
-        ends = self.layout.arc_times(self.unpack(w)[1])
-        pieces = [np.linspace(a, b, arc.intervals + 1)[:-1] for arc, (a, b) in zip(self.layout.arcs, ends, strict=True)]
-        return np.concatenate([*pieces, [ends[-1][1]]])
+        return self.layout.node_times(self.unpack(w)[1])
 
     def sample(self, w: Array, p: Array, index: int, count: int) -> tuple[Array, Array]:
         """Times (count,) and states (count, n_z) at the Chebyshev points of one arc."""
@@ -139,15 +137,15 @@ class Transcription:
         states = step(nodes[:, first + k], start + k * h, offset, full, data)
         return np.asarray(states).T
 
-    def _arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
+    def arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
         """Layout, nodes, start time and interval length of one arc."""
         arc = self.layout.arcs[index]
         start = self._switches[arc.phase] if arc.start is None else MX(arc.start)
         end = self._switches[arc.phase + 1] if arc.end is None else MX(arc.end)
         first = self.layout.first_nodes[index]
-        return arc, self._Z[:, first : first + arc.intervals + 1], start, (end - start) / arc.intervals
+        return arc, self.Z[:, first : first + arc.intervals + 1], start, (end - start) / arc.intervals
 
-    def _map(self, function: Callable[[Mode], Function], columns: Callable[[int], list[MX]]) -> list[MX]:
+    def map_arcs(self, function: Callable[[Mode], Function], columns: Callable[[int], list[MX]]) -> list[MX]:
         """Apply ``function(mode)`` to the columns of all arcs, with one map per mode; results in order of arcs."""
         results: dict[int, MX] = {}
         for mode in dict.fromkeys(arc.mode for arc in self.layout.arcs):
@@ -156,18 +154,20 @@ class Transcription:
             widths = [group[0].shape[1] for group in inputs]
             stacked = [horzcat(*group) for group in zip(*inputs, strict=True)]
             values = function(mode).map(sum(widths))(*stacked)
+            each = values.size2() // sum(widths)
             for i, end, width in zip(indices, np.cumsum(widths), widths, strict=True):
-                results[i] = values[:, int(end) - width : int(end)]
+                results[i] = values[:, each * (int(end) - width) : each * int(end)]
         return [results[i] for i in range(len(self.layout.arcs))]
 
-    def _constants(self, arc: ArcLayout, width: int) -> list[MX]:
-        return [repmat(self._p, 1, width), repmat(MX(self.system.control.data(arc.segment)), 1, width)]
+    def constants(self, arc: ArcLayout, width: int) -> list[MX]:
+        """Parameters and segment data of an arc, repeated."""
+        return [repmat(self.p, 1, width), repmat(MX(self.system.control.data(arc.segment)), 1, width)]
 
     def _defects(self, halves: int) -> MX:
         def columns(i: int) -> list[MX]:
-            arc, Z, start, h = self._arc(i)
+            arc, Z, start, h = self.arc(i)
             times = start + h * MX(np.arange(arc.intervals)).T
-            return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *self._constants(arc, arc.intervals)]
+            return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *self.constants(arc, arc.intervals)]
 
         def step(mode: Mode) -> Function:
             single = shooting_step(self.system, mode)
@@ -177,7 +177,7 @@ class Transcription:
             middle = single(z, t, h / 2, p, r)
             return Function("two_halves", [z, t, h, p, r], [single(middle, t + h / 2, h / 2, p, r)])
 
-        return vec(self._Z[:, 1:] - horzcat(*self._map(step, columns)))
+        return vec(self.Z[:, 1:] - horzcat(*self.map_arcs(step, columns)))
 
     def _events(self) -> list[MX]:
         """What ends each phase: an edge of the cone, zero slip velocity, or touchdown.
@@ -191,29 +191,29 @@ class Transcription:
             name = ending_margin(mode, after)
             margin = self._end_margins(index)[margin_names(mode).index(name)]
             order = self.layout.sequence.onset_order(phase) if name == "slip_velocity" else 0
-            events.append(margin / self._d[phase] ** order if order else margin)
+            events.append(margin / self.durations[phase] ** order if order else margin)
         return events
 
     def _end_margins(self, index: int) -> MX:
-        arc, Z, start, h = self._arc(index)
+        arc, Z, start, h = self.arc(index)
         time = start + arc.intervals * h
-        return self.system.margins(arc.mode)(time, Z[:, -1], self._p, self.system.control.data(arc.segment))
+        return self.system.margins(arc.mode)(time, Z[:, -1], self.p, self.system.control.data(arc.segment))
 
     def _periodicity(self) -> MX:
-        z_plus = self.system.impact(self.layout.sequence.impact)(self._Z[:, -1], self._p)[0]
+        z_plus = self.system.impact(self.layout.sequence.impact)(self.Z[:, -1], self.p)[0]
         n = self.system.n_shape
-        return self._Z[:, 0] - vertcat(z_plus[:n], 0, z_plus[n + 1 :])
+        return self.Z[:, 0] - vertcat(z_plus[:n], 0, z_plus[n + 1 :])
 
     def _node_margins(self) -> list[tuple[MX, Label]]:
         """Inequality factors of every phase at its nodes, without those that an event makes zero."""
 
         def columns(i: int) -> list[MX]:
-            arc, Z, start, h = self._arc(i)
+            arc, Z, start, h = self.arc(i)
             times = start + h * MX(np.arange(arc.intervals + 1)).T
-            return [times, Z, *self._constants(arc, arc.intervals + 1)]
+            return [times, Z, *self.constants(arc, arc.intervals + 1)]
 
         rows = []
-        for i, margins in enumerate(self._map(self.system.margins, columns)):
+        for i, margins in enumerate(self.map_arcs(self.system.margins, columns)):
             arc, first = self.layout.arcs[i], self.layout.first_nodes[i]
             for row, name in enumerate(margin_names(arc.mode)):
                 if name in ("touchdown", "upright"):
@@ -233,14 +233,14 @@ class Transcription:
 
     def _impact_margins(self) -> list[tuple[MX, Label]]:
         mode = self.layout.sequence.impact
-        _, impulse, slip, lift, painleve = self.system.impact(mode)(self._Z[:, -1], self._p)
+        _, impulse, slip, lift, painleve = self.system.impact(mode)(self.Z[:, -1], self.p)
         F_t, F_n = impulse[0], impulse[1]
         rate = self.system.events(self.layout.arcs[-1].mode)(
-            self._switches[-1], self._Z[:, -1], self._p, self.system.control.data(self.layout.arcs[-1].segment)
+            self._switches[-1], self.Z[:, -1], self.p, self.system.control.data(self.layout.arcs[-1].segment)
         )[1][0]
         rows = {"impulse": F_n, "lift_velocity": lift, "touchdown_rate": -rate}
         if mode is Mode.STICK:
-            mu = self._p[self.system.parameters.index("friction")]
+            mu = self.p[self.system.parameters.index("friction")]
             rows |= {"impulse_cone_forward": mu * F_n + F_t, "impulse_cone_backward": mu * F_n - F_t}
         else:
             rows |= {"impact_slip_velocity": mode.direction * slip, "impact_painleve": painleve}

@@ -85,7 +85,7 @@ class ReturnMap:
 
     def jacobian(self, step: Step) -> Array:
         """Derivative of the map along one of its steps; shape (n_xi, n_xi)."""
-        return return_map_jacobian(self._system, self._p, step, self.section_mode)
+        return return_map_jacobian(self._system, self._p, step, self.section_mode, self.simulator.stepper)
 
     def fixed_point(self, xi: Array) -> FixedPoint:
         """Newton's method from ``xi`` until Pi(xi) = xi up to rounding."""
@@ -94,7 +94,8 @@ class ReturnMap:
             if point.converged or point.jacobian is None or point.step is None or point.step.impact is None:
                 break
             defect = point.step.impact.state[self._indices] - point.xi
-            candidate = self._evaluate(point.xi - np.linalg.solve(point.jacobian - np.eye(xi.size), defect))
+            newton = np.linalg.lstsq(point.jacobian - np.eye(xi.size), defect, rcond=None)[0]
+            candidate = self._evaluate(point.xi - newton)
             if not candidate.residual < point.residual:
                 break
             point = candidate
@@ -106,4 +107,7 @@ class ReturnMap:
             return FixedPoint(xi=xi, residual=np.inf, step=result.step, jacobian=None, message=result.message)
         residual = float(np.abs(result.xi - xi).max())
         jacobian = self.jacobian(result.step)
+        if not np.isfinite(jacobian).all():
+            message = "the walk grazes an event, where the return map has no derivative"
+            return FixedPoint(xi=xi, residual=residual, step=result.step, jacobian=None, message=message)
         return FixedPoint(xi=xi, residual=residual, step=result.step, jacobian=jacobian, message=result.message)

@@ -8,26 +8,24 @@ impact, the same for every neighbouring motion, so that it leaves deviations as 
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.mechanics.saltation import projection, saltation
-from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation import Stepper
 
 Array = NDArray[np.float64]
 
-RTOL, ATOL = 1e-12, 1e-13
-"""Two digits below the agreement that is asked of the multipliers."""
 
-
-def return_map_jacobian(system: HybridSystem, p: Array, step: Step, section_mode: Mode) -> Array:
-    """Derivative of the return map along one complete step, shape (n_xi, n_xi).
+@np.errstate(divide="ignore", invalid="ignore")  # an event that is grazed has no rate, and its map no derivative
+def return_map_jacobian(system: HybridSystem, p: Array, step: Step, section_mode: Mode, stepper: Stepper) -> Array:
+    """Derivative of the return map along one complete step, shape (n_xi, n_xi); not finite if it grazes an event.
 
     Parameters
     ----------
     step : a complete step that starts and ends on the section of ``section_mode``.
     section_mode : mode of the impact whose section coordinates are used.
+    stepper : what integrates the variational equations.
 
     References
     ----------
@@ -37,31 +35,12 @@ def return_map_jacobian(system: HybridSystem, p: Array, step: Step, section_mode
     xi = step.arcs[0].states[0][system.section(Mode.SLIP_FORWARD)]
     deviations = np.asarray(system.lift_jacobian(xi, p))[:, : indices.size]
     for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
-        deviations = _along(system, p, arc, deviations)
+        data, ends = system.control.data(arc.segment), arc.times[[0, -1]]
+        deviations = stepper.transport(arc.mode, data, arc.states[0], deviations, ends)
         deviations = _across(system, p, arc, after) @ deviations
     assert step.impact is not None, "only a complete step returns to the section"
     reset = np.asarray(system.impact_jacobian(step.impact.mode)(step.arcs[-1].states[-1], p))
     return (reset @ deviations)[indices]
-
-
-def _along(system: HybridSystem, p: Array, arc: Arc, deviations: Array) -> Array:
-    """Deviations at the end of an arc from those at its start."""
-    n_z, columns = deviations.shape
-    variational = Buffered(system.variational(arc.mode, columns))
-    variational.inputs[2][:] = p
-    variational.inputs[3][:] = system.control.data(arc.segment)
-
-    def rate(t: float, y: Array) -> Array:
-        variational.inputs[0][0] = t
-        variational.inputs[1][:] = y
-        variational.evaluate()
-        return variational.outputs[0].copy()
-
-    y = np.concatenate([arc.states[0], deviations.ravel(order="F")])
-    solver = DOP853(rate, arc.start, y, arc.end, rtol=RTOL, atol=ATOL)
-    while solver.status == "running":
-        solver.step()
-    return solver.y[n_z:].reshape((n_z, columns), order="F")
 
 
 def _across(system: HybridSystem, p: Array, arc: Arc, after: Arc | None) -> Array:

@@ -109,6 +109,11 @@ class Decisions:
             return Refusal(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
         return self._record(consistent[0], stick)
 
+    def lands(self, mode: Mode, t: float, z: Array, data: Array) -> bool:
+        """Whether the swing foot touches down at this very time, which ends an arc for another reason."""
+        margins, rates = self._margins(mode, t, z, data)
+        return abs(margins["touchdown"]) <= EDGE and rates["touchdown"] < 0
+
     def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Refusal:
         if chosen.lift_velocity <= 0:
             words = f"the former stance foot would move into the ground at {chosen.lift_velocity:.6g} m/s"

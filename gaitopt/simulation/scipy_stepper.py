@@ -18,6 +18,8 @@ RTOL = 1e-12
 """Relative tolerance: a walking step is then right to about 1e-12, in some 25 integration steps."""
 ATOL = 1e-14
 """Absolute tolerance, far below rtol: a slip that sets in gently is integrated to its own digits, at no extra cost."""
+VARIATIONAL_ATOL = 1e-13
+"""Deviations are of size one: two digits below the agreement that is asked of the multipliers."""
 FIRST_STEP = 0.01
 """First integration step that is tried [s]: about what walking takes; the step size control mends it at once."""
 DEPARTURE_FACTOR = 4
@@ -75,6 +77,17 @@ class ScipyStepper:
             point = self._reach(field, point, t)
             states.append(point.state)
         return np.array(states)
+
+    def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
+        """Deviations at the end of an arc from those at its start; see ``Stepper``."""
+        n_z, columns = deviations.shape
+        variational = Buffered(self._system.variational(mode, columns))
+        variational.inputs[2][:], variational.inputs[3][:] = self._p, data
+        y = np.concatenate([state, deviations.ravel(order="F")])
+        solver = DOP853(_rate(variational), times[0], y, times[1], rtol=RTOL, atol=VARIATIONAL_ATOL)
+        while solver.status == "running":
+            solver.step()
+        return solver.y[n_z:].reshape((n_z, columns), order="F")
 
     def _points(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> Iterator[Point]:
         """The points that the integrator steps on, from ``start`` (exclusive) to ``limit``."""

@@ -95,7 +95,7 @@ class Simulator:
         p = _finite_vector("parameters", p, system.parameters)
         self.system, self.p = system, p
         self._max_switches = max_switches
-        self._stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
+        self.stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
         self._decisions = Decisions(system, p)
         self._limit = min(max_step_time, system.control.horizon)
         self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
@@ -170,18 +170,22 @@ class Simulator:
     def _mode_at_rest(self, moment: _Moment) -> Mode | Refusal:
         return self._decisions.at_rest(moment.time, moment.state, self.system.control.data(moment.segment))
 
+    def _lands(self, mode: Mode, moment: _Moment) -> bool:
+        """Whether touchdown falls on a breakpoint of the control; the arc that would follow could not see it."""
+        return self._decisions.lands(mode, moment.time, moment.state, self.system.control.data(moment.segment))
+
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
         end = (*self._breakpoints, self._limit)[moment.segment]
         data = self.system.control.data(moment.segment)
-        arrival = self._stepper.advance(mode, data, moment.time, moment.state, end)
+        arrival = self.stepper.advance(mode, data, moment.time, moment.state, end)
         return replace(arrival, state=_at_rest(arrival.state)) if arrival.event == "slip_velocity" else arrival
 
     def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
         times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
         if dense:
             data = self.system.control.data(moment.segment)
-            times, states = sample(self._stepper, mode, data, moment.time, arrival.time, moment.state)
+            times, states = sample(self.stepper, mode, data, moment.time, arrival.time, moment.state)
             states[-1] = arrival.state
         return Arc(mode=mode, segment=moment.segment, times=times, states=states)
 
@@ -190,16 +194,17 @@ class Simulator:
         here = replace(moment, time=arrival.time, state=arrival.state)
         if arrival.failure:
             return Refusal(Ending.NUMERICAL, arrival.failure), here
-        if arrival.event is None:
+        event = "touchdown" if arrival.event is None and self._lands(mode, here) else arrival.event
+        if event is None:
             return self._pass_breakpoint(mode, here)
-        if arrival.event in FATAL:
-            return FATAL[arrival.event], here
-        if arrival.event == "touchdown":
+        if event in FATAL:
+            return FATAL[event], here
+        if event == "touchdown":
             return self._decisions.impact(here.state), here
         here = replace(here, switches=here.switches + 1)
         if here.switches > self._max_switches:
             return Refusal(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
-        return ONSETS.get(arrival.event) or self._mode_at_rest(here), here
+        return ONSETS.get(event) or self._mode_at_rest(here), here
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Refusal, _Moment]:
         """The next segment of the control; its torques may jump, so that a foot at rest is asked anew."""

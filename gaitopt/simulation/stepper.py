@@ -54,3 +54,13 @@ class Stepper(Protocol):
 
     def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
         """States at ascending ``times`` of an arc that starts with ``state`` at the first; shape (m, n_z)."""
+
+    def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
+        """Carry deviations along an arc by its variational equations; shape (n_z, m).
+
+        Parameters
+        ----------
+        state : ndarray, shape (n_z,) - state at the start of the arc.
+        deviations : ndarray, shape (n_z, m) - deviations there, one per column.
+        times : ndarray, shape (2,) - start and end of the arc [s].
+        """

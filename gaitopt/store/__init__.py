@@ -15,6 +15,7 @@ from gaitopt.store.run import (
     write_walk,
 )
 from gaitopt.store.text import Table, csv_text, json_text
+from gaitopt.store.tiles import has_tile, read_tile, write_tile
 
 __all__ = [
     "GAIT_FILE",
@@ -26,12 +27,15 @@ __all__ = [
     "check_folder",
     "csv_text",
     "find_run",
+    "has_tile",
     "json_text",
     "read_lines",
     "read_manifest",
     "read_run",
+    "read_tile",
     "run_folder",
     "write_run",
+    "write_tile",
     "write_walk",
     "write_whole",
 ]

@@ -9,8 +9,8 @@ from gaitopt.errors import StorageError
 TEMPORARY_SUFFIX = ".tmp"
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write ``text`` to ``path``; whoever looks finds the old file or the new one, even after a crash.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write ``content`` to ``path``; whoever looks finds the old file or the new one, even after a crash.
 
     Raises
     ------
@@ -19,8 +19,8 @@ def write_whole(path: Path, text: str) -> None:
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
     try:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            file.write(text)
+        with temporary.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)

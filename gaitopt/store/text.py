@@ -23,8 +23,8 @@ class Table:
 
 
 def json_text(record: Mapping[str, Any], *, indent: int | None = None) -> str:
-    """JSON of a record: floats to the last digit, NaN and infinities as null."""
-    return json.dumps(_plain(record), indent=indent, allow_nan=False, ensure_ascii=False)
+    """JSON of a record, in ASCII: floats to the last digit, NaN and infinities as null."""
+    return json.dumps(_plain(record), indent=indent, allow_nan=False)
 
 
 def csv_text(table: Table) -> str:

@@ -1,5 +1,6 @@
 """What a user does with problems and gaits: solve, verify, simulate."""
 
+from gaitopt.study.batch import Returns, return_map
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.solve import solve
 from gaitopt.study.system import build_system, gait_reference
@@ -7,10 +8,12 @@ from gaitopt.study.verify import Claim, Verification, verify
 
 __all__ = [
     "Claim",
+    "Returns",
     "Verification",
     "Walk",
     "build_system",
     "gait_reference",
+    "return_map",
     "simulate",
     "solve",
     "verify",

@@ -16,6 +16,9 @@ from gaitopt.problem import restore_problem
 from gaitopt.store import Run, Table
 from gaitopt.study.system import build_system
 
+SAME_TIME = 1e-14
+"""Of the period: the end of one arc and the start of the next may differ by rounding, points inside an arc do not."""
+
 
 def restore_gait(run: Run) -> Gait:
     """The gait that a run holds.
@@ -52,13 +55,15 @@ def restore_gait(run: Run) -> Gait:
         measures=measure(system, p, step),
         freed=freed,
         solver=dict(run.gait.get("solver", {})),
+        verification=run.gait.get("verification"),
     )
 
 
 def _arcs(system: HybridSystem, table: Table) -> Iterator[Arc]:
     """The arcs of a table; a time that occurs twice separates two of them."""
     rows: list[Any] = list(table.rows)
-    splits = np.cumsum([0, *(later[0] == earlier[0] for earlier, later in pairwise(rows))])
+    same = SAME_TIME * rows[-1][0]
+    splits = np.cumsum([0, *(later[0] - earlier[0] <= same for earlier, later in pairwise(rows))])
     for _, group in groupby(zip(splits, rows, strict=True), key=lambda pair: pair[0]):
         points = [row for _, row in group]
         times = np.array([row[0] for row in points])

@@ -12,7 +12,7 @@ from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import Gait, Step, Trajectory, measure
 from gaitopt.mechanics import HybridSystem
 from gaitopt.problem import Problem
-from gaitopt.simulation import Simulator
+from gaitopt.simulation import Engine, Simulator, make_stepper
 from gaitopt.study.system import build_system
 
 Array = NDArray[np.float64]
@@ -62,6 +62,7 @@ def simulate(
     steps: int = 1,
     *,
     dense: bool = True,
+    engine: str = Engine.AUTO,
     should_stop: Callable[[], bool] | None = None,
 ) -> Walk:
     """Simulate steps from a state just after an impact.
@@ -72,17 +73,20 @@ def simulate(
     state : values by name that replace those of ``start``'s state; what follows from the section is completed.
     steps : how many.
     dense : False keeps only the ends of every arc, for long walks.
+    engine : ``auto``, ``scipy`` or ``heyoka``.
 
     Raises
     ------
     SolveError
         If ``start`` is an attempt that failed, and ``state`` does not say where to start.
     UnknownNameError
-        If ``state`` names something that is not a section coordinate of the walker.
+        If ``state`` names something that is not a section coordinate of the walker, or the
+        engine is unknown or not installed.
     """
     problem, system, p = _prepare(start)
     z = _initial_state(start, system, p, state or {})
-    trajectory = Simulator(system, p).run(z, steps=steps, dense=dense, should_stop=should_stop)
+    stepper = make_stepper(system, p, engine, steps=steps)
+    trajectory = Simulator(system, p, stepper=stepper).run(z, steps=steps, dense=dense, should_stop=should_stop)
     return Walk(problem=problem, system=system, p=p, trajectory=trajectory)
 
 

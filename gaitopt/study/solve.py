@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from gaitopt.gait import Gait
-from gaitopt.nlp import solve_gait
+from gaitopt.nlp import find_gait
 from gaitopt.problem import Problem
 from gaitopt.study.system import build_system
 
@@ -11,6 +11,7 @@ from gaitopt.study.system import build_system
 def solve(
     problem: Problem,
     *,
+    start: Gait | None = None,
     progress: Callable[[int, float], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Gait:
@@ -18,7 +19,8 @@ def solve(
 
     Parameters
     ----------
-    problem : from ``load_problem``.
+    problem : from ``load_problem``; where parameters are free it is a design, the best gait that meets its constraints.
+    start : a gait of the same walker, control law and mode sequence from which a design starts instead of the guess.
     progress : called at every iteration of IPOPT with its number and the largest violation of a constraint.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -31,6 +33,5 @@ def solve(
     SolveError
         If the reference of a PD law is not a gait.
     """
-    return solve_gait(
-        problem, build_system(problem, should_stop=should_stop), progress=progress, should_stop=should_stop
-    )
+    system = build_system(problem, should_stop=should_stop) if start is None else start.system
+    return find_gait(problem, system, start=start, progress=progress, should_stop=should_stop)

@@ -20,7 +20,7 @@ from gaitopt.mechanics import (
     control_points,
 )
 from gaitopt.mechanics.reference import continued
-from gaitopt.nlp import integrate_to, solve_gait
+from gaitopt.nlp import find_gait, integrate_to
 from gaitopt.problem import ConstantTorqueSpec, CurveReference, PDSpec, Problem
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def _reference_gait(problem: Problem, should_stop: Callable[[], bool] | None) ->
             f"{problem.name}: control.reference: {source.name} moves {', '.join(source.walker.shape)}, "
             f"but this walker moves {', '.join(problem.walker.shape)}; name a gait of the same kind of walker"
         )
-    gait = solve_gait(source, build_system(source, should_stop=should_stop), should_stop=should_stop)
+    gait = find_gait(source, build_system(source, should_stop=should_stop), should_stop=should_stop)
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
     return gait

@@ -25,6 +25,6 @@ const MODE_WORDS = { stick: "stick", slip_forward: "slip forward", slip_backward
 function modeKey(modes) {
   const key = html("p", { class: "key" });
   for (const mode of Object.keys(MODE_WORDS).filter((mode) => modes.includes(mode)))
-    key.append(html("span", { class: `swatch ${mode}`, "aria-hidden": "true" }), `${MODE_WORDS[mode]} `);
+    key.append(html("span", {}, html("span", { class: `swatch ${mode}` }), ` ${MODE_WORDS[mode]}`));
   return key;
 }

@@ -74,7 +74,7 @@ class Walker {
     this.join(this.ties, this.film.ties, points, 0);
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
     this.drawForce(points[0], frame);
-    const slipped = 1000 * (this.at("x", frame) - this.frames.x[0]);
+    const slipped = 1000 * (this.at("x0", frame) - this.frames.x0[0]);
     const about = Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
   }
@@ -105,7 +105,7 @@ class Walker {
       const offset = own * this.film.step_length;
       const end = own < step ? last : Math.min(frame, last);
       const y = -MARK_DEPTH[mode] * this.height;
-      set(line, { x1: this.frames.x[first] + offset, x2: this.at("x", end) + offset, y1: y, y2: y });
+      set(line, { x1: this.frames.x0[first] + offset, x2: this.at("x0", end) + offset, y1: y, y2: y });
     }
   }
 

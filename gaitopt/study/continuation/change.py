@@ -83,7 +83,7 @@ def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: flo
     except ProblemError:  # the state contradicts the impact
         return None
     rolled = roll_out(station.gait.system, p, sequence, state)
-    system, period = station.gait.system, sum(duration for _, duration in station.gait.step.phases)
+    system, period = station.gait.system, float(station.point.at.w[-1 - piece.transcription.n_phases : -1].sum())
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
     plan = layout(sequence, rolled.durations, system.control.breakpoints)

@@ -117,7 +117,9 @@ def _check_target(parameter: str, value: float, to: float, lower: float | None, 
         raise ProblemError(f"{parameter} is {value:g} already: the target must be another finite value")
     for name, bound, beyond in (("lower", lower, min(to, value)), ("upper", upper, max(to, value))):
         if bound is not None and (beyond < bound if name == "lower" else beyond > bound):
-            raise ProblemError(f"{parameter}: {beyond:g} lies beyond the {name} bound {bound:g}; move the bound or the target")
+            raise ProblemError(
+                f"{parameter}: {beyond:g} lies beyond the {name} bound {bound:g}; move the bound or the target"
+            )
 
 
 def _first(gait: Gait, parameter: str, scales: Scales, ahead: float) -> tuple[Piece, Station]:

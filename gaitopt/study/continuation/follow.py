@@ -7,16 +7,17 @@ say what it is, and where the mode sequence ends there, go on with one that the 
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError
-from gaitopt.gait import BranchPoint, Gait, SpecialPoint
+from gaitopt.gait import BranchPoint, SpecialPoint
 from gaitopt.study.continuation.bifurcations import is_genuine
 from gaitopt.study.continuation.change import Change, find_change
 from gaitopt.study.continuation.locate import Location, locate
-from gaitopt.study.continuation.monitors import Name, Reading
+from gaitopt.study.continuation.monitors import Name
 from gaitopt.study.continuation.piece import Piece, Station
 from gaitopt.study.verify import confirm
 
@@ -182,16 +183,16 @@ class Follower:
 
     def _first_event(self, station: Station, length: float) -> Location | None:
         """The first place on the step at which a monitor falls to zero."""
-        before = self._state.station.monitors
-        names = [name for name, reading in station.monitors.items() if reading.value <= 0 < _value(before, name)]
-        found = [self._locate(lambda s, name=name: _value(s.monitors, name), length, station, name) for name in names]
+        before = self._state.station
+        names = [name for name in station.monitors if station.monitor(name) <= 0 < before.monitor(name)]
+        found = [self._locate(partial(Station.monitor, name=name), length, station, name) for name in names]
         return min(found, key=lambda location: location.length, default=None)
 
     def _bifurcations(self, station: Station, length: float) -> Iterator[SpecialPoint]:
         """Folds and losses of stability between the last point and ``station``, in order."""
         before = self._state.station.tests
         kinds = [kind for kind, value in station.tests.items() if value * before[kind] < 0]
-        found = [(self._locate(lambda s, kind=kind: s.tests[kind], length, station), kind) for kind in kinds]
+        found = [(self._locate(partial(Station.test, kind=kind), length, station), kind) for kind in kinds]
         for location, kind in sorted(found, key=lambda pair: pair[0].length):
             if is_genuine(kind, location.station.gait.multipliers):
                 yield self._special(kind, location.station, location.status)
@@ -279,12 +280,5 @@ class Follower:
         return None
 
 
-def _value(monitors: dict[Name, Reading], name: Name) -> float:
-    """A monitor that is not read at one end of a step is far from zero there."""
-    return monitors[name].value if name in monitors else np.inf
-
-
 def _is_end(record: SpecialPoint) -> bool:
     return record.type in ("end", "lift_off", "painleve")
-
-

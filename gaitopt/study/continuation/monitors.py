@@ -117,7 +117,7 @@ def _deflation(count: int, start: int, end: int) -> Array:
     for k in range(n):
         product[: k + factor.size, k] = chebyshev.chebmul(np.eye(n)[k][: k + 1], factor)
     quotient = np.linalg.pinv(product) @ np.linalg.inv(chebyshev.chebvander(curves.points(count), count - 1))
-    return chebyshev.chebvander(curves.points(count), n - 1) @ quotient
+    return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
 def _combine(found: list[tuple[float, float]], group: list[Arc]) -> Reading:
@@ -135,7 +135,7 @@ def _second_touchdown(gait: Gait) -> float:
     for arc in gait.step.arcs:
         values = _margins(gait, arc)[0]
         c = curves.coefficients(values)
-        minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(chebyshev.chebder(c, 2), s) > 0]
+        minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
         for s in minima:
             if armed or (values[curves.points(values.size) < s] > 0).any():
                 lowest = min(lowest, float(curves.evaluate(c, s)))
@@ -144,7 +144,11 @@ def _second_touchdown(gait: Gait) -> float:
 
 
 def _slope(c: Array) -> Array:
-    return np.asarray(curves.evaluate(chebyshev.chebder(c), curves.points(c.size)))
+    return np.asarray(curves.evaluate(_derivative(c, 1), curves.points(c.size)))
+
+
+def _derivative(c: Array, order: int) -> Array:
+    return np.asarray(chebyshev.chebder(c, order), dtype=float)
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:

@@ -47,6 +47,14 @@ class Station:
         """Test functions of special points by type."""
         return test_functions(self.gait.multipliers, float(self.point.tangent[-1]))
 
+    def monitor(self, name: Name) -> float:
+        """Value of one monitor; one that is not read here is far from zero."""
+        return self.monitors[name].value if name in self.monitors else np.inf
+
+    def test(self, kind: str) -> float:
+        """Value of one test function."""
+        return self.tests[kind]
+
 
 class Piece:
     """Gaits of one mode sequence along one parameter.

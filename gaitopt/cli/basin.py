@@ -1,0 +1,94 @@
+"""``gaitopt basin``: which states walk, and on which gait they end."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid, job_progress
+from gaitopt.cli.options import DebugOption, EngineOption, JsonOption, OutOption, QuietOption, RunArgument, SetOption
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from gaitopt.gait import Gait
+    from gaitopt.problem import Problem
+
+MaxStepsOption = Annotated[int, typer.Option("--steps", min=1, help="Steps after which a state is undecided.")]
+
+
+def basin(
+    run: RunArgument,
+    over: OverOption,
+    steps: MaxStepsOption = 100,
+    engine: EngineOption = "auto",
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    changes: SetOption = None,
+    output: OutOption = None,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Walk from every state of a grid until it settles on a gait or fails.
+
+    The other coordinates are those of RUN's gait. Finished tiles are kept; the same command goes on where it was.
+    """
+    from gaitopt.cli.console import narration, print_json, results
+    from gaitopt.cli.progress import interruptible
+    from gaitopt.simulation import choose_engine
+    from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
+    from gaitopt.study.jobs import make_workers
+
+    points, console = grid(over), narration(quiet=quiet)
+    choose_engine(engine)
+    start, folder = _start(run, changes, output, console)
+    plan = BasinPlan(start=start, grid=points, max_steps=steps, engine=engine, folder=folder)
+    check_basin(plan)
+    with interruptible(), job_progress(console, "tiles") as progress:
+        found = walk_basin(plan, make_workers(workers, scheduler), progress=progress)
+    if found is None:
+        raise KeyboardInterrupt
+    record = {**found.to_record(), "run": str(plan.place)}
+    if len(points.axes) == 2:
+        from gaitopt.figures.basin import basin as picture
+        from gaitopt.figures.style import save
+
+        record["figures"] = [str(path) for path in save(picture(found), plan.place / "basin")]
+    if json:
+        print_json(record)
+    else:
+        _print(results(), record)
+    return 0
+
+
+def _start(
+    run: str, changes: list[str] | None, output: Path | None, console: "Console"
+) -> "tuple[Gait | Problem, Path]":
+    """The gait that the grid lies around, or the problem with its guess where there is none; and the run folder."""
+    from gaitopt.cli.runs import gait_of
+    from gaitopt.cli.solve import store_gait
+    from gaitopt.store import begin_run
+
+    gait, folder, fresh = gait_of(run, changes, output, console)
+    if gait.converged and fresh:
+        store_gait(gait, folder)
+    elif fresh:
+        console.print(f"{gait.problem.name} is {gait.status}; the grid lies around its guess")
+        begin_run(folder, gait.problem)
+    return (gait if gait.converged else gait.problem), folder
+
+
+def _print(console: "Console", record: dict[str, Any]) -> None:
+    from rich.table import Table
+
+    table = Table(title=f"{record['problem']}: {record['states']:,} states", box=None, title_justify="left")
+    for name, justify in (("ends on", "left"), ("states", "right"), ("share", "right"), ("modes; impact", "left")):
+        table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    for gait in record["gaits"]:
+        modes = f"{', '.join(gait['phases'])}; {gait['impact']}"
+        table.add_row(gait["kind"], f"{gait['states']:,}", f"{gait['share']:.2%}", modes)
+    for name, count in sorted(record["failures"].items(), key=lambda item: -item[1]):
+        table.add_row(name.replace("_", " "), f"{count:,}", f"{count / record['states']:.2%}", "")
+    console.print(table)
+    console.print(f"run: {record['run']}", soft_wrap=True)

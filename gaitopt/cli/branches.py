@@ -1,0 +1,44 @@
+"""The branch in a run folder, as the continuation wrote it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gaitopt.errors import StorageError
+
+if TYPE_CHECKING:
+    from gaitopt.problem import Problem
+
+BRANCH_FILE = "branch.jsonl"
+
+
+def holds_branch(run: str) -> bool:
+    """Whether ``run`` is a folder with a branch in it."""
+    return (Path(run) / BRANCH_FILE).is_file()
+
+
+def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
+    """Problem, parameter and records of the branch in a run folder.
+
+    Raises
+    ------
+    StorageError
+        If the folder is not a run, is broken or newer, or its branch has no point.
+    """
+    import json
+    from dataclasses import replace
+
+    from gaitopt.problem import restore_problem
+    from gaitopt.store import read_lines, read_manifest
+
+    folder = Path(run)
+    read_manifest(folder)
+    try:
+        resolved = json.loads((folder / "resolved.json").read_text(encoding="utf-8"))
+        text = (folder / "problem.yaml").read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise StorageError(f"{folder} is broken ({error}); it was left alone") from error
+    records = list(read_lines(folder / BRANCH_FILE))
+    parameters = {record["parameter"] for record in records if "parameter" in record}
+    if len(parameters) != 1 or not any(record.get("record") == "point" for record in records):
+        raise StorageError(f"{folder / BRANCH_FILE} holds no branch yet; `gaitopt continue` writes one")
+    return replace(restore_problem(resolved), text=text), parameters.pop(), records

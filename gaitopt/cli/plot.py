@@ -1,0 +1,119 @@
+"""``gaitopt plot``: figures of a gait or a branch, and the moving walker."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gaitopt.cli.options import DebugOption, QuietOption, SetOption
+from gaitopt.cli.solve import NOT_A_GAIT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from gaitopt.gait import Gait
+
+FIGURES = "figures"
+"""Folder of the figures within a run folder."""
+ANIMATION = "animation"
+
+
+class Format(StrEnum):
+    """Formats of a figure."""
+
+    SVG = "svg"
+    PNG = "png"
+    PDF = "pdf"
+
+
+DEFAULT_FORMATS = (Format.SVG, Format.PNG)
+
+RunArguments = Annotated[list[str], typer.Argument(metavar="RUN...", help="Run folders, or PROBLEMs.")]
+WhatOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--what", metavar="NAME", help="Which figure; repeat it for several. Without it all that tell something."
+    ),
+]
+FormatOption = Annotated[list[Format] | None, typer.Option("--format", help="svg and png if not given.")]
+FolderOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="DIR", help="Where to; by default RUN/figures.", show_default=False),
+]
+
+
+def plot(
+    runs: RunArguments,
+    what: WhatOption = None,
+    formats: FormatOption = None,
+    changes: SetOption = None,
+    output: FolderOption = None,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Draw figures of a gait, of several gaits in one picture, or of a branch.
+
+    Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
+    Of a branch: multipliers, or any scalar of the result, spectral_radius for instance.
+    """
+    from gaitopt.cli.branches import holds_branch
+    from gaitopt.cli.console import narration, results
+    from gaitopt.cli.gaits import stored_gaits
+
+    if len(runs) == 1 and holds_branch(runs[0]):
+        written = _plot_branch(runs[0], what, formats or DEFAULT_FORMATS, output or Path(runs[0]) / FIGURES)
+    else:
+        gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
+        if not all(gait.converged for gait in gaits):
+            return NOT_A_GAIT
+        if output is None and len(gaits) > 1:
+            raise typer.BadParameter("say with -o where the figures of several runs go")
+        written = _plot_gaits(gaits, what, formats or DEFAULT_FORMATS, output or folders[0] / FIGURES)
+    for path in written:
+        results().print(str(path), soft_wrap=True)
+    return 0
+
+
+def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
+    from gaitopt.figures.animation import animation_page
+    from gaitopt.figures.catalogue import GAIT_FIGURES, telling
+    from gaitopt.figures.motion import motion_of
+    from gaitopt.figures.style import save
+    from gaitopt.store import write_whole
+    from gaitopt.store.files import make_folder
+
+    words = what or [*telling(gaits), *([ANIMATION] if len(gaits) == 1 else [])]
+    _check(words, (*GAIT_FIGURES, ANIMATION))
+    alone = [word for word in words if word in ("roads", ANIMATION) and len(gaits) > 1]
+    if alone:
+        raise typer.BadParameter(f"--what {alone[0]} shows one gait, not {len(gaits)}")
+    make_folder(folder)
+    written: list[Path] = []
+    for word in words:
+        if word == ANIMATION:
+            written.append(folder / f"{ANIMATION}.html")
+            write_whole(written[-1], animation_page(motion_of(gaits[0]), gaits[0].problem.about))
+        else:
+            written += save(GAIT_FIGURES[word](gaits), folder / word, formats)
+    return written
+
+
+def _plot_branch(run: str, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
+    from gaitopt.cli.branches import stored_branch
+    from gaitopt.figures.catalogue import BRANCH_FIGURES, USUAL_BRANCH_FIGURES, branch_figure
+    from gaitopt.figures.style import save
+    from gaitopt.store.files import make_folder
+
+    words = what or list(USUAL_BRANCH_FIGURES)
+    _check(words, BRANCH_FIGURES)
+    problem, parameter, records = stored_branch(run)
+    make_folder(folder)
+    drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
+    return [path for paths in drawn for path in paths]
+
+
+def _check(words: list[str], known: "Sequence[str]") -> None:
+    unknown = [word for word in words if word not in known]
+    if unknown:
+        raise typer.BadParameter(f"--what {unknown[0]}: choose from {', '.join(known)}")

@@ -1,0 +1,49 @@
+"""``gaitopt report``: a gait, a branch, or gaits side by side as one offline HTML page."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gaitopt.cli.options import DebugOption, QuietOption, SetOption
+from gaitopt.cli.plot import RunArguments
+from gaitopt.cli.solve import NOT_A_GAIT
+
+REPORT = "report.html"
+COMPARISON = "comparison.html"
+
+FileOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE", help="The page; by default RUN/report.html.", show_default=False),
+]
+
+
+def report(
+    runs: RunArguments,
+    changes: SetOption = None,
+    output: FileOption = None,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Write a page about a gait or a branch, or about several gaits side by side.
+
+    The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
+    otherwise.
+    """
+    from gaitopt.cli.branches import holds_branch, stored_branch
+    from gaitopt.cli.console import narration, results
+    from gaitopt.cli.gaits import stored_gaits
+    from gaitopt.report import branch_report, comparison_report
+    from gaitopt.store import write_whole
+
+    if len(runs) == 1 and holds_branch(runs[0]):
+        page, place = branch_report(*stored_branch(runs[0])), Path(runs[0]) / REPORT
+    else:
+        gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
+        if not all(gait.converged for gait in gaits):
+            return NOT_A_GAIT
+        page, place = comparison_report(gaits), folders[0] / REPORT if len(gaits) == 1 else Path(COMPARISON)
+    path = output or place
+    write_whole(path, page)
+    results().print(str(path), soft_wrap=True)
+    return 0

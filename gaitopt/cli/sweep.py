@@ -1,0 +1,83 @@
+"""``gaitopt sweep``: a grid of problems, solved and verified on all cores or on a cluster."""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid, job_progress
+from gaitopt.cli.options import DebugOption, JsonOption, OutOption, ProblemArgument, QuietOption, SetOption
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from gaitopt.study.sweep import Sweep
+
+WarmOption = Annotated[
+    bool, typer.Option("--warm", help="Start from the neighbour's gait; from the guess where that fails.")
+]
+WhatOption = Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar of the result that is drawn.")]
+
+
+def sweep(
+    problem: ProblemArgument,
+    over: OverOption,
+    warm: WarmOption = False,
+    what: WhatOption = "spectral_radius",
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    changes: SetOption = None,
+    output: OutOption = None,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Solve and verify a problem over a grid of its parameters.
+
+    What is done is kept and never done again; the same command goes on where it was. A point without a gait is a
+    result.
+    """
+    from gaitopt.cli.console import narration, print_json, results
+    from gaitopt.cli.progress import interruptible
+    from gaitopt.cli.runs import asked
+    from gaitopt.errors import UnknownNameError
+    from gaitopt.store import begin_run, check_folder, run_folder
+    from gaitopt.study.jobs import make_workers
+    from gaitopt.study.sweep import SCALARS, Sweep, check_sweep, run_sweep, sweep_record
+
+    if what not in SCALARS:
+        raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
+    points, found = grid(over), asked(problem, changes)
+    folder = output or run_folder(found)
+    check_folder(folder, found)
+    asked_for = Sweep(problem=found, grid=points, warm=warm, folder=folder)
+    check_sweep(asked_for)
+    begin_run(folder, found)
+    with interruptible(), job_progress(narration(quiet=quiet), "jobs") as progress:
+        records = run_sweep(asked_for, make_workers(workers, scheduler), progress=progress)
+    if records is None:
+        raise KeyboardInterrupt
+    record = sweep_record(asked_for, records)
+    if len(points.axes) <= 2:
+        record["figures"] = _draw(asked_for, records, what)
+    if json:
+        print_json(record)
+    else:
+        _print(results(), record)
+    return 0
+
+
+def _draw(asked_for: "Sweep", records: list[dict[str, Any]], what: str) -> list[str]:
+    from gaitopt.figures.style import save
+    from gaitopt.figures.sweep import sweep as picture
+
+    return [str(path) for path in save(picture(asked_for.grid, records, what), asked_for.place / what)]
+
+
+def _print(console: "Console", record: dict[str, Any]) -> None:
+    statuses = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in record["statuses"].items())
+    console.print(f"{record['problem']}: {record['jobs']} jobs, {statuses}")
+    console.print(f"verified: {record['verified']}" + (f", REFUTED: {record['refuted']}" if record["refuted"] else ""))
+    for job in record["set_aside"]:
+        place = ", ".join(f"{key} = {value:g}" for key, value in job["at"].items())
+        console.print(f"set aside: {place}: {job['reason']}")
+    console.print(f"table: {record['table']}", soft_wrap=True)

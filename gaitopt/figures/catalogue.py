@@ -1,0 +1,56 @@
+"""Every figure by the word that asks for it."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from gaitopt.figures.branches import over_parameter
+from gaitopt.figures.comparison import simulated, two_roads
+from gaitopt.figures.force import foot_slip, force_ratio, torques
+from gaitopt.figures.labels import QUANTITIES
+from gaitopt.figures.motion import motion_of
+from gaitopt.figures.portrait import phase_portrait
+from gaitopt.figures.stability import multiplier_paths, multiplier_plane
+from gaitopt.gait import Gait
+
+Record = Mapping[str, Any]
+
+
+def _roads(gaits: Sequence[Gait]) -> Figure:
+    (gait,) = gaits
+    nodes = None if gait.shooting is None else (gait.shooting.times, gait.shooting.states)
+    return two_roads(motion_of(gait), simulated(gait), nodes)
+
+
+GAIT_FIGURES: Mapping[str, Callable[[Sequence[Gait]], Figure]] = {
+    "portrait": lambda gaits: phase_portrait([motion_of(gait) for gait in gaits]),
+    "force": lambda gaits: force_ratio([motion_of(gait) for gait in gaits]),
+    "slip": lambda gaits: foot_slip([motion_of(gait) for gait in gaits]),
+    "torques": lambda gaits: torques([motion_of(gait) for gait in gaits]),
+    "multipliers": lambda gaits: multiplier_plane({gait.problem.name: gait.multipliers for gait in gaits}),
+    "roads": _roads,
+}
+"""Figures of one or several gaits; ``roads`` is of one."""
+
+BRANCH_FIGURES = ("multipliers", *(key for key in QUANTITIES if key not in ("time", "force_ratio")))
+"""Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
+USUAL_BRANCH_FIGURES = ("multipliers", "spectral_radius", "speed", "cost_of_transport")
+
+
+def telling(gaits: Sequence[Gait]) -> Iterator[str]:
+    """Words of the figures of gaits that have something to show: no torques of passive walkers, one gait's roads."""
+    for word in GAIT_FIGURES:
+        if word == "torques" and not any(gait.measures["peak_torque"] for gait in gaits):
+            continue
+        if word == "slip" and not any(gait.measures["slip_distance"] for gait in gaits):
+            continue
+        if word != "roads" or len(gaits) == 1:
+            yield word
+
+
+def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:
+    """The figure of a branch that ``word``, one of ``BRANCH_FIGURES``, asks for."""
+    if word == "multipliers":
+        return multiplier_paths([record for record in records if record["record"] == "point"], parameter)
+    return over_parameter({name: records}, parameter, word)

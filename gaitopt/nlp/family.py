@@ -1,0 +1,113 @@
+"""Build once, solve many: the gaits of one mode sequence at other parameter values, by one NLP.
+
+Near the last gait the equations are solved by chords, w - J^-1 residual with the J of that gait, and looked at for
+violated margins afterwards; where that does not converge, or finds no gait, IPOPT is asked.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from casadi import Function
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from gaitopt.gait import Gait, Status
+from gaitopt.nlp.assembly import assemble_gait
+from gaitopt.nlp.feasibility import Feasibility
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.newton import linearise, polish
+from gaitopt.nlp.refinement import Refined, refine
+from gaitopt.nlp.solve import trouble
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import Problem
+
+Array = NDArray[np.float64]
+
+MAX_CHORDS = 10
+"""Chords that are tried; from a gait nearby four to six are enough."""
+CONTRACTION = 0.5
+"""Least decrease of the residual from chord to chord; with less, Newton's method is cheaper."""
+SETTLED = 1e-12
+"""Residual at which the last chord has reached rounding."""
+
+
+class Family:
+    """The NLP on the layout of a gait; every solution starts from the last one.
+
+    Parameters
+    ----------
+    gait : a converged gait without freed parameters, the first of the family.
+    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+
+    Raises
+    ------
+    ValueError
+        If ``gait`` is a failed attempt, or a design.
+    """
+
+    def __init__(self, gait: Gait, *, should_stop: Callable[[], bool] | None = None) -> None:
+        if gait.step is None or gait.shooting is None or gait.freed:
+            raise ValueError(f"{gait.problem.name}: a family begins with a converged gait without freed parameters")
+        self.gait, self._system = gait, gait.system
+        durations = [duration for _, duration in gait.step.phases]
+        plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints)
+        self._transcription = Transcription(gait.system, plan.refined(list(gait.shooting.intervals)))
+        self._program = Feasibility(self._transcription, should_stop=should_stop)
+        self._equalities = Function(
+            "equalities", [self._transcription.w, self._transcription.parameters], [self._transcription.equalities]
+        )
+        self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
+        self._factor = splu(linearise(self._transcription, self._w, gait.p).square)
+
+    def solve(self, problem: Problem) -> Gait:
+        """The gait of ``problem``, which differs from the first one in parameter values alone.
+
+        Raises
+        ------
+        ValueError
+            If its walker, kind of control, impact law or mode sequence is another one.
+        """
+        first = self.gait.problem
+        same = (problem.sequence, problem.impact_law, type(problem.walker)) == (
+            first.sequence, first.impact_law, type(first.walker)
+        )  # fmt: skip
+        if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
+            raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: solve it anew")
+        began = time.perf_counter()
+        p = self._system.values(problem.parameters)
+        refined, wrong, iterations = self._near(p)
+        status, message = Status.CONVERGED, "solved"
+        if refined is None or wrong is not None:
+            result = self._program.solve(self._w, p)
+            status, message, iterations = result.status, result.words, iterations + result.iterations
+            if status is Status.CONVERGED:
+                refined = refine(self._transcription, polish(self._transcription, result.w, p).at)
+                wrong = trouble(refined)
+                status, message = (status, message) if wrong is None else (Status.NOT_CONVERGED, wrong)
+        solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
+        if refined is None or status is not Status.CONVERGED:
+            return Gait(problem=problem, system=self._system, p=p, status=status, message=message, solver=solver)
+        self._remember(refined)
+        return assemble_gait(
+            problem, refined.transcription, refined.at, errors=refined.errors, message=message, solver=solver
+        )
+
+    def _near(self, p: Array) -> tuple[Refined | None, str | None, int]:
+        """The solution by chords, what is wrong with it, and their number; no solution if they do not converge."""
+        w, size, count = self._w, np.inf, 0
+        for count in range(1, MAX_CHORDS + 1):
+            residual = np.asarray(self._equalities(w, p)).ravel()
+            if not np.abs(residual).max() < CONTRACTION * size:
+                return None, None, count
+            size = np.abs(residual).max()
+            w = w - self._factor.solve(residual)
+            if size < SETTLED:
+                break
+        refined = refine(self._transcription, polish(self._transcription, w, p).at)
+        return refined, trouble(refined), count
+
+    def _remember(self, refined: Refined) -> None:
+        """Start the next solution from this one, unless it had to be refined."""
+        if refined.transcription is self._transcription:
+            self._w, self._factor = refined.at.w, splu(refined.at.square)

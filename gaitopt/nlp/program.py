@@ -1,0 +1,190 @@
+"""The NLP of a design: the equations of the step, what is asked of its scalars, and what is to be minimised.
+
+    min   sum of weight x scalar
+    s.t.  equalities = 0, margins >= 0                     nlp.transcription, nlp.between
+          lo <= scalar + offset <= hi                      nlp.outcome
+          extremum >= the curve's values                   for peak torque and the like
+
+over nodes, durations, freed parameters and extrema. The multipliers' radius is one of the scalars (nlp.stability).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from casadi import MX, Function, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.nlp.between import Touch, touched_margins
+from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
+from gaitopt.nlp.outcome import EXTREMA, Outcome
+from gaitopt.nlp.stability import certified_radius
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import Problem, Range
+
+Array = NDArray[np.float64]
+
+RADIUS = "spectral_radius"
+REACH = 1.0
+"""In one search angles, rates and slip velocity at a node change by no more than their largest value in the step."""
+LONGEST = 3.0
+"""No phase grows longer in one search than so many periods."""
+NEAR = 1e-6
+"""Part of the reach within which a solution counts as kept by it."""
+SMOOTHING = 1e-3
+"""Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rows:
+    """Constraints of one kind on the NLP's g, with their bounds; ``name`` is that of the scalar they are about."""
+
+    name: str
+    expression: MX
+    lower: Array
+    upper: Array
+
+
+class Program:
+    """The NLP of one design on one layout.
+
+    Parameters
+    ----------
+    problem : objective and constraints.
+    transcription : of the step, with the freed parameters.
+    bounds : of the freed parameters; shape (2, n_free).
+    w, p : ndarray - where the search starts, and the parameters.
+    held : points inside the arcs where margins are held.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        transcription: Transcription,
+        *,
+        bounds: Array,
+        w: Array,
+        p: Array,
+        held: list[Touch],
+        progress: Progress | None = None,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> None:
+        self._problem, self.transcription, self._p = problem, transcription, p
+        self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
+        self._offsets = MX.sym("offset", len(self.names))
+        self._outcome = Outcome(transcription, SMOOTHING * transcription.system.weight(transcription.p))
+        self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA}
+        self._radius = certified_radius(transcription) if RADIUS in self.names else None
+        self._start = [w, *(np.array([self._extremum(name, w)]) for name in self._extrema)]
+        nodes, durations, _ = transcription.unpack(w)
+        reach = self._reach(nodes, durations)
+        longest = np.full(transcription.n_phases, LONGEST * durations.sum())
+        unbounded = np.full(len(self._extrema), np.inf)
+        self._n_nodes = nodes.size
+        self._lower = np.concatenate([w[: nodes.size] - reach, np.zeros(durations.size), bounds[0], -unbounded])
+        self._upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], unbounded])
+        self.rows = [*self._physics(held), *self._extremal(w), *self._asked()]
+        unknowns = vertcat(transcription.w, *self._extrema.values())
+        parameters = vertcat(transcription.parameters, self._offsets)
+        objective = sum((weight * self.scalar(name) for name, weight in problem.objective.items()), MX(0))
+        self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
+        self._solver = Ipopt(
+            w=unknowns,
+            p=parameters,
+            g=[rows.expression for rows in self.rows],
+            objective=objective if problem.objective else None,
+            progress=progress,
+            should_stop=should_stop,
+        )
+
+    def solve(self, offsets: Array, start: Array | None = None) -> IpoptResult:
+        """Run IPOPT from ``start``, all unknowns, or from where the motion is known."""
+        lower = np.concatenate([rows.lower for rows in self.rows])
+        upper = np.concatenate([rows.upper for rows in self.rows])
+        x = np.concatenate(self._start) if start is None else start
+        return self._solver.solve(x, np.concatenate([self._p, offsets]), (self._lower, self._upper), (lower, upper))
+
+    def motion(self, x: Array) -> Array:
+        """Nodes, durations and freed parameters among all unknowns."""
+        return x[: self.transcription.w.numel()]
+
+    def values(self, x: Array, offsets: Array) -> Array:
+        """The scalars in ``names`` at a solution, offsets included; shape (n_names,)."""
+        return np.asarray(self._values(x, np.concatenate([self._p, offsets]))).ravel()
+
+    def scalar(self, name: str) -> MX:
+        """One scalar of the result."""
+        if self._radius is not None and name == RADIUS:
+            value = self._radius(self.transcription.w, self.transcription.parameters)
+        else:
+            value = self._extrema[name] if name in EXTREMA else self._outcome.value(name)
+        return value + self._offsets[self.names.index(name)]
+
+    def at_reach(self, x: Array) -> bool:
+        """Whether a solution has been kept by the reach of the search, and wants to go on."""
+        nodes = slice(0, self._n_nodes)
+        room = np.minimum(x - self._lower, self._upper - x)[nodes]
+        return bool(np.any(room < NEAR * (self._upper - self._lower)[nodes]))
+
+    def _reach(self, nodes: Array, durations: Array) -> Array:
+        """How far each node's state may go in one search, so that it keeps clear of motions that are no walk."""
+        t, n = self.transcription, self.transcription.system.n_shape
+        length = float(t.system.impact(t.layout.sequence.impact)(nodes[:, -1], self._p)[0][n])
+        sizes = np.abs(nodes).max(axis=1)
+        speed = max(sizes[-1], abs(length) / durations.sum())
+        scale = np.concatenate([np.full(n, sizes[:n].max()), [np.inf], np.full(n, sizes[n + 1 : -1].max()), [speed]])
+        return np.tile(REACH * scale, t.n_nodes)
+
+    def _physics(self, held: list[Touch]) -> list[Rows]:
+        t = self.transcription
+        margins = vertcat(t.inequalities[0], touched_margins(t, held))
+        return [_zero("gait", t.equalities), _positive("margins", margins)]
+
+    def _extremal(self, w: Array) -> list[Rows]:
+        rows = []
+        for name, extremum in self._extrema.items():
+            bounding = self._outcome.bounded(name, extremum)[self._outcome.counted(name, w, self._p)]
+            rows.append(_positive(name, bounding))
+            if self._inflates(name):
+                # nothing but its own curve keeps the extremum from growing: it stays at the sample where it is now
+                rows.append(_zero(name, bounding[int(np.argmin(self._bounding(name, w, self._extremum(name, w))))]))
+        return rows
+
+    def _inflates(self, name: str) -> bool:
+        """Whether what is asked would push an extremum away from its curve."""
+        span = self._problem.constraints.get(name, Range(minimum=-np.inf, maximum=np.inf))
+        bound = span.minimum if EXTREMA[name] > 0 else -span.maximum
+        return bool(np.isfinite(bound)) or EXTREMA[name] * self._problem.objective.get(name, 0.0) < 0
+
+    def _bounding(self, name: str, w: Array, extremum: float) -> Array:
+        rows = self._outcome.bounded(name, MX(extremum))[self._outcome.counted(name, w, self._p)]
+        function = Function("rows", [self.transcription.w, self.transcription.parameters], [rows])
+        return np.asarray(function(w, self._p)).ravel()
+
+    def _extremum(self, name: str, w: Array) -> float:
+        """Where the rows, which are linear in the extremum, begin to hold."""
+        constant, slope = self._bounding(name, w, 0.0), self._bounding(name, w, 1.0)
+        crossings = -constant / (slope - constant)
+        return float(crossings.max() if EXTREMA[name] > 0 else crossings.min())
+
+    def _asked(self) -> list[Rows]:
+        return [
+            Rows(
+                name=name,
+                expression=self.scalar(name),
+                lower=np.array([span.minimum]),
+                upper=np.array([span.maximum]),
+            )
+            for name, span in self._problem.constraints.items()
+        ]
+
+
+def _zero(name: str, expression: MX) -> Rows:
+    return Rows(
+        name=name, expression=expression, lower=np.zeros(expression.numel()), upper=np.zeros(expression.numel())
+    )
+
+
+def _positive(name: str, expression: MX) -> Rows:
+    n = expression.numel()
+    return Rows(name=name, expression=expression, lower=np.zeros(n), upper=np.full(n, np.inf))

@@ -1,0 +1,158 @@
+"""The multipliers' largest modulus as a smooth function of the NLP's unknowns, bounded from above, with its gradient.
+
+The equalities F, differentiated along deviations V = (nodes, durations) that start on the section, give the return
+map's derivative; the durations answer to the events, which is saltation without its formula:
+
+    A V = B,      DPi = R V_K            A = dF/dw with the section in the place of periodicity, R that of the impact
+
+A radius rho with
+
+    P = (DPi / rho)' P (DPi / rho) + eps I,      P > 0,      trace P = 1
+
+exceeds every multiplier's modulus, because xi' P xi falls by more than rho^2 with every step. It is smooth where
+multipliers meet, cross, turn complex or vanish: the smoothed spectral radius of Vanbiervliet, Vandereycken, Michiels,
+Vandewalle & Diehl (2009), in discrete time. Its gradient, with the adjoints X of P and Lambda of V:
+
+    X = (DPi / rho) X (DPi / rho)' + I,      G = P DPi X / trace(DPi' P DPi X) rho,      A' Lambda = R' G
+    d rho = <G, dR V_K> + <Lambda, dB - dA V>
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from gaitopt.mechanics import Mode
+from gaitopt.nlp.newton import linearise, section_response
+from gaitopt.nlp.transcription import Transcription
+
+Array = NDArray[np.float64]
+
+EPSILON = 1e-6
+"""A matrix of norm N is certified with a radius whose square exceeds that of its largest modulus by some eps N^2;
+after a slip that sticks again N is a hundred."""
+NARROWEST = 1e-8
+"""Relative distance of radius and largest modulus, from where the radius is searched upwards: trace P > 1 there."""
+SMALLEST = 1e-3
+"""Multipliers below it are as good as zero: deviations vanish in a step."""
+
+
+def certified_radius(transcription: Transcription) -> Function:
+    """(w, p) -> bound of the multipliers' moduli, with an exact gradient; keep it as long as an NLP uses it."""
+    return _Radius(transcription)
+
+
+class _Radius(Callback):
+    """(w, p) -> rho."""
+
+    def __init__(self, transcription: Transcription) -> None:
+        super().__init__()
+        self._t = transcription
+        self._gradient: _Gradient | None = None
+        self.construct("radius", {})
+
+    def get_n_in(self) -> int:
+        return 2
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Sparsity:
+        return Sparsity.dense((self._t.w, self._t.parameters)[i].numel(), 1)
+
+    def eval(self, arg: Sequence[DM]) -> list[DM]:
+        answer = _response(self._t, *(np.asarray(value).ravel() for value in arg))
+        return [DM(np.nan if answer is None else smoothed_radius(answer[1])[0])]
+
+    def has_jacobian(self) -> bool:
+        return True
+
+    def get_jacobian(
+        self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Any]
+    ) -> Function:
+        self._gradient = _Gradient(self._t, name, opts)
+        return self._gradient
+
+
+class _Gradient(Callback):
+    """(w, p, rho) -> d rho / dw and, never used, zero for d rho / dp."""
+
+    def __init__(self, transcription: Transcription, name: str, options: Mapping[str, Any]) -> None:
+        super().__init__()
+        self._t = t = transcription
+        system, n_z = t.system, t.system.n_z
+        section = [int(i) for i in system.section(t.layout.sequence.impact)]
+        n = t.equalities.numel()
+        V, adjoint = MX.sym("V", n, len(section)), MX.sym("Lambda", n, len(section))
+        G = MX.sym("G", len(section), len(section))
+        still = MX.zeros(len(t.free), len(section))
+        moved = jtimes(t.equalities[:-n_z], t.w, vertcat(V, still))
+        xi = t.Z[system.section(Mode.SLIP_FORWARD), 0]
+        start = system.lift_jacobian(xi, t.p)[:, : len(section)]
+        reset = system.impact_jacobian(t.layout.sequence.impact)(t.Z[:, -1], t.p)[section, :]
+        last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
+        product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], moved)
+        self._product = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
+        self.construct(name, options)
+
+    def get_n_in(self) -> int:
+        return 3
+
+    def get_n_out(self) -> int:
+        return 2
+
+    def get_sparsity_in(self, i: int) -> Sparsity:
+        return Sparsity.dense((self._t.w, self._t.parameters, MX(1, 1))[i].numel(), 1)
+
+    def get_sparsity_out(self, i: int) -> Sparsity:
+        return Sparsity.dense(1, self._t.w.numel()) if i == 0 else Sparsity(1, self._t.parameters.numel())
+
+    def eval(self, arg: Sequence[DM]) -> list[DM]:
+        w, p, _ = (np.asarray(value).ravel() for value in arg)
+        answer = _response(self._t, w, p)
+        if answer is None:
+            return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
+        V, M, adjoint = answer
+        G = radius_gradient(M, *smoothed_radius(M))
+        return [self._product(w, p, V, adjoint(G), G).T, DM(1, p.size)]
+
+
+def _response(t: Transcription, w: Array, p: Array) -> tuple[Array, Array, Callable[[Array], Array]] | None:
+    """How the step answers to a deviation, or None where it has no definite answer."""
+    if not np.isfinite(w).all():
+        return None
+    try:
+        return section_response(t, linearise(t, w, p))
+    except RuntimeError:  # singular
+        return None
+
+
+def smoothed_radius(M: Array) -> tuple[float, Array]:
+    """The least certified radius of a matrix, and its P; shape (n, n)."""
+    n = len(M)
+    largest = max(float(np.abs(np.linalg.eigvals(M)).max()), SMALLEST)
+
+    def lyapunov(radius: float) -> Array:
+        return _lyapunov(M.T / radius, EPSILON * np.eye(n))
+
+    def excess(radius: float) -> float:
+        return float(np.log(np.trace(lyapunov(radius))))
+
+    ceiling = 2 * max(largest, float(np.linalg.norm(M, 2)))
+    radius = float(brentq(excess, largest * (1 + NARROWEST), ceiling, xtol=1e-14, rtol=1e-14))
+    return radius, lyapunov(radius)
+
+
+def radius_gradient(M: Array, radius: float, P: Array) -> Array:
+    """Derivative of the certified radius in the entries of the matrix; shape (n, n)."""
+    weight = P @ M @ _lyapunov(M / radius, np.eye(len(M)))
+    return np.asarray(weight * radius / np.trace(M.T @ weight))
+
+
+def _lyapunov(A: Array, Q: Array) -> Array:
+    """X = A X A' + Q for a matrix so small that Kronecker's product does; shape (n, n)."""
+    n = len(A)
+    return np.asarray(np.linalg.solve(np.eye(n * n) - np.kron(A, A), Q.ravel()).reshape(n, n), dtype=np.float64)

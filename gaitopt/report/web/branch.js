@@ -1,0 +1,165 @@
+// The diagram of a branch: any scalar over the parameter; a gait is chosen by click, slider, or arrow keys.
+
+const SPECIAL_WORDS = {
+  fold: "fold", period_doubling: "period doubling", neimark_sacker: "Neimark–Sacker", mode_change: "other phases begin",
+  impact_change: "other impact begins", lift_off: "foot lifts off", painleve: "Painlevé paradox", end: "branch ends",
+};
+const LOG = 10; // multipliers beyond this go on a log axis
+const SMALLEST = 1e-3; // what a multiplier of zero is drawn as there
+const NEAR = 40; // pixels within which a gait is under the pointer
+
+class BranchDiagram {
+  constructor(host, data, choose) {
+    Object.assign(this, { ...data, choose, chosen: 0 });
+    this.numbers = [...new Set(this.gaits.map((gait) => gait.branch))];
+    const keys = Object.keys(this.scalars).filter((key) => this.gaits.some((gait) => typeof gait.scalars[key] === "number"));
+    this.quantity = html("select", { id: "quantity" }, ...keys.map((key) => html("option", { value: key }, this.scalars[key].words)));
+    this.quantity.value = keys.includes("spectral_radius") ? "spectral_radius" : keys[0];
+    this.quantity.addEventListener("change", () => this.draw());
+    this.slider = html("input", { type: "range", id: "point", min: 0, max: this.gaits.length - 1, step: 1, value: 0 });
+    this.slider.addEventListener("input", () => this.select(Number(this.slider.value)));
+    this.diagram = html("div", { class: "diagram" });
+    this.tip = html("div", { class: "tip", hidden: "" });
+    const labels = [html("label", { for: "quantity" }, "Show "), this.quantity];
+    const slide = html("div", { class: "slide" }, html("label", { for: "point" }, "Gait "), this.slider);
+    host.append(html("p", {}, ...labels), this.diagram, slide, this.sequences(), this.specialList());
+    this.draw();
+    this.select(0);
+  }
+
+  value(gait) {
+    return gait.scalars[this.quantity.value];
+  }
+
+  // Where a value stands on the vertical axis.
+  height(value) {
+    return this.log && typeof value === "number" ? Math.log10(Math.max(value, SMALLEST)) : value;
+  }
+
+  draw() {
+    const key = this.quantity.value;
+    const drawn = this.gaits.filter((gait) => typeof this.value(gait) === "number");
+    this.log = key === "spectral_radius" && drawn.some((gait) => this.value(gait) > LOG);
+    const level = key === "spectral_radius" ? [this.height(1)] : [];
+    const { words, unit } = this.scalars[key];
+    const options = { title: `${words} over ${this.parameter}`, x: this.parameter, y: unit ? `${words} [${unit}]` : words, height: 340 };
+    options.xRange = extent(this.gaits.map((gait) => gait.value));
+    options.yRange = extent([...drawn.map((gait) => this.height(this.value(gait))), ...level]);
+    if (this.log) options.yTick = (power) => shown(10 ** power);
+    this.diagram.replaceChildren();
+    this.chart = new Chart(this.diagram, options, (chart) => this.paint(chart, level));
+    const entries = this.numbers.map((number, n) => [COLOURS[n % COLOURS.length], `branch ${number}`]);
+    legend(this.diagram, entries, "Thick: stable. Thin, dotted: unstable. Diamonds: special points.");
+    this.chart.box.append(this.tip);
+  }
+
+  paint(chart, level) {
+    level.forEach((y) => chart.level(y, "axis faint"));
+    this.numbers.forEach((number, n) => this.paintBranch(chart, this.gaits.filter((gait) => gait.branch === number), COLOURS[n % COLOURS.length]));
+    for (const special of this.specials) this.paintSpecial(chart, special);
+    this.marker = svg(chart.svg, "circle", { class: "chosen", r: 7 });
+    this.mark();
+    chart.svg.addEventListener("pointermove", (event) => this.hover(event));
+    chart.svg.addEventListener("pointerleave", () => (this.tip.hidden = true));
+    chart.svg.addEventListener("click", (event) => {
+      const near = this.nearest(event);
+      if (near >= 0) this.select(near);
+    });
+  }
+
+  paintBranch(chart, gaits, colour) {
+    const known = gaits.filter((gait) => typeof this.value(gait) === "number");
+    const point = (gait) => [gait.value, this.height(this.value(gait))];
+    known.slice(1).forEach((gait, k) => chart.line([point(known[k]), point(gait)], `curve ${colour} ${radius(gait) < 1 ? "thick" : "unstable"}`));
+    known.forEach((gait) => chart.dot(...point(gait), `dot ${colour}`, 2));
+  }
+
+  paintSpecial(chart, special) {
+    const own = special.scalars[this.quantity.value];
+    const nearest = this.gaits[this.nearestTo(special)];
+    const y = typeof own === "number" ? own : nearest && this.value(nearest);
+    if (typeof y !== "number" || typeof special.value !== "number") return;
+    const [a, b] = [chart.px(special.value), chart.py(this.height(y))];
+    const diamond = svg(chart.svg, "path", { class: "special", d: `M${a} ${b - 7}l7 7l-7 7l-7 -7z` });
+    svg(diamond, "title").textContent = SPECIAL_WORDS[special.type] ?? special.type;
+  }
+
+  // Index of the gait under the pointer, or -1.
+  nearest(event) {
+    const frame = this.chart.svg.getBoundingClientRect();
+    const [x, y] = [event.clientX - frame.left, event.clientY - frame.top];
+    const distances = this.gaits.map((gait) => {
+      const height = this.height(this.value(gait));
+      return typeof height === "number" ? Math.hypot(this.chart.px(gait.value) - x, this.chart.py(height) - y) : Infinity;
+    });
+    const best = distances.indexOf(Math.min(...distances));
+    return distances[best] < NEAR ? best : -1;
+  }
+
+  nearestTo(special) {
+    const distances = this.gaits.map((gait) => (gait.branch === special.branch ? Math.abs(gait.value - special.value) : Infinity));
+    const best = distances.indexOf(Math.min(...distances));
+    return distances[best] < Infinity ? best : -1;
+  }
+
+  hover(event) {
+    const near = this.nearest(event);
+    this.tip.hidden = near < 0;
+    if (near < 0) return;
+    const gait = this.gaits[near];
+    const [x, y] = [this.chart.px(gait.value), this.chart.py(this.height(this.value(gait)))];
+    this.tip.textContent = this.describe(gait);
+    this.tip.style.left = `${Math.min(x, this.chart.width - 190)}px`;
+    this.tip.style.top = `${y + 14}px`;
+  }
+
+  describe(gait) {
+    return `${this.parameter.split(" [")[0]} ${shown(gait.value)}, ${this.scalars[this.quantity.value].words} ${shown(this.value(gait))}, ${sequence(gait.film, gait.impact)}`;
+  }
+
+  select(index) {
+    this.chosen = index;
+    this.slider.value = index;
+    const gait = this.gaits[index];
+    this.slider.setAttribute("aria-valuetext", this.describe(gait));
+    this.mark();
+    this.choose(gait, `Branch ${gait.branch}, ${this.parameter.split(" [")[0]} = ${shown(gait.value)}`);
+  }
+
+  mark() {
+    const gait = this.gaits[this.chosen];
+    const height = this.height(this.value(gait));
+    if (!this.marker) return;
+    this.marker.style.display = typeof height === "number" ? "" : "none";
+    if (typeof height === "number") set(this.marker, { cx: this.chart.px(gait.value), cy: this.chart.py(height) });
+  }
+
+  // Mode sequence of every branch as a bar, at its middle gait.
+  sequences() {
+    const rows = this.numbers.map((number) => {
+      const gaits = this.gaits.filter((gait) => gait.branch === number);
+      const middle = gaits[Math.floor(gaits.length / 2)];
+      const [low, high] = extent(gaits.map((gait) => gait.value)).map(shown);
+      const stable = gaits.filter((gait) => radius(gait) < 1).length;
+      const cells = [String(number), modeBar(middle.film, 1), sequence(middle.film, middle.impact), `${low} to ${high}`, `${stable} of ${gaits.length}`];
+      return html("tr", {}, ...cells.map((cell) => html("td", {}, cell)));
+    });
+    const head = ["branch", "one step", "mode sequence", this.parameter, "stable gaits"].map((words) => html("th", { scope: "col" }, words));
+    const table = html("table", { class: "sequences" }, html("thead", {}, html("tr", {}, ...head)), html("tbody", {}, ...rows));
+    const modes = this.gaits.flatMap((gait) => gait.film.phases.map((phase) => phase.mode));
+    return html("div", { class: "scroll" }, table, modeKey(modes));
+  }
+
+  specialList() {
+    const list = html("ul", { class: "specials" });
+    for (const special of this.specials) {
+      const words = `${SPECIAL_WORDS[special.type] ?? special.type} at ${shown(special.value)} (branch ${special.branch}${special.status === "guess" ? ", only bracketed" : ""})`;
+      const button = html("button", { type: "button" }, words);
+      const nearest = this.nearestTo(special);
+      button.disabled = nearest < 0;
+      button.addEventListener("click", () => this.select(nearest));
+      list.append(html("li", {}, button, special.reason ? ` ${special.reason}` : ""));
+    }
+    return list;
+  }
+}

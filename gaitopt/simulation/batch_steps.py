@@ -1,0 +1,79 @@
+"""Many steps as arrays, with numbers in place of names: modes, endings and the phases of a step have codes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Ending
+from gaitopt.mechanics import Mode
+from gaitopt.simulation.simulator import StepOutcome
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.int64]
+
+MODES = tuple(Mode)
+ENDINGS = tuple(Ending)
+"""Codes of modes and endings are their indices here; ``completed`` is 0."""
+NONE = -1
+"""Code of the mode of a foot or an impact that is not there."""
+BASE = 4
+MAX_PHASES = 30
+"""Phases that a code of 64 bits holds, one base-4 digit each (1 + code of the mode); a step with more has code 0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchSteps:
+    """One step of each of n states.
+
+    Attributes
+    ----------
+    states : ndarray, shape (n, n_z) - state after the impact, x = 0; where the motion ended before, the state there.
+    endings : ndarray, shape (n,) - index in ``ENDINGS``; 0 is ``completed``.
+    times : ndarray, shape (n,) - time of the impact, or of the ending [s].
+    step_lengths : ndarray, shape (n,) - NaN where there was no impact [m].
+    phases : ndarray, shape (n,) - code of the modes gone through, see ``phase_names``.
+    impacts : ndarray, shape (n,) - index in ``MODES`` of the impact's mode, -1 where there was none.
+    """
+
+    states: Array
+    endings: Codes
+    times: Array
+    step_lengths: Array
+    phases: Codes
+    impacts: Codes
+
+
+def phase_code(modes: Sequence[Mode]) -> int:
+    """The code of the modes gone through in a step."""
+    code = 0
+    for mode in modes if len(modes) <= MAX_PHASES else ():
+        code = code * BASE + MODES.index(mode) + 1
+    return code
+
+
+def phase_names(code: int) -> tuple[Mode, ...]:
+    """The modes behind a code, in order."""
+    modes = []
+    while code > 0:
+        code, digit = divmod(code, BASE)
+        modes.append(MODES[digit - 1])
+    return tuple(reversed(modes))
+
+
+def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array) -> BatchSteps:
+    """Steps that were simulated one by one from ``starts``, shape (n, n_z), as arrays."""
+    states, times = starts.copy(), np.zeros(len(starts))
+    lengths, phases = np.full(len(starts), np.nan), np.zeros(len(starts), dtype=np.int64)
+    impacts = np.full(len(starts), NONE)
+    for k, step in enumerate(outcome.step for outcome in outcomes):
+        if step is None:
+            continue
+        times[k], states[k] = step.period, step.arcs[-1].states[-1]
+        phases[k] = phase_code([mode for mode, _ in step.phases])
+        if step.impact is not None:
+            states[k], lengths[k] = step.impact.state, step.impact.step_length
+            impacts[k] = MODES.index(step.impact.mode)
+    endings = np.array([ENDINGS.index(outcome.ending) for outcome in outcomes], dtype=np.int64)
+    return BatchSteps(states=states, endings=endings, times=times, step_lengths=lengths, phases=phases, impacts=impacts)

@@ -1,0 +1,61 @@
+"""Which integrator a simulation runs on: scipy, which is always there, or heyoka, which is optional and compiled."""
+
+from enum import StrEnum
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.errors import UnknownNameError
+from gaitopt.mechanics import HybridSystem
+from gaitopt.simulation.scipy_stepper import ScipyStepper
+from gaitopt.simulation.stepper import Stepper
+
+Array = NDArray[np.float64]
+
+MANY_STEPS = 1000
+"""Steps from which ``auto`` compiles: on scipy they take as long as the compiler does the first time."""
+
+
+class Engine(StrEnum):
+    """An integrator of arcs; ``auto`` is heyoka where it is installed and worth its compilation, else scipy."""
+
+    AUTO = "auto"
+    SCIPY = "scipy"
+    HEYOKA = "heyoka"
+
+
+def choose_engine(engine: str, *, steps: int = 1) -> Engine:
+    """The engine that ``engine`` means for so many walking steps.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such engine, or it is not installed.
+    """
+    if engine not in tuple(Engine):
+        raise UnknownNameError(f"no engine is called {engine!r}; use {', '.join(Engine)}")
+    installed = find_spec("heyoka") is not None
+    if engine == Engine.HEYOKA and not installed:
+        raise UnknownNameError(
+            "the engine heyoka is not installed: pip install 'gaitopt[fast]' on Linux, "
+            "conda install heyoka.py elsewhere; or use the engine scipy"
+        )
+    if engine == Engine.AUTO:
+        return Engine.HEYOKA if installed and steps >= MANY_STEPS else Engine.SCIPY
+    return Engine(engine)
+
+
+def make_stepper(system: HybridSystem, p: Array, engine: str = Engine.AUTO, *, steps: int = 1) -> Stepper:
+    """The stepper of an engine for a system at parameters ``p``, shape (n_p,).
+
+    Raises
+    ------
+    UnknownNameError
+        As ``choose_engine``.
+    """
+    if choose_engine(engine, steps=steps) is Engine.SCIPY:
+        return ScipyStepper(system, p)
+    from gaitopt.simulation.heyoka_stepper import HeyokaStepper  # optional, and 0.2 s to import
+
+    return HeyokaStepper(system, p)

@@ -1,0 +1,48 @@
+"""Parts of a large result, each a file of arrays that appears whole; what is there after a crash need not be redone."""
+
+import zipfile
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaitopt.errors import StorageError
+from gaitopt.store.files import write_whole
+
+TILE_FILE = "tile-{:06d}.npz"
+
+
+def write_tile(folder: Path, number: int, arrays: Mapping[str, Any]) -> None:
+    """Write the arrays of one tile.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full or the folder cannot be written; tiles before this one are kept.
+    """
+    packed = BytesIO()
+    np.savez_compressed(packed, **arrays)
+    write_whole(folder / TILE_FILE.format(number), packed.getvalue())
+
+
+def has_tile(folder: Path, number: int) -> bool:
+    """Whether a tile is there; if so, it is whole."""
+    return (folder / TILE_FILE.format(number)).is_file()
+
+
+def read_tile(folder: Path, number: int) -> dict[str, Any]:
+    """Read the arrays of one tile.
+
+    Raises
+    ------
+    StorageError
+        If the file is missing or broken.
+    """
+    path = folder / TILE_FILE.format(number)
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise StorageError(f"{path} is broken ({error}): delete it, and its states are walked again") from error

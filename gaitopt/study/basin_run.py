@@ -1,0 +1,232 @@
+"""A basin on disk: tiles of states, stored as they finish, so that a run that was killed goes on where it was."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.errors import SolveError
+from gaitopt.gait import Gait
+from gaitopt.problem import Problem
+from gaitopt.simulation import Engine, choose_engine
+from gaitopt.store import has_tile, json_text, read_tile, write_tile, write_whole
+from gaitopt.store.files import make_folder
+from gaitopt.study.basin import Attractor, Attractors, Fates, follow, outcome_counts
+from gaitopt.study.batch import section_states, step_map
+from gaitopt.study.grid import Grid, check_room
+from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
+
+Labels = NDArray[np.int32]
+
+TILE = 4096
+"""States of one tile: some ten seconds of walking, and what is lost by a kill."""
+STATE_BYTES_DISK = 48
+"""Of the fate of one state, compressed."""
+STATE_BYTES_MEMORY = 16
+"""Of the labels and step counts that are held of the whole grid at once."""
+BASIN_FILE, LABELS_FILE = "basin.json", "labels.npz"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Basin:
+    """Where every state of a grid goes.
+
+    Attributes
+    ----------
+    problem, grid : what was asked.
+    base : the section coordinates that the grid does not vary.
+    attractors : the gaits that were found; ``labels`` counts them.
+    labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
+    endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Fates``.
+    steps : ndarray, grid's shape - steps until it settled or failed.
+    """
+
+    problem: Problem
+    grid: Grid
+    base: dict[str, float]
+    attractors: tuple[Attractor, ...]
+    labels: Labels
+    endings: Labels
+    steps: Labels
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object: the gaits with their shares, and the failures by name."""
+        names = self.problem.walker.section_names(slipping=True)
+        gaits = [
+            {
+                "kind": str(gait),
+                "period": gait.period,
+                "phases": [str(mode) for mode in gait.phases],
+                "impact": str(gait.impact),
+                "state": dict(zip(names, gait.state.tolist(), strict=True)),
+                "states": gait.count,
+                "share": gait.count / self.grid.size,
+            }
+            for gait in self.attractors
+        ]
+        return {
+            "problem": self.problem.name,
+            "over": [asdict(axis) for axis in self.grid.axes],
+            "base": self.base,
+            "states": self.grid.size,
+            "gaits": gaits,
+            "failures": outcome_counts(self.endings),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BasinPlan:
+    """What is to be walked, and where it is kept.
+
+    Attributes
+    ----------
+    start : problem or gait; the coordinates that the grid leaves out are those of its state.
+    max_steps : steps after which a state is undecided.
+    folder : of the run; the basin has a folder of its own in it.
+    """
+
+    start: Problem | Gait
+    grid: Grid
+    max_steps: int
+    engine: str
+    folder: Path
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that is walked."""
+        return self.start.problem if isinstance(self.start, Gait) else self.start
+
+    @property
+    def base(self) -> dict[str, float]:
+        """Section coordinates of the state that the grid varies; those of the grid itself left out."""
+        names = self.problem.walker.section_names(slipping=True)
+        if isinstance(self.start, Gait):
+            state = dict(zip(self.start.system.state_names, self.start.state.tolist(), strict=True))
+        else:
+            state = dict(self.start.guess.state)
+        varied = {axis.key for axis in self.grid.axes}
+        return {name: float(state[name]) for name in names if name not in varied}
+
+    @property
+    def key(self) -> str:
+        """Names the basin by all that its tiles depend on."""
+        asked = {"grid": [str(axis) for axis in self.grid.axes], "base": self.base, "steps": self.max_steps}
+        asked |= {"engine": str(choose_engine(self.engine, steps=self.grid.size)), "tile": TILE}
+        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:8]
+
+    @property
+    def place(self) -> Path:
+        """The basin's own folder."""
+        return self.folder / f"basin-{self.key}"
+
+    @property
+    def tiles(self) -> range:
+        """Numbers of the tiles."""
+        return range(-(-self.grid.size // TILE))
+
+
+def check_basin(plan: BasinPlan) -> None:
+    """Refuse a basin that cannot be walked or kept, before it starts.
+
+    Raises
+    ------
+    UnknownNameError
+        If the grid is not over section coordinates, or the engine is not there.
+    StorageError
+        If the grid does not fit in memory or on disk.
+    """
+    import psutil
+
+    plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
+    choose_engine(plan.engine)
+    parent = next(folder for folder in (plan.folder.absolute(), *plan.folder.absolute().parents) if folder.exists())
+    room = (
+        ("on disk", STATE_BYTES_DISK, shutil.disk_usage(parent).free),
+        ("of memory", STATE_BYTES_MEMORY, psutil.virtual_memory().available),
+    )
+    check_room(plan.grid.size, room)
+
+
+def walk_basin(
+    plan: BasinPlan,
+    workers: Workers,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Basin | None:
+    """Walk what is not yet on disk, and say where every state goes; None if it was stopped.
+
+    Parameters
+    ----------
+    plan : checked by ``check_basin``.
+    workers : where the tiles are walked.
+    progress : called with the number of tiles done and of all tiles.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full; finished tiles are kept.
+    SolveError
+        If a tile kills its workers.
+    """
+    make_folder(plan.place)
+    missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
+    done, total = len(plan.tiles) - len(missing), len(plan.tiles)
+    engine = choose_engine(plan.engine, steps=plan.grid.size)
+    p = tuple(plan.start.p.tolist()) if isinstance(plan.start, Gait) else None
+    asked = TileTask(problem=plan.problem, p=p, engine=engine, grid=plan.grid, base=plan.base, max_steps=plan.max_steps)
+    jobs = [Job(key=f"{plan.key}-{tile}", argument=(asked, tile)) for tile in missing]
+    for key, fates in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
+        tile = int(key.rpartition("-")[2])
+        if isinstance(fates, SetAside):
+            raise SolveError(f"tile {tile} of the basin was given up: {fates.reason}; the others are kept")
+        write_tile(plan.place, tile, {f.name: getattr(fates, f.name) for f in fields(fates)})
+        done += 1
+        if progress is not None:
+            progress(done, total)
+    return _assembled(plan) if done == total else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TileTask:
+    """What a worker has to know of a basin."""
+
+    problem: Problem
+    p: tuple[float, ...] | None
+    engine: Engine
+    grid: Grid
+    base: dict[str, float]
+    max_steps: int
+
+
+def walk_tile(argument: tuple[TileTask, int], _: None = None) -> Fates:
+    """Fates of the states of one tile, in whatever process."""
+    task, tile = argument
+    numbers = np.arange(tile * TILE, min((tile + 1) * TILE, task.grid.size))
+    values = dict(zip([axis.key for axis in task.grid.axes], task.grid.points(numbers).T, strict=True))
+    names = task.problem.walker.section_names(slipping=True)
+    xi = np.column_stack([values.get(name, np.full(len(numbers), task.base.get(name))) for name in names])
+    return follow(step_map(task.problem, task.p, task.engine), section_states(task.problem, xi), task.max_steps)
+
+
+def _assembled(plan: BasinPlan) -> Basin:
+    """The whole basin from its tiles, one after the other."""
+    attractors = Attractors()
+    labels, endings, steps = np.zeros((3, plan.grid.size), dtype=np.int32)
+    for tile in plan.tiles:
+        fates = Fates(**read_tile(plan.place, tile))
+        rows = slice(tile * TILE, tile * TILE + len(fates.steps))
+        labels[rows], endings[rows], steps[rows] = attractors.add(fates), fates.endings, fates.steps
+    shape = plan.grid.shape
+    basin = Basin(
+        problem=plan.problem, grid=plan.grid, base=plan.base, attractors=attractors.found,
+        labels=labels.reshape(shape), endings=endings.reshape(shape), steps=steps.reshape(shape),
+    )  # fmt: skip
+    write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
+    return basin

@@ -1,0 +1,112 @@
+"""A rectangular grid over named quantities: LO:HI:N along each."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.errors import StorageError, UnknownNameError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """``count`` values from ``lower`` to ``upper``, both included.
+
+    Raises
+    ------
+    ValueError
+        If the range is empty, or not finite.
+    """
+
+    key: str
+    lower: float
+    upper: float
+    count: int
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
+            raise ValueError(f"{self.key}: {self.lower:g}:{self.upper:g} is not a finite range")
+        if self.count < 1 or (self.count == 1) != (self.lower == self.upper):
+            raise ValueError(
+                f"{self.key}: {self.count} values from {self.lower:g} to {self.upper:g} are no range; "
+                "give LO:HI:N with LO unlike HI and N at least 2"
+            )
+
+    @property
+    def values(self) -> Array:
+        """The values in order; shape (count,)."""
+        return np.linspace(self.lower, self.upper, self.count)
+
+    def __str__(self) -> str:
+        return f"{self.key}={self.lower!r}:{self.upper!r}:{self.count}"
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The product of some axes; points are numbered with the last axis running fastest.
+
+    Raises
+    ------
+    ValueError
+        If an axis is given twice, or none.
+    """
+
+    axes: tuple[Axis, ...]
+
+    def __post_init__(self) -> None:
+        keys = [axis.key for axis in self.axes]
+        if not keys or len(set(keys)) < len(keys):
+            raise ValueError("a grid needs at least one axis, and no key twice")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
+        return tuple(axis.count for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(self.shape)
+
+    def points(self, numbers: Indices) -> Array:
+        """Coordinates of the points with the given numbers; shape (n, n_axes)."""
+        indices = np.unravel_index(numbers, self.shape)
+        return np.column_stack([axis.values[index] for axis, index in zip(self.axes, indices, strict=True)])
+
+    def check_keys(self, known: Sequence[str], what: str) -> None:
+        """Refuse axes over anything else than ``known``.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is such an axis.
+        """
+        unknown = [axis.key for axis in self.axes if axis.key not in known]
+        if unknown:
+            raise UnknownNameError(f"--over {', '.join(unknown)}: not {what}; use {', '.join(known)}")
+
+
+def check_room(points: int, bytes_per_point: Iterable[tuple[str, int, int]]) -> None:
+    """Refuse a grid that does not fit, before it starts.
+
+    Parameters
+    ----------
+    points : size of the grid.
+    bytes_per_point : what must hold it, how much one point takes there, and how much is free [bytes].
+
+    Raises
+    ------
+    StorageError
+        If it does not fit; the message says how large it is.
+    """
+    for what, each, free in bytes_per_point:
+        if points * each > free:
+            raise StorageError(
+                f"a grid of {points:,} points needs about {points * each / 1e9:.3g} GB {what}, "
+                f"but {free / 1e9:.3g} GB are free: choose fewer points"
+            )

@@ -1,0 +1,222 @@
+"""A grid of problems, each solved and verified: what a gait becomes over one or several parameters.
+
+A job is named by the hash of its resolved problem. Its result is on disk before the next one is taken in, in a file
+that all sweeps of a problem share, so that nothing is solved twice, whatever happens in between.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaitopt.errors import ProblemError, SolveError
+from gaitopt.gait import Status
+from gaitopt.problem import Problem
+from gaitopt.store import LineWriter, Table, csv_text, read_lines, write_whole
+from gaitopt.store.files import make_folder
+from gaitopt.store.lock import only_writer
+from gaitopt.study.grid import Grid, check_room
+from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
+from gaitopt.study.solve import solve
+from gaitopt.study.verify import verify
+
+JOBS_FILE, TABLE_FILE = "jobs.jsonl", "table.csv"
+SET_ASIDE = "set_aside"
+"""Status of a job that has no result."""
+POINT_BYTES_DISK = 6_000
+"""Of the record of one gait, as JSON and in the table."""
+POINT_BYTES_MEMORY = 40_000
+"""Of one problem with its record."""
+SCALARS = (
+    "period", "step_length", "speed", "work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared",
+    "peak_torque", "slip_distance", "foot_clearance", "spectral_radius", "required_friction", "impulse_ratio",
+    "min_normal_force",
+)  # fmt: skip
+"""Columns of the table, after the grid's own."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What is to be solved, and where it is kept.
+
+    Attributes
+    ----------
+    problem : the problem of which the grid changes some numbers.
+    grid : over dotted keys of parameters.
+    warm : whether a job starts from the gait of its neighbour towards the grid's first point; else, and where that
+        fails, from the problem's guess.
+    folder : of the problem's run.
+    """
+
+    problem: Problem
+    grid: Grid
+    warm: bool
+    folder: Path
+
+    @cached_property
+    def jobs(self) -> list[Job]:
+        """One job per point of the grid, in its order.
+
+        Raises
+        ------
+        ProblemError
+            If a point of the grid is no valid problem.
+        """
+        jobs: list[Job] = []
+        for number in range(self.grid.size):
+            problem = self._at(number)
+            neighbour = self._neighbour(number) if self.warm else None
+            parent = None if neighbour is None else jobs[neighbour].key
+            key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
+            jobs.append(Job(key=key, argument=problem, parent=parent))
+        return jobs
+
+    @cached_property
+    def place(self) -> Path:
+        """Folder of the sweep's table and figures."""
+        asked = json.dumps([*(str(axis) for axis in self.grid.axes), self.warm])
+        return self.folder / f"sweep-{hashlib.sha256(asked.encode()).hexdigest()[:8]}"
+
+    def point(self, number: int) -> dict[str, float]:
+        """Values by dotted key at one point of the grid."""
+        values = self.grid.points(np.array([number]))[0]
+        return dict(zip([axis.key for axis in self.grid.axes], values.tolist(), strict=True))
+
+    def _at(self, number: int) -> Problem:
+        try:
+            return self.problem.replace(self.point(number))
+        except ProblemError as error:
+            raise ProblemError(str(error).replace("--set ", "--over ")) from error
+
+    def _neighbour(self, number: int) -> int | None:
+        """The point one step towards the first along the first axis that allows it; None for the first point."""
+        index = [int(k) for k in np.unravel_index(number, self.grid.shape)]
+        axis = next((k for k, value in enumerate(index) if value > 0), None)
+        if axis is None:
+            return None
+        index[axis] -= 1
+        return int(np.ravel_multi_index(index, self.grid.shape))
+
+
+def check_sweep(sweep: Sweep) -> None:
+    """Refuse a sweep that cannot be made or kept, before it starts.
+
+    Raises
+    ------
+    UnknownNameError
+        If the grid is over something that is not a parameter.
+    ProblemError
+        If a point of the grid is no valid problem.
+    StorageError
+        If the grid does not fit in memory or on disk.
+    """
+    import psutil
+
+    sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
+    folder = sweep.folder.absolute()
+    parent = next(place for place in (folder, *folder.parents) if place.exists())
+    memory, disk = psutil.virtual_memory().available, shutil.disk_usage(parent).free
+    room = (("on disk", POINT_BYTES_DISK, disk), ("of memory", POINT_BYTES_MEMORY, memory))
+    check_room(sweep.grid.size, room)
+    _ = sweep.jobs
+
+
+def run_sweep(
+    sweep: Sweep,
+    workers: Workers,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> list[dict[str, Any]] | None:
+    """Solve and verify what is not on disk yet; the records of all points in order, None if it was stopped.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full, or another process sweeps the same problem; finished jobs are kept.
+    """
+    make_folder(sweep.place)
+    path = sweep.folder / JOBS_FILE
+    with only_writer(path):
+        wanted = {job.key for job in sweep.jobs}
+        records = {r["job"]: r for r in read_lines(path) if r["job"] in wanted} if path.exists() else {}
+        missing = [job for job in {job.key: job for job in sweep.jobs}.values() if job.key not in records]
+        with LineWriter(path) as log:
+            for key, result in run_jobs(solve_job, missing, workers, done=records, should_stop=should_stop):
+                if isinstance(result, SetAside):
+                    records[key] = {"status": SET_ASIDE, "message": result.reason}
+                else:
+                    records[key] = {"job": key, **result}
+                    log.append(records[key])
+                if progress is not None:
+                    progress(len(records), len(wanted))
+    if len(records) < len(wanted):
+        return None
+    found = [{**records[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
+    write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, found)))
+    return found
+
+
+def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The record of a problem's gait with its verification, in whatever process."""
+    for start, candidate in _starts(problem, neighbour):
+        try:
+            gait = solve(candidate)
+        except SolveError as error:
+            return {"status": str(Status.NOT_CONVERGED), "message": str(error), "start": start}
+        if gait.converged:
+            gait = gait.verified(verify(gait).to_record())
+            break
+    return {**gait.to_record(), "start": start}
+
+
+def _starts(problem: Problem, neighbour: Mapping[str, Any] | None) -> Iterable[tuple[str, Problem]]:
+    """The problem with the neighbour's gait as its guess, if there is one; then as it is."""
+    if neighbour is not None and neighbour["status"] == Status.CONVERGED:
+        names = problem.walker.section_names(slipping=problem.sequence.impact != "stick")
+        state = {name: neighbour["state"][name] for name in names}
+        durations = [phase["duration"] for phase in neighbour["phases"]]
+        yield "warm", problem.replace({"gait.guess.state": state, "gait.guess.durations": durations})
+    yield "cold", problem
+
+
+def sweep_table(grid: Grid, records: list[dict[str, Any]]) -> Table:
+    """One row per point: the grid's values, status, whether it was verified, start, modes and the scalars."""
+    keys = [axis.key for axis in grid.axes]
+    scalars = [name for name in SCALARS if name not in keys]
+
+    def row(record: Mapping[str, Any]) -> list[Any]:
+        verification, phases = record.get("verification"), record.get("phases") or ()
+        passed = "" if verification is None else str(verification["passed"]).lower()
+        modes = " ".join([*(phase["mode"] for phase in phases), *(["/", record["impact"]] if phases else [])])
+        values = [record.get(name) for name in scalars]
+        texts = [record["status"], passed, record.get("start", ""), modes]
+        return [*record["at"].values(), *texts, *(float("nan") if v is None else v for v in values)]
+
+    header = (*keys, "status", "verified", "start", "modes", *scalars)
+    return Table(header=header, rows=[row(record) for record in records])
+
+
+def sweep_record(sweep: Sweep, records: list[dict[str, Any]]) -> dict[str, Any]:
+    """One JSON object about a whole sweep."""
+    statuses = [record["status"] for record in records]
+    verified = [(record.get("verification") or {}).get("passed") for record in records]
+    return {
+        "problem": sweep.problem.name,
+        "over": [asdict(axis) for axis in sweep.grid.axes],
+        "jobs": len(records),
+        "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
+        "verified": verified.count(True),
+        "refuted": verified.count(False),
+        "set_aside": [
+            {"at": record["at"], "reason": record["message"]} for record in records if record["status"] == SET_ASIDE
+        ],
+        "table": str(sweep.place / TABLE_FILE),
+        "run": str(sweep.place),
+    }

@@ -1,0 +1,142 @@
+"""Pages in a real browser: they load without a complaint, gaits are chosen by click and key, walkers move."""
+
+import pytest
+from pictured import TORSO, branch, gait
+
+from gaitopt.figures.animation import animation_page
+from gaitopt.figures.motion import motion_of
+from gaitopt.report import branch_report, comparison_report, gait_report
+
+FORCE = ".walker .force"
+
+
+def position(page):
+    return page.locator(FORCE).first.get_attribute("d")
+
+
+@pytest.fixture(scope="module")
+def branch_page():
+    return branch_report(gait("compass-passive-a").problem, "friction", branch())
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "rimless-wheel-slip", TORSO])
+def test_the_walker_walks_stops_and_is_scrubbed(visit, name):
+    page = visit(animation_page(motion_of(gait(name))))
+    first = position(page)
+    page.wait_for_function(f"first => document.querySelector('{FORCE}').getAttribute('d') !== first", arg=first)
+    page.get_by_role("button", name="Pause").click()
+    still = position(page)
+    page.wait_for_timeout(150)
+    assert position(page) == still
+    slider = page.get_by_role("slider", name="time")
+    slider.fill("700")
+    assert "step 3" in page.locator(".words").inner_text()
+    slider.press("ArrowRight")
+    assert slider.input_value() == "701"
+
+
+def test_the_speed_can_be_chosen(visit):
+    page = visit(animation_page(motion_of(gait("compass-passive-a"))))
+    page.get_by_label("speed").select_option("2")
+    page.wait_for_function("() => document.querySelector('.words').textContent.includes('step 3')", timeout=5000)
+
+
+def test_who_dislikes_motion_is_not_shown_any_unasked(visit):
+    page = visit(animation_page(motion_of(gait("compass-passive-a"))), motion="reduce")
+    still = position(page)
+    page.wait_for_timeout(200)
+    assert position(page) == still
+    assert page.get_by_role("button", name="Play").is_visible()
+
+
+def test_slip_leaves_its_marks_on_the_ground(visit):
+    page = visit(animation_page(motion_of(gait("compass-passive-a"))), motion="reduce")
+    page.get_by_role("slider", name="time").fill("1000")
+    marks = page.locator(".walker .mark")
+    assert marks.count() == 8  # forward and backward in each of four steps
+    assert all(marks.nth(k).evaluate("mark => mark.style.display") == "" for k in range(8))
+
+
+def test_a_click_on_the_diagram_changes_the_gait_shown(visit, branch_page):
+    page = visit(branch_page)
+    heading = page.locator("article h2")
+    before, numbers = heading.inner_text(), page.locator("article table").inner_text()
+    dots = page.locator(".diagram circle.dot")
+    box = dots.nth(5).bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert heading.inner_text() == "Branch 1, coefficient of friction μ = 0.15"
+    assert heading.inner_text() != before
+    assert page.locator("article table").inner_text() != numbers
+    assert "unstable" in page.locator("article .badge").inner_text()
+
+
+def test_hovering_tells_which_gait_is_under_the_pointer(visit, branch_page):
+    page = visit(branch_page)
+    page.locator(".diagram circle.dot").nth(2).hover(force=True)
+    tip = page.locator(".tip")
+    assert tip.is_visible()
+    assert "0.14" in tip.inner_text()
+    page.mouse.move(2, 2)
+    assert tip.is_hidden()
+
+
+def test_a_branch_is_walked_along_by_keyboard_alone(visit, branch_page):
+    page = visit(branch_page)
+    for _ in range(6):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.id") == "point":
+            break
+    page.keyboard.press("ArrowRight")
+    assert page.locator("article h2").inner_text().endswith("μ = 0.145")
+    assert "0.145" in page.locator("#point").get_attribute("aria-valuetext")
+
+
+def test_another_scalar_is_drawn_when_it_is_chosen(visit, branch_page):
+    page = visit(branch_page)
+    page.get_by_label("Show").select_option("speed")
+    assert "speed" in page.locator(".diagram figcaption").inner_text()
+
+
+def test_a_special_point_leads_to_its_gait(visit, branch_page):
+    page = visit(branch_page)
+    page.get_by_role("button", name="branch ends").click()
+    assert page.locator("article h2").inner_text().startswith("Branch 1")
+
+
+def test_speed_and_pause_outlast_the_choice_of_another_gait(visit, branch_page):
+    page = visit(branch_page)
+    page.get_by_label("speed").select_option("0.5")
+    page.get_by_role("button", name="Pause").click()
+    page.locator("#point").press("ArrowRight")
+    assert page.get_by_label("speed").input_value() == "0.5"
+    assert page.get_by_role("button", name="Play").is_visible()
+
+
+def test_gaits_side_by_side_share_their_axes_and_show_the_difference(visit):
+    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-pd-impact-slip")]))
+    assert page.locator("article").count() == 2
+    assert "difference" in page.locator("#numbers thead").inner_text()
+    ticks = [page.locator("article").nth(k).locator(".chart").first.locator("text").all_inner_texts() for k in (0, 1)]
+    assert ticks[0] == ticks[1]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [360, 768, 1400])
+def test_nothing_is_wider_than_the_screen(visit, branch_page, width, scheme):
+    for text in (gait_report(gait("compass-pd-impact-slip")), branch_page):
+        page = visit(text, width=width, scheme=scheme)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        ink, paper = (page.evaluate(f"getComputedStyle(document.body).{key}") for key in ("color", "backgroundColor"))
+        assert contrast(ink, paper) > 7
+
+
+def contrast(first, second):
+    """Contrast ratio of two CSS colours, WCAG 2.1."""
+
+    def luminance(colour):
+        parts = [int(part) / 255 for part in colour.removeprefix("rgb(").removesuffix(")").split(",")]
+        red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
+        return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+    low, high = sorted((luminance(first), luminance(second)))
+    return (high + 0.05) / (low + 0.05)

@@ -1,0 +1,179 @@
+"""Basins: every state goes somewhere, the same whatever happens while they walk."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("heyoka")
+
+from gaitopt.cli.main import main
+from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.gait import Ending
+from gaitopt.mechanics import Mode
+from gaitopt.problem import load_problem
+from gaitopt.simulation import Engine, Simulator
+from gaitopt.simulation.batch_steps import ENDINGS
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.study import basin_run, solve
+from gaitopt.study.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
+from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
+from gaitopt.study.batch import Returns, step_map
+from gaitopt.study.grid import Axis, Grid
+from gaitopt.study.jobs import Workers
+
+HERE = Workers(count=1)
+GRID = Grid(
+    (Axis(key="dtheta1", lower=0.6, upper=0.75, count=12), Axis(key="dtheta2", lower=-0.6, upper=0.0, count=10))
+)
+
+
+@pytest.fixture(scope="module")
+def gait():
+    return solve(load_problem("compass-passive-a"))
+
+
+def plan_in(folder, gait, **changes):
+    asked = {"start": gait, "grid": GRID, "max_steps": 100, "engine": "heyoka", "folder": folder}
+    return BasinPlan(**(asked | changes))
+
+
+@pytest.fixture(scope="module")
+def basin(gait, tmp_path_factory):
+    return walk_basin(plan_in(tmp_path_factory.mktemp("basin"), gait), HERE)
+
+
+def test_states_near_the_gait_settle_on_it(gait, basin):
+    (attractor,) = basin.attractors
+    section = gait.system.section(Mode.SLIP_FORWARD)
+    np.testing.assert_allclose(attractor.state, gait.state[section], rtol=0, atol=100 * SETTLED)
+    assert (attractor.phases, attractor.impact, attractor.period) == (
+        gait.problem.sequence.phases, gait.problem.sequence.impact, 1,
+    )  # fmt: skip
+    assert 0 < attractor.count == (basin.labels == 0).sum()
+
+
+def test_fate_of_every_state_is_that_of_the_simulator(gait, basin):
+    simulator = Simulator(gait.system, gait.p, stepper=HeyokaStepper(gait.system, gait.p))
+    numbers = np.arange(0, GRID.size, 7)
+    for number, (rate1, rate2) in zip(numbers, GRID.points(numbers), strict=True):
+        index = np.unravel_index(number, GRID.shape)
+        start = gait.system.lift_state(np.array([gait.state[0], rate1, rate2]), gait.p)
+        walk = simulator.run(start, steps=int(basin.steps[index]) + 1)
+        if basin.labels[index] >= 0:
+            assert walk.ending is Ending.COMPLETED
+            np.testing.assert_allclose(walk.section_states[-1], gait.state, rtol=0, atol=100 * SETTLED)
+        else:
+            assert walk.ending is ENDINGS[basin.endings[index]]
+
+
+def test_states_are_counted_once(basin):
+    record = basin.to_record()
+    assert sum(gait["states"] for gait in record["gaits"]) + sum(record["failures"].values()) == GRID.size
+
+
+def test_basin_that_was_stopped_goes_on_where_it_was(gait, basin, tmp_path, monkeypatch):
+    monkeypatch.setattr(basin_run, "TILE", 32)
+    done = []
+    plan = plan_in(tmp_path, gait)
+    assert walk_basin(plan, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2) is None
+    resumed = []
+    whole = walk_basin(plan, HERE, progress=lambda k, n: resumed.append((k, n)))
+    assert resumed == [(3, 4), (4, 4)]
+    for name in ("labels", "endings", "steps"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(basin, name))
+
+
+def test_tile_that_is_broken_is_named(gait, tmp_path):
+    plan = plan_in(tmp_path, gait, grid=Grid((Axis(key="dtheta1", lower=0.7, upper=0.72, count=3),)))
+    walk_basin(plan, HERE)
+    (tile,) = plan.place.glob("tile-*.npz")
+    tile.write_bytes(b"not an archive")
+    with pytest.raises(StorageError, match=r"tile-000000.npz is broken .* delete it"):
+        walk_basin(plan, HERE)
+
+
+def test_tiles_of_another_question_are_not_taken(gait, tmp_path):
+    assert plan_in(tmp_path, gait).place != plan_in(tmp_path, gait, max_steps=10).place
+
+
+class Map:
+    """A return map of two numbers given by a formula; a state beyond 5 falls."""
+
+    def __init__(self, formula):
+        self.formula = formula
+
+    def __call__(self, xi):
+        states = self.formula(xi)
+        fallen = np.abs(states).max(axis=1) > 5
+        n = len(xi)
+        return Returns(
+            names=("a", "b"), states=states, endings=np.where(fallen, ENDINGS.index(Ending.FALL), 0), times=np.ones(n),
+            step_lengths=np.ones(n), phases=np.ones(n, dtype=np.int64), impacts=np.zeros(n, dtype=np.int64),
+        )  # fmt: skip
+
+
+def rotation(angle, factor):
+    c, s = np.cos(angle), np.sin(angle)
+    return lambda xi: factor * xi @ np.array([[c, s], [-s, c]])
+
+
+def test_spiral_into_a_fixed_point_is_no_cycle():
+    fates = follow(Map(rotation(2 * np.pi / 3, 0.8)), np.array([[1.0, 0.0], [0.3, 0.4]]), 200)
+    assert fates.periods.tolist() == [1, 1]
+
+
+@pytest.mark.parametrize("period", range(1, MAX_PERIOD + 1))
+def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
+    angle = 2 * np.pi / period
+    cycle = (
+        np.array([[np.cos(k * angle), np.sin(k * angle)] for k in range(period)]) if period > 1 else np.zeros((1, 2))
+    )
+    fates = follow(Map(rotation(angle, 1.0) if period > 1 else rotation(0, 0.5)), cycle, 200)
+    assert set(fates.periods) == {period}
+    attractors = Attractors()
+    assert set(attractors.add(fates)) == {0}
+    assert attractors.found[0].count == len(cycle)
+
+
+def test_walk_that_never_settles_is_undecided_and_one_that_falls_is_not():
+    fates = follow(Map(rotation(1.0, 1.0)), np.array([[1.0, 0.0], [9.0, 0.0]]), 30)
+    assert fates.endings.tolist() == [UNDECIDED, ENDINGS.index(Ending.FALL)]
+    assert fates.steps.tolist() == [30, 0]
+
+
+@pytest.mark.parametrize(("slope", "period"), [("3 deg", 1), ("4.6 deg", 2), ("4.95 deg", 4)])
+def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
+    """Goswami, Thuilot & Espiau (1998): period 1 up to 4.37 deg, 2 up to 4.9 deg, then 4, of legs 1 m, masses 5, 10 kg."""
+    legs = {"leg_length": 1, "leg_com": 0.5, "leg_mass": 5, "hip_mass": 10, "slope": slope}
+    walker = {f"walker.{key}": value for key, value in legs.items()}
+    problem = load_problem("compass-passive-stick").replace({"friction": 3, **walker})
+    rates = np.linspace(1.0, 1.3, 12)
+    xi = np.column_stack([np.full(12, -0.31), rates, np.full(12, -0.15), np.zeros(12)])
+    fates = follow(step_map(problem, None, Engine.HEYOKA), xi, 400)
+    assert set(fates.periods) <= {0, period}
+    attractors = Attractors()
+    attractors.add(fates)
+    (gait,) = attractors.found
+    assert str(gait).startswith("sticking")
+
+
+def test_grid_over_something_else_is_refused(gait, tmp_path):
+    with pytest.raises(UnknownNameError, match="--over friction: not a coordinate just after an impact; use theta1"):
+        check_basin(plan_in(tmp_path, gait, grid=Grid((Axis(key="friction", lower=0.1, upper=0.2, count=2),))))
+
+
+def test_grid_that_does_not_fit_is_refused_before_it_starts(gait, tmp_path):
+    huge = Grid((Axis(key="dtheta1", lower=0.1, upper=1, count=10**7), Axis(key="dx", lower=0, upper=1, count=10**6)))
+    with pytest.raises(StorageError, match=r"10,000,000,000,000 points needs about .* GB on disk"):
+        check_basin(plan_in(tmp_path, gait, grid=huge))
+
+
+def test_command_prints_one_object_and_draws(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    over = ["--over", "dtheta1=0.69:0.73:4", "--over", "dtheta2=-0.55:-0.48:3"]
+    assert main(["basin", "compass-passive-a", *over, "--workers", "1", "--json", "--quiet"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["states"] == 12
+    assert record["gaits"][0]["kind"] == "stick-slip"
+    assert all((tmp_path / figure).stat().st_size > 1000 for figure in record["figures"])

@@ -1,0 +1,144 @@
+"""Thousands of states at once are what each of them would be by itself."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("heyoka")
+
+from gaitopt.gait import Ending
+from gaitopt.mechanics import Mode
+from gaitopt.problem import load_problem
+from gaitopt.simulation import Simulator
+from gaitopt.simulation.batch_functions import WIDTH, Rowwise
+from gaitopt.simulation.batch_steps import MAX_PHASES, phase_code, phase_names
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.study import build_system, return_map, solve
+
+FIELDS = ("states", "endings", "times", "step_lengths", "phases", "impacts")
+
+
+def wild_states(problem, count, seed=1):
+    """Section coordinates around the guess, wild enough for slips, reversals, falls, lift-off and refused impacts."""
+    rng = np.random.default_rng(seed)
+    names = problem.walker.section_names(slipping=True)
+    centre = np.array([problem.guess.state[name] for name in names])
+    xi = centre * (1 + rng.uniform(-0.5, 0.5, (count, len(names)))) + rng.uniform(-0.1, 0.1, (count, len(names)))
+    xi[: count // 2, -1] = 0
+    return xi
+
+
+@pytest.fixture(scope="module", params=["compass-passive-a", "rimless-wheel-slip", "compass-torque-impact-slip"])
+def mapped(request):
+    problem = load_problem(request.param)
+    xi = wild_states(problem, 150)
+    return problem, xi, return_map(problem, xi, engine="heyoka")
+
+
+def test_state_in_a_batch_walks_as_it_does_alone(mapped):
+    problem, xi, batch = mapped
+    system = build_system(problem)
+    p = system.values(problem.parameters)
+    simulator = Simulator(system, p, stepper=HeyokaStepper(system, p))
+    indices = system.section(Mode.SLIP_FORWARD)
+    for k, row in enumerate(xi):
+        alone = simulator.step(system.lift_state(row, p))
+        assert batch.outcomes[k] == alone.ending
+        assert batch.sequence(k) == (tuple(mode for mode, _ in alone.step.phases) if alone.step else ())
+        if alone.ending is Ending.COMPLETED:
+            np.testing.assert_allclose(batch.states[k], alone.step.impact.state[indices], rtol=0, atol=1e-12)
+            np.testing.assert_allclose(batch.times[k], alone.step.period, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(batch.step_lengths[k], alone.step.impact.step_length, rtol=0, atol=1e-12)
+
+
+def test_batch_meets_more_than_one_outcome_and_many_sequences(mapped):
+    _, _, batch = mapped
+    assert len(set(batch.outcomes)) > 1
+    assert len(set(batch.phases.tolist())) > 3
+
+
+def test_results_depend_neither_on_order_nor_on_number(mapped):
+    problem, xi, batch = mapped
+    order = np.random.default_rng(2).permutation(len(xi))
+    shuffled, few = return_map(problem, xi[order], engine="heyoka"), return_map(problem, xi[:11], engine="heyoka")
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(shuffled, name), getattr(batch, name)[order])
+        np.testing.assert_array_equal(getattr(few, name), getattr(batch, name)[:11])
+
+
+def test_engines_map_alike(mapped):
+    problem, xi, batch = mapped
+    other = return_map(problem, xi[:40], engine="scipy")
+    for name in ("endings", "phases", "impacts"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(batch, name)[:40])
+    np.testing.assert_allclose(other.states, batch.states[:40], rtol=0, atol=1e-9)
+
+
+def test_processes_map_alike():
+    problem = load_problem("rimless-wheel-slip")
+    xi = wild_states(problem, 9000)
+    one, two = return_map(problem, xi, engine="heyoka"), return_map(problem, xi, engine="heyoka", workers=2)
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_gait_is_mapped_to_itself_even_after_a_slipping_impact():
+    gait = solve(load_problem("compass-torque-impact-slip"))
+    xi = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
+    batch = return_map(gait, np.tile(xi, (3, 1)), engine="heyoka")
+    np.testing.assert_allclose(batch.states, np.tile(xi, (3, 1)), rtol=0, atol=1e-10)
+    assert batch.completed.all()
+
+
+def test_wheel_takes_the_time_of_its_energy_integral():
+    """(1 + kappa) dtheta^2 / 2 + g/l cos(theta - slope) is constant while a passive wheel sticks."""
+    problem = load_problem("rimless-wheel-stick")
+    walker = problem.walker
+    stiffness = walker.gravity / walker.radius / (1 + walker.inertia_ratio)
+    half = np.pi / walker.spokes
+
+    def time_of(rate):
+        angle = np.linspace(-half, half, 20001)
+        heights = np.cos(-half + walker.slope) - np.cos(angle + walker.slope)
+        speed = np.sqrt(rate**2 + 2 * stiffness * heights)
+        middle = (1 / speed)[1:-1].sum() + 0.5 / speed[0] + 0.5 / speed[-1]
+        return middle * (angle[1] - angle[0])
+
+    rates = (0.68, 0.72, 0.7587)
+    batch = return_map(problem, np.array(rates)[:, None], engine="heyoka")
+    assert {batch.sequence(k) for k in range(3)} == {(Mode.STICK,)}
+    np.testing.assert_allclose(batch.times, [time_of(rate) for rate in rates], rtol=1e-7)
+
+
+@pytest.mark.parametrize("states", [np.zeros(3), np.zeros((2, 2)), np.zeros((2, 5))])
+def test_states_of_another_shape_are_refused(states):
+    with pytest.raises(ValueError, match="one row per state is needed, columns theta1, dtheta1, dtheta2, dx"):
+        return_map(load_problem("compass-passive-a"), states)
+
+
+def test_state_that_is_not_finite_is_named():
+    states = np.zeros((4, 3))
+    states[2, 1] = np.nan
+    with pytest.raises(ValueError, match="row 2 is not"):
+        return_map(load_problem("compass-passive-a"), states)
+
+
+def test_no_states_are_no_steps():
+    assert return_map(load_problem("compass-passive-a"), np.zeros((0, 3)), engine="heyoka").states.shape == (0, 4)
+
+
+def test_rowwise_function_is_that_of_every_row():
+    system = build_system(load_problem("compass-passive-a"))
+    rng = np.random.default_rng(0)
+    problem = load_problem("compass-passive-a")
+    p = system.values(problem.parameters)
+    states = rng.uniform(-0.3, 0.3, (WIDTH + 3, system.n_z))
+    function = system.impact(Mode.STICK)
+    (after, *_) = Rowwise(function)(states, p)
+    for row, found in zip(states, after, strict=True):
+        np.testing.assert_array_equal(found, np.asarray(function(row, p)[0]).ravel())
+
+
+def test_phases_of_a_code_are_those_it_was_made_of():
+    modes = [Mode.SLIP_FORWARD, Mode.STICK, Mode.SLIP_BACKWARD, Mode.STICK]
+    assert phase_names(phase_code(modes)) == tuple(modes)
+    assert phase_code([Mode.STICK, Mode.SLIP_FORWARD] * MAX_PHASES) == 0

@@ -1,0 +1,161 @@
+"""Figures show what is so: dashes where the foot slips, the cone where friction ends, units on every axis."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pictured import SEQUENCES, TORSO, branch, gait
+
+from gaitopt.figures.branches import UNSTABLE, over_parameter
+from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, telling
+from gaitopt.figures.comparison import differences, simulated
+from gaitopt.figures.front import pareto_front
+from gaitopt.figures.labels import label, symbol
+from gaitopt.figures.motion import motion_from_record, motion_of
+from gaitopt.figures.style import SLIP_DASHES, save
+from gaitopt.gait import Arc, Step
+from gaitopt.mechanics import Mode
+
+
+def figures():
+    one = [((word, name), GAIT_FIGURES[word]([gait(name)])) for name in SEQUENCES for word in telling([gait(name)])]
+    pair = [gait("compass-passive-a"), gait("compass-passive-b")]
+    two = [((word, "both"), GAIT_FIGURES[word](pair)) for word in telling(pair)]
+    paths = [(word, branch_figure(word, "gait", "friction", branch())) for word in ("multipliers", "spectral_radius")]
+    front = pareto_front({"front": [record for record in branch() if record["record"] == "point"]}, "speed", "period")
+    return dict([*one, *two, *paths, ("front", front)])
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return figures()
+
+
+def curves(axes, style):
+    return [line for line in axes.lines if line._unscaled_dash_pattern == style and len(line.get_xdata()) > 10]
+
+
+def test_every_axis_says_what_it_shows_and_in_which_unit(drawn):
+    unitless = ("σ", "λ", "cost", "ratio", "μ")
+    for name, figure in drawn.items():
+        for one in (axes for axes in figure.axes if axes.lines or axes.collections):
+            words = [text for text in (one.get_xlabel(), one.get_ylabel()) if text]
+            assert words, name
+            assert all("[" in text or any(word in text for word in unitless) for text in words), (name, words)
+
+
+def test_no_legend_covers_the_picture_or_leaves_it(drawn):
+    for name, figure in drawn.items():
+        figure.canvas.draw()
+        renderer = figure.canvas.get_renderer()
+        (legend,) = figure.legends
+        box = legend.get_window_extent(renderer)
+        assert box.x0 >= 0, name
+        assert box.x1 <= figure.bbox.x1, name
+        assert not any(box.overlaps(axes.get_tightbbox(renderer)) for axes in figure.axes), name
+
+
+@pytest.mark.parametrize("word", ["portrait", "force", "slip"])
+def test_the_foot_slips_where_the_curve_is_dashed(word):
+    shown = gait("compass-passive-a")
+    axes = GAIT_FIGURES[word]([shown]).axes[0]
+    curves_drawn = len(shown.system.walker.shape) if word == "portrait" else 1
+    assert len(curves(axes, SLIP_DASHES)) == 2 * curves_drawn
+    assert len(curves(axes, (0, None))) == curves_drawn
+
+
+def test_the_force_ratio_stays_between_the_edges_of_the_cone_and_the_cross_is_the_impulse_ratio():
+    shown = gait("compass-passive-a")
+    axes = GAIT_FIGURES["force"]([shown]).axes[0]
+    levels = sorted(line.get_ydata()[0] for line in axes.lines if line.get_linestyle() == "-.")
+    assert levels == [-0.14, 0.14]
+    ratios = np.concatenate([line.get_ydata() for line in axes.lines if len(line.get_xdata()) > 10])
+    assert np.abs(ratios).max() == pytest.approx(0.14, abs=1e-12)
+    (cross,) = [line for line in axes.lines if line.get_marker() == "x"]
+    assert abs(cross.get_ydata()[0]) == pytest.approx(shown.measures["impulse_ratio"])
+    assert cross.get_xdata()[0] == pytest.approx(shown.measures["period"])
+
+
+def test_torques_of_a_passive_walker_are_not_drawn_unasked():
+    assert "torques" not in telling([gait("compass-passive-a")])
+    assert "torques" in telling([gait("compass-pd-impact-slip")])
+
+
+@pytest.mark.parametrize("name", [*SEQUENCES, TORSO])
+def test_a_record_is_enough_to_draw_the_same_motion(name):
+    ours = gait(name)
+    again = motion_from_record(ours.system, ours.p, ours.to_record())
+    assert [arc.mode for arc in again.step.arcs] == [arc.mode for arc in ours.step.arcs]
+    for one, other in zip(again.step.arcs, ours.step.arcs, strict=True):
+        np.testing.assert_allclose(one.states[-1], other.states[-1], atol=1e-9)
+    np.testing.assert_allclose(again.step.impact.state, ours.step.impact.state, atol=1e-9)
+
+
+def test_two_roads_agree_and_a_spoiled_gait_is_seen_to_disagree():
+    ours = gait("compass-passive-a")
+    walked = simulated(ours)
+    motion = motion_of(ours)
+    assert max(np.abs(gap).max() for _, gap in differences(motion.step, walked)) < 1e-8
+    arcs = [Arc(mode=a.mode, segment=a.segment, times=a.times, states=a.states + 1e-4) for a in motion.step.arcs]
+    spoiled = Step(arcs=tuple(arcs), impact=motion.step.impact)
+    assert max(np.abs(gap).max() for _, gap in differences(spoiled, walked)) > 9e-5
+
+
+def test_arcs_are_not_compared_beyond_a_different_mode():
+    motion = motion_of(gait("compass-passive-a"))
+    other = replace(motion.step, arcs=(replace(motion.step.arcs[0], mode=Mode.STICK), *motion.step.arcs[1:]))
+    assert list(differences(other, motion.step)) == []
+
+
+def test_stable_gaits_are_thick_and_unstable_ones_dotted():
+    axes = over_parameter({"gait": branch()}, "friction").axes[0]
+    thick = [line for line in axes.lines if line.get_linewidth() > 2]
+    assert [len(line.get_xdata()) for line in thick] == [4]  # gait A, stable throughout
+    assert max(thick[0].get_ydata()) < 1
+    dotted = [line for line in axes.lines if line._unscaled_dash_pattern == UNSTABLE]
+    assert [len(line.get_xdata()) for line in dotted] == [3]  # gait B, unstable throughout
+    assert min(dotted[0].get_ydata()) > 1
+
+
+def test_special_points_have_a_marker_and_a_word():
+    figure = over_parameter({"gait": branch()}, "friction")
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "Neimark–Sacker" in words
+    assert "branch ends" in words
+    marks = [line for line in figure.axes[0].lines if line.get_marker() in ("D", "|")]
+    assert sorted(line.get_xdata()[0] for line in marks) == [0.135, 0.16]
+
+
+@pytest.mark.parametrize("word", BRANCH_FIGURES)
+def test_every_scalar_of_a_branch_can_be_drawn(word):
+    assert branch_figure(word, "gait", "friction", branch()).axes
+
+
+def test_unstable_gaits_of_a_front_are_hollow():
+    points = [record for record in branch() if record["record"] == "point"]
+    axes = pareto_front({"front": points}, "speed", "period").axes[0]
+    faces = [line.get_markerfacecolor() for line in axes.lines if line.get_marker() == "o"]
+    assert faces.count("white") == 3
+
+
+@pytest.mark.parametrize("extension", ["svg", "png", "pdf"])
+def test_the_same_gait_gives_the_same_bytes(tmp_path, extension):
+    shown = [gait("rimless-wheel-slip")]
+    (first,) = save(GAIT_FIGURES["portrait"](shown), tmp_path / "first", [extension])
+    (second,) = save(GAIT_FIGURES["portrait"](shown), tmp_path / "second", [extension])
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_symbols_and_units_are_those_of_the_textbook():
+    assert symbol("theta1") == "θ₁"
+    assert symbol("dtheta2") == "θ\u0307₂"
+    assert symbol("torso") == "torso"
+    assert str(label("walker.slope")) == "slope [rad]"
+    assert str(label("control.hip")) == "hip torque [N m]"
+
+
+def test_figures_need_neither_pyplot_nor_a_screen():
+    program = "import sys, gaitopt.figures.catalogue; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

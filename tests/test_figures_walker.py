@@ -1,0 +1,114 @@
+"""The walker that moves is the real one: legs keep their length, feet stand on the ground, slopes lean as they do."""
+
+import base64
+import json
+import re
+
+import numpy as np
+import pytest
+from pictured import SEQUENCES, TORSO, gait
+
+from gaitopt.figures.animation import animation_page
+from gaitopt.figures.film import film
+from gaitopt.figures.motion import motion_of
+from gaitopt.figures.packing import CODES, pack
+from gaitopt.figures.skeleton import skeleton, slope
+
+WALKERS = (*SEQUENCES, TORSO)
+
+
+def drawing(name):
+    motion = motion_of(gait(name))
+    states = np.vstack([arc.states for arc in motion.step.arcs])
+    return motion, states, skeleton(motion, states)
+
+
+def unpack(packed, name):
+    low, step, text = packed["columns"][name]
+    codes = np.frombuffer(base64.b64decode(text), dtype="<u2") if text else np.zeros(packed["rows"])
+    return low + step * codes
+
+
+@pytest.mark.parametrize("name", WALKERS)
+def test_legs_keep_their_length(name):
+    _, _, drawn = drawing(name)
+    for a, b in drawn.legs:
+        lengths = np.linalg.norm(drawn.points[:, a] - drawn.points[:, b], axis=1)
+        np.testing.assert_allclose(lengths, lengths[0], rtol=1e-9)
+
+
+def test_legs_of_the_compass_are_as_long_as_its_legs():
+    _, _, drawn = drawing("compass-passive-a")
+    lengths = [np.linalg.norm(drawn.points[0, a] - drawn.points[0, b]) for a, b in drawn.legs]
+    np.testing.assert_allclose(lengths, [1.6, 1.6])
+
+
+def test_a_wheel_has_all_its_spokes():
+    _, _, drawn = drawing("rimless-wheel-slip")
+    assert len(drawn.legs) == 10
+    hub = drawn.points[:, 2]
+    ends = drawn.points[:, [b for _, b in drawn.legs]] - hub[:, None]
+    angles = np.sort(np.unwrap(np.sort(np.arctan2(ends[..., 0], ends[..., 1]), axis=1)), axis=1)
+    np.testing.assert_allclose(np.diff(angles, axis=1), 2 * np.pi / 10, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", WALKERS)
+def test_the_step_begins_and_ends_with_the_feet_on_the_ground(name):
+    motion, states, drawn = drawing(name)
+    x = motion.state_index("x")
+    np.testing.assert_allclose(drawn.points[:, 0], np.column_stack([states[:, x], np.zeros(len(states))]), atol=1e-12)
+    landing = drawn.points[-1, 1]
+    assert landing[1] == pytest.approx(0, abs=1e-9)
+    assert landing[0] == pytest.approx(motion.step.impact.step_length)
+
+
+def test_a_walker_of_ones_own_is_drawn_from_its_bodies_and_says_what_is_not_rigid():
+    _, _, drawn = drawing(TORSO)
+    assert drawn.legs == ((0, 2), (1, 3))  # each foot with its leg's mass
+    tied = {index for pair in (*drawn.legs, *drawn.ties) for index in pair}
+    assert tied == set(range(drawn.points.shape[1]))
+    assert sum(share for _, share in drawn.discs) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("name", WALKERS)
+def test_the_ground_leans_as_the_slope_does(name):
+    assert slope(motion_of(gait(name))) == pytest.approx(gait(name).problem.walker.slope, abs=1e-12)
+
+
+def test_columns_come_back_to_five_digits_and_constants_exactly():
+    values = np.sin(np.linspace(0, 3, 50)) * 7 - 2
+    packed = pack({"sine": values, "still": np.full(50, 0.25)})
+    np.testing.assert_allclose(unpack(packed, "sine"), values, atol=np.ptp(values) / CODES)
+    assert packed["columns"]["still"][1:] == [0.0, ""]
+    np.testing.assert_array_equal(unpack(packed, "still"), 0.25)
+
+
+@pytest.mark.parametrize("name", WALKERS)
+def test_the_force_in_the_film_stays_within_the_cone(name):
+    shown = film(motion_of(gait(name)))
+    ratio = unpack(shown["frames"], "f_t") / unpack(shown["frames"], "f_n")
+    assert np.abs(ratio).max() <= shown["friction"] * (1 + 1e-4)
+
+
+def test_phases_of_the_film_cover_the_step():
+    shown = film(motion_of(gait("compass-passive-a")))
+    assert [phase["mode"] for phase in shown["phases"]] == ["slip_forward", "stick", "slip_backward"]
+    assert [phase["first"] for phase in shown["phases"][1:]] == [phase["last"] + 1 for phase in shown["phases"][:-1]]
+    assert shown["phases"][-1]["end"] == shown["period"]
+    assert shown["phases"][-1]["last"] == shown["frames"]["rows"] - 1
+
+
+@pytest.mark.parametrize("name", WALKERS)
+def test_an_animation_is_one_small_file_without_addresses(name):
+    page = animation_page(motion_of(gait(name)), gait(name).problem.about)
+    assert len(page) < 40_000
+    assert not re.search(r"https?:|//\w+\.|@import|url\(|src=", page)
+    data = re.search(r'<script type="application/json" id="film">(.*?)</script>', page, re.DOTALL)[1]
+    assert json.loads(data)["name"] == gait(name).problem.name
+
+
+def test_a_name_cannot_smuggle_markup_into_a_page():
+    shown = motion_of(gait("compass-passive-a"), name="</script><script>alert(1)</script>")
+    page = animation_page(shown, about="<img src=x onerror=alert(1)>")
+    assert "<script>alert" not in page
+    assert "<img" not in page

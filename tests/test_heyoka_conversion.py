@@ -1,0 +1,90 @@
+"""CasADi's instructions in heyoka's terms, one by one, and the functions of the walkers as a whole."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from casadi import SX, Function
+
+hy = pytest.importorskip("heyoka")
+
+from gaitopt.mechanics import Mode  # noqa: E402
+from gaitopt.problem import load_problem  # noqa: E402
+from gaitopt.simulation.convert import BINARY, UNARY, convert  # noqa: E402
+from gaitopt.study import build_system  # noqa: E402
+
+ROUNDING = 1e-15
+
+
+def evaluated(function, inputs, constants=()):
+    """Values of a converted function: variables from ``inputs``, constants as runtime parameters."""
+    names = [[hy.expression(f"v{k}_{i}") for i in range(v.size)] for k, v in enumerate(inputs)]
+    conversion = convert(function, dict(enumerate(names)))
+    outputs = [entry for output in conversion.outputs for entry in output]
+    variables = [name for group in names for name in group]
+    compiled = hy.cfunc(outputs, variables, compact_mode=True)
+    values = np.concatenate(inputs)
+    if not conversion.constants.numel_out(0):
+        return compiled(values)
+    return compiled(values, pars=np.asarray(conversion.constants(*constants), dtype=float).ravel())
+
+
+@pytest.mark.parametrize("operation", sorted(UNARY))
+def test_instruction_of_one_operand_has_the_same_value(operation):
+    x = SX.sym("x")
+    argument = 1.3 if operation == ca.OP_ACOSH else 0.3
+    function = Function("f", [x], [SX.unary(operation, x)])
+    expected = float(function(argument))
+    assert evaluated(function, [np.array([argument])])[0] == pytest.approx(expected, rel=10 * ROUNDING)
+
+
+@pytest.mark.parametrize("operation", sorted(BINARY))
+def test_instruction_of_two_operands_has_the_same_value(operation):
+    x, y = SX.sym("x"), SX.sym("y")
+    function = Function("f", [x, y], [SX.binary(operation, x, y)])
+    expected = float(function(0.7, 1.9))
+    assert evaluated(function, [np.array([0.7]), np.array([1.9])])[0] == pytest.approx(expected, rel=10 * ROUNDING)
+
+
+@pytest.mark.parametrize("kinked", [ca.fabs, ca.sign, ca.floor])
+def test_instruction_with_a_kink_is_refused_by_the_function_that_holds_it(kinked):
+    x = SX.sym("x")
+    with pytest.raises(ValueError, match=r"wobble: CasADi's operation .* engine scipy"):
+        convert(Function("wobble", [x], [kinked(x)]), {0: [hy.expression("x")]})
+
+
+def test_kink_in_constants_alone_is_no_hindrance():
+    x, p = SX.sym("x"), SX.sym("p")
+    function = Function("f", [x, p], [x * ca.fabs(p)])
+    assert evaluated(function, [np.array([2.0])], [-3.0])[0] == 6.0
+
+
+def test_structural_zeros_of_an_output_stay_zero():
+    x = SX.sym("x")
+    output = SX(3, 1)
+    output[1] = x
+    conversion = convert(Function("f", [x], [output]), {0: [hy.expression("x")]})
+    assert [str(entry) for entry in conversion.outputs[0]][::2] == ["0.0000000000000000", "0.0000000000000000"]
+
+
+def test_each_value_of_constants_is_handed_over_once():
+    x, p = SX.sym("x"), SX.sym("p")
+    product = ca.sin(p) * p
+    conversion = convert(Function("f", [x, p], [product * x, product + x]), {0: [hy.expression("x")]})
+    assert conversion.constants.numel_out(0) == 1
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-torque-slip", "rimless-wheel-slip"])
+def test_flow_of_a_walker_has_the_same_value(name, mode):
+    problem = load_problem(name)
+    system = build_system(problem)
+    p, data = system.values(problem.parameters), system.control.data(0)
+    rng = np.random.default_rng(5)
+    flow = system.flow(mode)
+    for _ in range(5):
+        z = rng.uniform(-0.4, 0.4, system.n_z)
+        names = {0: [hy.expression("t")], 1: [hy.expression(name) for name in system.state_names]}
+        conversion = convert(flow, names)
+        compiled = hy.cfunc(list(conversion.outputs[0]), [*names[0], *names[1]], compact_mode=True)
+        found = compiled(np.array([0.1, *z]), pars=np.asarray(conversion.constants(p, data)).ravel())
+        np.testing.assert_allclose(found, np.asarray(flow(0.1, z, p, data)).ravel(), rtol=1e-12, atol=1e-13)

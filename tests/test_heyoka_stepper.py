@@ -1,0 +1,150 @@
+"""Both engines walk the same steps; extended precision says how many digits each of them has."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("heyoka")
+
+from gaitopt.errors import UnknownNameError
+from gaitopt.gait import Ending
+from gaitopt.mechanics import Mode
+from gaitopt.orbit import ReturnMap
+from gaitopt.problem import load_problem, problem_names
+from gaitopt.simulation import ScipyStepper, Simulator, choose_engine, make_stepper
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper, falls
+from gaitopt.study import build_system, solve, verify
+
+AGREEMENT = 1e-10
+GAITS = [name for name in problem_names() if not load_problem(name).free and "curve" not in load_problem(name).text]
+
+
+@pytest.fixture(scope="module", params=GAITS)
+def gait(request):
+    found = solve(load_problem(request.param))
+    assert found.converged
+    return found
+
+
+def walk(gait, stepper):
+    return Simulator(gait.system, gait.p, stepper=stepper).run(gait.state)
+
+
+def phases(step):
+    return tuple(mode for mode, _ in step.phases)
+
+
+def test_engines_agree_on_every_named_gait(gait):
+    ours, theirs = (walk(gait, kind(gait.system, gait.p)) for kind in (HeyokaStepper, ScipyStepper))
+    (first,), (second,) = ours.steps, theirs.steps
+    assert phases(first) == phases(second)
+    assert first.impact.mode is second.impact.mode
+    assert max(abs(a.end - b.end) for a, b in zip(first.arcs, second.arcs, strict=True)) < AGREEMENT
+    assert np.abs(first.impact.state - second.impact.state).max() < AGREEMENT
+
+
+def test_extended_precision_confirms_thirteen_digits_of_heyoka(gait):
+    double, extended = (
+        walk(gait, HeyokaStepper(gait.system, gait.p, precision=kind)).steps[0] for kind in (float, np.longdouble)
+    )
+    assert abs(double.period - extended.period) < 1e-14
+    assert np.abs(double.impact.state - extended.impact.state).max() < 1e-13
+
+
+def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
+    mode = gait.problem.sequence.impact
+    jacobians = []
+    for kind in (HeyokaStepper, ScipyStepper):
+        simulator = Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p))
+        step = simulator.run(gait.state).steps[0]
+        jacobians.append(ReturnMap(simulator, mode).jacobian(step))
+    np.testing.assert_allclose(*jacobians, rtol=1e-8, atol=1e-9)
+
+
+def test_gait_is_verified_on_heyoka():
+    gait = solve(load_problem("compass-passive-a"))
+    assert verify(gait, engine="heyoka").passed
+
+
+def test_gait_that_is_spoilt_is_refuted_on_heyoka():
+    gait = solve(load_problem("compass-passive-a"))
+    arcs = gait.step.arcs
+    gait.step.arcs[0].states.setflags(write=True)
+    arcs[0].states[0, 3] += 1e-6
+    assert not verify(gait, engine="heyoka").passed
+
+
+def random_states(system, gait, count, seed):
+    """Starts after an impact around a gait, wild enough for every ending; half of them with a slipping foot."""
+    rng = np.random.default_rng(seed)
+    indices = system.section(Mode.SLIP_FORWARD)
+    xi = gait.state[indices] * (1 + rng.uniform(-0.5, 0.5, (count, indices.size)))
+    xi += rng.uniform(-0.1, 0.1, xi.shape)
+    xi[: count // 2, -1] = 0
+    return [system.lift_state(row, gait.p) for row in xi]
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "rimless-wheel-slip", "compass-pd-impact-slip"])
+def test_engines_agree_on_random_states(name):
+    gait = solve(load_problem(name))
+    simulators = [Simulator(gait.system, gait.p, stepper=k(gait.system, gait.p)) for k in (HeyokaStepper, ScipyStepper)]
+    endings = set()
+    for state in random_states(gait.system, gait, 60, seed=3):
+        first, second = (simulator.step(state) for simulator in simulators)
+        assert first.ending is second.ending
+        endings.add(first.ending)
+        if first.step is not None:
+            assert phases(first.step) == phases(second.step)
+            np.testing.assert_allclose(first.step.period, second.step.period, rtol=0, atol=AGREEMENT)
+        if first.ending is Ending.COMPLETED:
+            np.testing.assert_allclose(first.step.impact.state, second.step.impact.state, rtol=0, atol=AGREEMENT)
+    assert len(endings) > 1
+
+
+def test_slip_that_begins_and_ends_within_one_series_is_found():
+    """Of a series that begins with an exact zero heyoka itself overlooks the next root."""
+    problem = load_problem("compass-passive-a")
+    system = build_system(problem)
+    p = system.values(problem.parameters)
+    state = system.lift_state(np.array([-0.12585876, 0.84786029, -0.37412777]), p)
+    step = Simulator(system, p, stepper=HeyokaStepper(system, p)).step(state).step
+    assert phases(step)[:2] == (Mode.SLIP_FORWARD, Mode.STICK)
+    assert step.arcs[0].duration < 0.03
+
+
+@pytest.mark.parametrize(
+    ("margin", "rate", "expected"),
+    [(0.0, 1.0, False), (0.0, 0.0, False), (0.0, -1.0, True), (-1e-3, 5.0, True), (-1e-11, 1.0, False)],
+)
+def test_margin_at_its_edge_falls_or_leaves_it(margin, rate, expected):
+    assert falls(margin, rate) is expected
+
+
+def test_dense_arcs_are_those_of_the_other_engine():
+    gait = solve(load_problem("compass-passive-a"))
+    dense = [
+        Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p)).run(gait.state, dense=True).steps[0]
+        for kind in (HeyokaStepper, ScipyStepper)
+    ]
+    for ours, theirs in zip(dense[0].arcs, dense[1].arcs, strict=True):
+        if ours.states.shape == theirs.states.shape:
+            np.testing.assert_allclose(ours.states, theirs.states, rtol=0, atol=AGREEMENT)
+
+
+def test_engine_that_does_not_exist_is_named():
+    with pytest.raises(UnknownNameError, match="no engine is called 'euler'; use auto, scipy, heyoka"):
+        choose_engine("euler")
+
+
+def test_engine_that_is_not_installed_is_said_so(monkeypatch):
+    monkeypatch.setattr("gaitopt.simulation.engine.find_spec", lambda name: None)
+    with pytest.raises(UnknownNameError, match=r"not installed: pip install 'gaitopt\[fast\]'"):
+        choose_engine("heyoka")
+    assert choose_engine("auto", steps=10**6) == "scipy"
+
+
+def test_auto_compiles_for_many_steps_only():
+    problem = load_problem("compass-passive-a")
+    system = build_system(problem)
+    p = system.values(problem.parameters)
+    assert isinstance(make_stepper(system, p, "auto"), ScipyStepper)
+    assert isinstance(make_stepper(system, p, "auto", steps=10**5), HeyokaStepper)

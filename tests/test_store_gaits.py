@@ -1,0 +1,48 @@
+"""A gait survives the way to disk and back, and a table of motion says what the motion was."""
+
+import numpy as np
+import pytest
+
+from gaitopt.gait.table import trajectory_header, trajectory_rows
+from gaitopt.problem import load_problem
+from gaitopt.store import Table, read_run, write_run
+from gaitopt.study import simulate, solve, verify
+from gaitopt.study.restore import restore_gait
+
+
+@pytest.fixture(scope="module", params=["compass-passive-a", "compass-pd-impact-slip"])
+def gait(request):
+    return solve(load_problem(request.param))
+
+
+@pytest.fixture(scope="module")
+def restored(gait, tmp_path_factory):
+    rows = trajectory_rows(gait.system, gait.p, [gait.step])
+    table = Table(header=trajectory_header(gait.system), rows=rows)
+    folder = tmp_path_factory.mktemp("results") / "run"
+    return restore_gait(read_run(write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table)))
+
+
+def test_arcs_come_back_to_the_last_digit(gait, restored):
+    for ours, theirs in zip(gait.step.arcs, restored.step.arcs, strict=True):
+        assert (ours.mode, ours.segment) == (theirs.mode, theirs.segment)
+        np.testing.assert_array_equal(ours.times, theirs.times)
+        np.testing.assert_array_equal(ours.states, theirs.states)
+    np.testing.assert_array_equal(gait.multipliers, restored.multipliers)
+    assert restored.measures == pytest.approx(gait.measures, rel=1e-12)
+
+
+def test_a_restored_gait_passes_the_same_verification(restored):
+    assert verify(restored).passed
+
+
+def test_the_problem_of_a_restored_gait_is_the_same(gait, restored):
+    assert restored.problem.digest == gait.problem.digest
+    assert restored.problem.text == gait.problem.text
+
+
+def test_time_runs_on_over_the_steps_of_a_walk(gait):
+    walk = simulate(gait, steps=3)
+    times = np.array([row[0] for row in trajectory_rows(walk.system, walk.p, walk.trajectory.steps)])
+    assert (np.diff(times) > -1e-14).all()
+    assert times[-1] == pytest.approx(3 * gait.measures["period"], abs=1e-8)

@@ -1,0 +1,154 @@
+"""Sweeps: every point solved and verified once, whatever happens in between, and said in a table."""
+
+import csv
+import json
+
+import pytest
+
+from gaitopt.cli.main import main
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
+from gaitopt.problem import load_problem
+from gaitopt.store import read_lines
+from gaitopt.store.lock import only_writer
+from gaitopt.study import sweep as study
+from gaitopt.study.grid import Axis, Grid, check_room
+from gaitopt.study.jobs import SetAside, Workers
+from gaitopt.study.sweep import JOBS_FILE, TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
+
+HERE = Workers(count=1)
+FRICTIONS = Axis(key="friction", lower=0.36, upper=0.44, count=3)
+
+
+def wheel_sweep(folder, *axes, warm=False):
+    return Sweep(problem=load_problem("rimless-wheel-slip"), grid=Grid(axes or (FRICTIONS,)), warm=warm, folder=folder)
+
+
+def table(sweep):
+    with (sweep.place / TABLE_FILE).open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_point_is_solved_and_verified(tmp_path):
+    sweep = wheel_sweep(tmp_path)
+    records = run_sweep(sweep, HERE)
+    assert [record["friction"] for record in records] == [0.36, 0.4, 0.44]
+    assert {record["status"] for record in records} == {"converged"}
+    assert all(record["verification"]["passed"] for record in records)
+    rows = table(sweep)
+    assert [float(row["friction"]) for row in rows] == [0.36, 0.4, 0.44]
+    assert [float(row["period"]) for row in rows] == [record["period"] for record in records]
+    assert {row["modes"] for row in rows} == {"stick slip_forward / stick"}
+
+
+def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monkeypatch):
+    run_sweep(wheel_sweep(tmp_path), HERE)
+    solved = []
+    monkeypatch.setattr(
+        study, "solve_job", lambda problem, parent=None: solved.append(problem.friction) or {"status": "x"}
+    )
+    run_sweep(wheel_sweep(tmp_path), HERE)
+    assert solved == []
+    run_sweep(wheel_sweep(tmp_path, Axis(key="friction", lower=0.36, upper=0.44, count=5)), HERE)
+    assert solved == pytest.approx([0.38, 0.42])
+
+
+def test_sweep_that_died_goes_on_where_it_was(tmp_path, monkeypatch):
+    sweep = wheel_sweep(tmp_path)
+    done = []
+    assert run_sweep(sweep, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2) is None
+    jobs = tmp_path / JOBS_FILE
+    with jobs.open("a", encoding="utf-8") as file:
+        file.write('{"job": "torn')  # killed in the middle of a line
+    whole = run_sweep(wheel_sweep(tmp_path), HERE)
+    assert len(list(read_lines(jobs))) == 3
+    afresh = run_sweep(wheel_sweep(tmp_path / "afresh"), HERE)
+    assert (sweep.place / TABLE_FILE).read_text() == (tmp_path / "afresh" / sweep.place.name / TABLE_FILE).read_text()
+    assert [r["state"] for r in whole] == [r["state"] for r in afresh]
+
+
+def test_warm_and_cold_starts_find_the_same_gaits(tmp_path):
+    warm, cold = (run_sweep(wheel_sweep(tmp_path / str(w), warm=w), HERE) for w in (True, False))
+    assert [record["start"] for record in warm] == ["cold", "warm", "warm"]
+    assert {record["start"] for record in cold} == {"cold"}
+    for first, second in zip(warm, cold, strict=True):
+        assert first["period"] == pytest.approx(second["period"], abs=1e-10)
+
+
+def test_neighbour_is_prescribed_by_the_grid_alone(tmp_path):
+    sweep = wheel_sweep(tmp_path, FRICTIONS, Axis(key="walker.slope", lower=0.22, upper=0.24, count=2), warm=True)
+    keys = [job.key for job in sweep.jobs]
+    assert [keys.index(job.parent) if job.parent else None for job in sweep.jobs] == [None, 0, 0, 1, 2, 3]
+
+
+def test_point_without_a_gait_is_a_row_of_the_table(tmp_path):
+    sweep = wheel_sweep(tmp_path, Axis(key="friction", lower=0.1, upper=0.4, count=2))
+    first, second = run_sweep(sweep, HERE)
+    assert first["status"] != "converged"
+    assert second["status"] == "converged"
+    assert table(sweep)[0]["period"] == ""
+
+
+def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monkeypatch):
+    sweep = wheel_sweep(tmp_path)
+    monkeypatch.setattr(
+        study, "run_jobs", lambda task, jobs, *_, **__: ((j.key, SetAside(reason="dead")) for j in jobs)
+    )
+    record = sweep_record(sweep, run_sweep(sweep, HERE))
+    assert record["statuses"] == {"set_aside": 3}
+    assert record["set_aside"][0] == {"at": {"friction": 0.36}, "reason": "dead"}
+    monkeypatch.undo()
+    assert {r["status"] for r in run_sweep(sweep, HERE)} == {"converged"}
+
+
+def test_two_sweeps_of_a_problem_do_not_write_at_once(tmp_path):
+    with only_writer(tmp_path / JOBS_FILE), pytest.raises(StorageError, match="another process is writing"):
+        run_sweep(wheel_sweep(tmp_path), HERE)
+
+
+def test_grid_over_something_else_than_a_parameter_is_refused(tmp_path):
+    with pytest.raises(
+        UnknownNameError, match=r"--over walker.weight: not a parameter of rimless-wheel-slip; use walker"
+    ):
+        check_sweep(wheel_sweep(tmp_path, Axis(key="walker.weight", lower=1, upper=2, count=2)))
+
+
+def test_grid_with_a_point_that_is_no_problem_is_refused_before_it_starts(tmp_path):
+    with pytest.raises(ProblemError, match=r"--over friction: .*must be at least 0"):
+        check_sweep(wheel_sweep(tmp_path, Axis(key="friction", lower=-0.1, upper=0.4, count=3)))
+
+
+def test_grid_that_does_not_fit_is_refused_with_its_size():
+    with pytest.raises(StorageError, match=r"1,000,000 points needs about 6 GB on disk, but 1 GB are free"):
+        check_room(10**6, [("of memory", 10, 10**9), ("on disk", 6000, 10**9)])
+
+
+@pytest.mark.parametrize(
+    ("over", "complaint"),
+    [
+        ("friction", "write --over friction=VALUE"),
+        ("friction=0.1:0.2", "write --over friction=LO:HI:N"),
+        ("friction=0.1:0.2:0", "0 values from 0.1 to 0.2 are no range"),
+        ("friction=0.1:0.1:5", "no range"),
+        ("friction=0.1:inf:5", "not a finite range"),
+        ("friction=a:b:5", "write an angle as a number"),
+    ],
+)
+def test_range_that_is_none_is_refused_by_the_command(capsys, over, complaint):
+    assert main(["sweep", "rimless-wheel-slip", "--over", over]) == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_angles_of_a_range_take_degrees(tmp_path):
+    from gaitopt.cli.grids import grid
+
+    (axis,) = grid(["walker.slope=0.5deg:2 deg:7"]).axes
+    assert (axis.lower, axis.upper, axis.count) == (pytest.approx(0.00872664626), pytest.approx(0.034906585), 7)
+
+
+def test_command_prints_one_object_and_draws(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["sweep", "rimless-wheel-slip", "--over", "friction=0.36:0.4:2", "--workers", "1", "--json", "--quiet"]
+    assert main(arguments) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert (record["jobs"], record["statuses"], record["verified"]) == (2, {"converged": 2}, 2)
+    assert all((tmp_path / figure).stat().st_size > 1000 for figure in record["figures"])
