@@ -1,5 +1,6 @@
 """Gaits and trajectories as data, and the scalars that describe them."""
 
+from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait, Shooting, Status
 from gaitopt.gait.measures import Observation, measure, observe
 from gaitopt.gait.multipliers import floquet_multipliers, multiplier_distance
@@ -7,11 +8,14 @@ from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
 
 __all__ = [
     "Arc",
+    "Branch",
+    "BranchPoint",
     "Ending",
     "Gait",
     "ImpactRecord",
     "Observation",
     "Shooting",
+    "SpecialPoint",
     "Status",
     "Step",
     "Trajectory",

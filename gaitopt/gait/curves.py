@@ -37,6 +37,19 @@ def _fine(count: int) -> tuple[Array, Array]:
     return s, chebyshev.chebvander(s, count - 1) @ _analysis(count)
 
 
+@lru_cache(maxsize=32)
+def _weights(count: int) -> Array:
+    """Clenshaw-Curtis weights: the integral of T_k over [-1, 1] is 2 / (1 - k^2) for even k, 0 for odd k."""
+    k = np.arange(count)
+    moments = np.divide(2.0, 1.0 - k**2, out=np.zeros(count), where=k % 2 == 0)
+    return np.asarray(moments @ _analysis(count))
+
+
+@lru_cache(maxsize=32)
+def _differentiation(count: int) -> Array:
+    return np.asarray(chebyshev.chebder(np.eye(count)))
+
+
 def coefficients(values: Array) -> Array:
     """Chebyshev coefficients of the curve through ``values`` (n, ...) at ``points(n)``; same shape."""
     return _analysis(values.shape[0]) @ values
@@ -49,17 +62,24 @@ def tail(values: Array) -> float:
     return float((c[-3:].max(axis=0) / scale).max())
 
 
+def evaluate(c: Array, s: Array) -> Array:
+    """Chebyshev series sum_k c_k cos(k arccos s) at points s in [-1, 1]; shape of s, times the columns of c."""
+    return np.asarray(np.cos(np.multiply.outer(np.arccos(s), np.arange(c.shape[0]))) @ c)
+
+
 def integral(values: Array, duration: float) -> float:
     """Integral of the curve over an interval of the given duration."""
-    primitive = chebyshev.chebint(coefficients(values))
-    return float(chebyshev.chebval(1.0, primitive) - chebyshev.chebval(-1.0, primitive)) * duration / 2
+    return float(_weights(values.shape[0]) @ values) * duration / 2
 
 
 def absolute_integral(values: Array, duration: float) -> float:
     """Integral of the curve's absolute value, exact across its changes of sign."""
-    primitive = chebyshev.chebint(coefficients(values))
-    ends = np.concatenate([[-1.0], roots(values), [1.0]])
-    return float(np.abs(np.diff(chebyshev.chebval(ends, primitive))).sum()) * duration / 2
+    changes = roots(values)
+    if changes.size == 0:
+        return abs(integral(values, duration))
+    primitive = np.asarray(chebyshev.chebint(coefficients(values)), dtype=float)
+    ends = np.concatenate([[-1.0], changes, [1.0]])
+    return float(np.abs(np.diff(evaluate(primitive, ends))).sum()) * duration / 2
 
 
 def roots(values: Array) -> Array:
@@ -67,6 +87,8 @@ def roots(values: Array) -> Array:
     s, to_fine = _fine(values.shape[0])
     negative = to_fine @ values < 0  # a zero on the grid counts as positive, so that no change is missed or doubled
     before = np.flatnonzero(negative[:-1] != negative[1:])
+    if before.size == 0:
+        return np.zeros(0)
     found = _newton(coefficients(values), s[before], s[before + 1])
     return found[np.abs(found) < 1]
 
@@ -74,13 +96,14 @@ def roots(values: Array) -> Array:
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     """Where in [start, 1] the curve is largest, and its value there."""
     c = coefficients(values)
-    fine, _ = _fine(values.shape[0])
-    s = np.concatenate([[start], fine[fine > start]])
-    heights = chebyshev.chebval(s, c)
+    fine, to_fine = _fine(values.shape[0])
+    inside = fine > start
+    s = np.concatenate([[start], fine[inside]])
+    heights = np.concatenate([evaluate(c, s[:1]), (to_fine @ values)[inside]])
     best = int(np.argmax(heights))
     if 0 < best < s.size - 1:
         at = _newton(_derivative(c), s[best - 1 : best], s[best + 1 : best + 2])
-        height = chebyshev.chebval(at, c)
+        height = evaluate(c, at)
         if height[0] > heights[best]:
             return float(at[0]), float(height[0])
     return float(s[best]), float(heights[best])
@@ -91,11 +114,11 @@ def _newton(c: Array, lower: Array, upper: Array) -> Array:
     slope = _derivative(c)
     s = (lower + upper) / 2
     for _ in range(NEWTON_STEPS):
-        rate = chebyshev.chebval(s, slope)
-        step = np.divide(chebyshev.chebval(s, c), rate, out=np.zeros_like(s), where=rate != 0)
+        rate = evaluate(slope, s)
+        step = np.divide(evaluate(c, s), rate, out=np.zeros_like(s), where=rate != 0)
         s = np.clip(s - step, lower, upper)
     return s
 
 
 def _derivative(c: Array) -> Array:
-    return np.asarray(chebyshev.chebder(c), dtype=float)
+    return np.asarray(_differentiation(c.size) @ c)

@@ -1,9 +1,10 @@
 """Newton's method on the periodic problem with one freed parameter, bordered by the equation of pseudo-arclength.
 
-    F(w) = 0,      n' (y(w) - y_predicted) = 0,      y = (section state after impact / scale, parameter / scale)
+    F(w) = 0,      n' (y(w) - y_predicted) = 0,      y = (section state after impact, durations, parameter) / scales
 
-Arclength is measured in y alone: nodes and durations follow from y, so that neither the mesh nor the number of
-phases decides it. The Jacobian of the point before serves as long as it contracts (chord method).
+Arclength is measured in y alone, so that the mesh does not decide it. The durations belong to it: where a slip
+velocity or a cone margin grazes zero, they alone move along the curve. The Jacobian of the point before serves as
+long as it contracts (chord method).
 
 References
 ----------
@@ -47,6 +48,9 @@ class CurvePoint:
     iterations: int
 
 
+Scales = tuple[float, float, float]
+
+
 class Curve:
     """The curve of solutions of one transcription in its one freed parameter.
 
@@ -54,24 +58,25 @@ class Curve:
     ----------
     transcription : with exactly one freed parameter.
     p : ndarray - values of the others.
-    scales : ndarray, shape (n_xi + 1,) - scales of the section coordinates and of the parameter.
+    scales : scales of the section coordinates, the durations and the parameter.
     """
 
-    def __init__(self, transcription: Transcription, p: Array, scales: Array) -> None:
+    def __init__(self, transcription: Transcription, p: Array, scales: Scales) -> None:
         self.transcription, self.p = transcription, p
         section = transcription.system.section(transcription.layout.sequence.impact)
-        self._indices = np.append(section, transcription.w.numel() - 1)
-        self._scales = scales
+        n_w, n_phases = transcription.w.numel(), transcription.n_phases
+        self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
+        self._scales = np.repeat(scales, (section.size, n_phases, 1))
 
     def coordinates(self, w: Array) -> Array:
-        """The scaled coordinates y in which arclength is measured; shape (n_xi + 1,)."""
+        """The scaled coordinates y in which arclength is measured; shape (n_xi + n_phases + 1,)."""
         return w[self._indices] / self._scales
 
-    def start(self, w: Array, direction: Array) -> CurvePoint | None:
-        """The point of the curve next to ``w`` at the same parameter, its tangent along ``direction`` (in y)."""
+    def start(self, w: Array, forward: Array) -> CurvePoint | None:
+        """The point of the curve next to ``w`` at the same parameter, its tangent along ``forward`` (shape of w)."""
         upright = np.zeros(self._indices.size)
         upright[-1] = 1.0
-        return self._correct(w, upright, None, direction)
+        return self._correct(w, upright, None, self.coordinates(forward))
 
     def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
         """The point at arclength ``length`` along the tangent; None if Newton's method does not converge."""
@@ -83,7 +88,7 @@ class Curve:
         slope = point.tangent[-1]
         predicted = point.at.w + point.tangent * ((value - point.at.w[-1]) / slope if slope else 0.0)
         predicted[-1] = value
-        return self.start(predicted, self.coordinates(point.tangent))
+        return self.start(predicted, point.tangent)
 
     def _correct(self, predicted: Array, normal: Array, factor: SuperLU | None, forward: Array) -> CurvePoint | None:
         w, last = predicted.copy(), np.inf

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
+from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
@@ -84,4 +85,16 @@ def _arc(problem: Transcription, w: Array, p: Array, index: int) -> Arc:
         times, states = problem.sample(w, p, index, count)
         if curves.tail(states) < curves.RESOLVED:
             break
+    _rest_exactly(problem.layout.sequence, layout, states)
     return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states)
+
+
+def _rest_exactly(sequence: ModeSequence, arc: ArcLayout, states: Array) -> None:
+    """Put to zero what Newton's method leaves of a slip velocity that an event makes zero: its sign is a decision."""
+    last = arc.phase + 1 == len(sequence.phases)
+    if arc.mode is Mode.STICK:
+        states[:, -1] = 0.0
+    elif arc.start is None and sequence.onset_order(arc.phase) > 0:
+        states[0, -1] = 0.0
+    if arc.end is None and not last:
+        states[-1, -1] = 0.0

@@ -14,6 +14,7 @@ from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import brentq
 
 from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin, margin_names
+from gaitopt.nlp.layout import Layout
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,15 @@ class Rollout:
         """States in one phase at times since impact, after a fall those of the fall; shape (n_z, n)."""
         motion = self.motions[phase]
         return np.asarray(motion(np.minimum(times, motion.t_max)))
+
+    def nodes(self, plan: Layout) -> Array:
+        """States at the shooting nodes of a layout; shape (n_z, K + 1)."""
+        durations = np.array(self.durations)
+        pieces = [
+            self(arc.phase, np.linspace(begin, end, arc.intervals + 1))[:, :-1]
+            for arc, (begin, end) in zip(plan.arcs, plan.arc_times(durations), strict=True)
+        ]
+        return np.hstack([*pieces, self(len(durations) - 1, np.array([durations.sum()]))])
 
 
 def roll_out(

@@ -67,10 +67,11 @@ def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
         yield Name("duration", phase), Reading(duration / period)
         if duration < SHORT * period:
             continue
+        margins = [_margins(gait, arc) for arc in group]
         for row, kind in enumerate(margin_names(modes[phase])):
-            if kind != "touchdown":
+            if kind not in ("touchdown", "upright"):
                 zeros = _zeros(gait, phase, kind)
-                found = [_lowest(gait, arc, row, *_own(zeros, arc, group)) for arc in group]
+                found = [_lowest(m[row], *_own(zeros, arc, group)) for m, arc in zip(margins, group, strict=True)]
                 yield Name(kind, phase), _combine(found, group)
     yield Name("touchdown", len(arcs) - 1), Reading(_second_touchdown(gait))
 
@@ -99,9 +100,8 @@ def _own(zeros: tuple[int, int], arc: Arc, group: list[Arc]) -> tuple[int, int]:
     return (zeros[0] if arc is group[0] else 0), (zeros[1] if arc is group[-1] else 0)
 
 
-def _lowest(gait: Gait, arc: Arc, row: int, start: int, end: int) -> tuple[float, float]:
+def _lowest(values: Array, start: int, end: int) -> tuple[float, float]:
     """Where in [-1, 1] the margin without its zeros is lowest, and its value there."""
-    values = _margins(gait, arc)[row]
     if start or end:
         values = _deflation(values.size, start, end) @ values
     at, lowest = curves.maximum(-values)
@@ -117,7 +117,7 @@ def _deflation(count: int, start: int, end: int) -> Array:
     for k in range(n):
         product[: k + factor.size, k] = chebyshev.chebmul(np.eye(n)[k][: k + 1], factor)
     quotient = np.linalg.pinv(product) @ np.linalg.inv(chebyshev.chebvander(curves.points(count), count - 1))
-    return chebyshev.chebvander(curves.points(count), n - 1) @ quotient
+    return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
 def _combine(found: list[tuple[float, float]], group: list[Arc]) -> Reading:
@@ -135,16 +135,20 @@ def _second_touchdown(gait: Gait) -> float:
     for arc in gait.step.arcs:
         values = _margins(gait, arc)[0]
         c = curves.coefficients(values)
-        minima = [s for s in curves.roots(_slope(c)) if chebyshev.chebval(s, chebyshev.chebder(c, 2)) > 0]
+        minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
         for s in minima:
             if armed or (values[curves.points(values.size) < s] > 0).any():
-                lowest = min(lowest, float(chebyshev.chebval(s, c)))
+                lowest = min(lowest, float(curves.evaluate(c, s)))
         armed = armed or bool((values[:-1] > 0).any())
     return lowest
 
 
 def _slope(c: Array) -> Array:
-    return np.asarray(chebyshev.chebval(curves.points(c.size), chebyshev.chebder(c)))
+    return np.asarray(curves.evaluate(_derivative(c, 1), curves.points(c.size)))
+
+
+def _derivative(c: Array, order: int) -> Array:
+    return np.asarray(chebyshev.chebder(c, order), dtype=float)
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Gait
 from gaitopt.mechanics import ModeSequence
-from gaitopt.nlp.arclength import Curve, CurvePoint
+from gaitopt.nlp.arclength import Curve, CurvePoint, Scales
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
 from gaitopt.nlp.transcription import Transcription
@@ -47,6 +47,14 @@ class Station:
         """Test functions of special points by type."""
         return test_functions(self.gait.multipliers, float(self.point.tangent[-1]))
 
+    def monitor(self, name: Name) -> float:
+        """Value of one monitor; one that is not read here is far from zero."""
+        return self.monitors[name].value if name in self.monitors else np.inf
+
+    def test(self, kind: str) -> float:
+        """Value of one test function."""
+        return self.tests[kind]
+
 
 class Piece:
     """Gaits of one mode sequence along one parameter.
@@ -57,7 +65,7 @@ class Piece:
     parameter : dotted key.
     transcription : with that parameter freed.
     p : ndarray - values of all parameters, that of ``parameter`` being ignored.
-    scales : pair - scale of the section coordinates and of the parameter.
+    scales : scales of the section coordinates, the durations and the parameter.
     """
 
     def __init__(
@@ -66,7 +74,7 @@ class Piece:
         parameter: str,
         transcription: Transcription,
         p: Array,
-        scales: tuple[float, float],
+        scales: Scales,
     ) -> None:
         self.problem, self.parameter, self.p, self.scales = problem, parameter, p, scales
         self._use(transcription)
@@ -76,9 +84,9 @@ class Piece:
         """The mode sequence of this piece."""
         return self.transcription.layout.sequence
 
-    def start(self, w: Array, direction: Array) -> Station | None:
-        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; ``direction`` is in y."""
-        point = self.curve.start(w, direction)
+    def start(self, w: Array, forward: Array) -> Station | None:
+        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; its tangent along ``forward``."""
+        point = self.curve.start(w, forward)
         if point is None:
             return None
         return self.remeshed(self._station(point))
@@ -98,19 +106,17 @@ class Piece:
         if phase_errors(self.transcription, station.point.at).max() < ERROR_TOLERANCE:
             return station
         refined = refine(self.transcription, station.point.at)
-        direction = self.coordinates(station.point.tangent)
+        forward = resized(station.point.tangent, self.transcription, refined.transcription)
         self._use(refined.transcription)
-        point = self.curve.start(refined.at.w, direction)
+        point = self.curve.start(refined.at.w, forward)
         return None if point is None else self._station(point)
 
     def coordinates(self, w: Array) -> Array:
-        """Scaled section coordinates and parameter, in which arclength is measured."""
+        """Scaled section coordinates, durations and parameter, in which arclength is measured."""
         return self.curve.coordinates(w)
 
     def _use(self, transcription: Transcription) -> None:
-        n_xi = transcription.system.section(transcription.layout.sequence.impact).size
-        scales = np.append(np.full(n_xi, self.scales[0]), self.scales[1])
-        self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
+        self.transcription, self.curve = transcription, Curve(transcription, self.p, self.scales)
 
     def _station(self, point: CurvePoint) -> Station:
         problem = self.problem.replace({self.parameter: float(point.at.w[-1])})
@@ -123,3 +129,13 @@ class Piece:
             solver={"iterations": float(point.iterations)},
         )
         return Station(point=point, gait=gait)
+
+
+def resized(tangent: Array, old: Transcription, new: Transcription) -> Array:
+    """A tangent for another mesh, right in those entries that count for arclength; all inner nodes are left zero."""
+    n_z = old.system.n_z
+    result = np.zeros(new.w.numel())
+    result[:n_z] = tangent[:n_z]
+    tail = old.n_phases + 1
+    result[-tail:] = tangent[-tail:]
+    return result

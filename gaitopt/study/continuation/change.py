@@ -1,0 +1,153 @@
+"""From one mode sequence to the next: every successor that the physics allows is tried until one holds.
+
+A successor is rolled out from the gait at the event, a little way past it in the parameter, where its new phase has
+hardly any length; it is taken when Newton's method converges next to the event, all its monitors hold, and the
+simulator, which does not know the sequence, walks it. A family may also turn back at an event: both sides are tried.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.errors import ProblemError
+from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import Problem
+from gaitopt.study.continuation.locate import Location
+from gaitopt.study.continuation.monitors import Name, Reading
+from gaitopt.study.continuation.piece import Piece, Station
+from gaitopt.study.continuation.successors import successors
+from gaitopt.study.verify import confirm
+
+Array = NDArray[np.float64]
+
+DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
+"""Distances past the event at which a successor is looked for, in scales of the parameter."""
+FIRST_STEPS = 5.0
+"""First step on a new branch, in distances from the event: its new phase is short and changes fast."""
+ACTIVE = 1e-5
+"""Monitors below this part of their usual size vanish together with the one that was located."""
+NEARBY = 0.3
+"""Largest distance between the gaits before and after: in scaled section coordinates, and of periods relatively."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """The successor of a mode sequence, or why there is none; ``length`` is a first arclength step on it."""
+
+    piece: Piece | None
+    station: Station | None
+    reason: str
+    length: float = 0.0
+
+
+def find_change(piece: Piece, event: Location) -> Change:
+    """The branch that goes on from an event."""
+    assert event.name is not None
+    ahead = np.sign(event.station.point.tangent[-1]) or 1.0
+    candidates = successors(piece.sequence, _active(event))
+    words = _words(event.name, piece.sequence)
+    for side in (ahead, -ahead):
+        for sequence in candidates:
+            for distance in DISTANCES:
+                found = _attempt(piece, event.station, sequence, side * distance * piece.scales[-1])
+                if found is not None:
+                    return Change(piece=found[0], station=found[1], reason=words, length=FIRST_STEPS * distance)
+    tried = " | ".join(str(sequence) for sequence in candidates) or "none"
+    return Change(piece=None, station=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
+
+
+def _active(event: Location) -> list[tuple[Name, Reading]]:
+    """The located monitor, and those that vanish with it; the impact's first."""
+    gait, monitors = event.station.gait, event.station.monitors
+    weight = float(gait.system.weight(gait.p))
+    found = []
+    for name, reading in monitors.items():
+        usual = weight if name.kind.startswith(("cone", "normal", "impulse")) else 1.0
+        if name == event.name or abs(reading.value) < ACTIVE * usual:
+            found.append((name, reading))
+    return sorted(found, key=lambda pair: pair[0].phase is not None)
+
+
+def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: float) -> tuple[Piece, Station] | None:
+    """The successor at a distance past the event, if it holds there."""
+    value = station.value + offset
+    p = piece.p.copy()
+    p[station.gait.system.parameters.index(piece.parameter)] = value
+    state = _start_state(station, sequence, offset, p)
+    try:
+        problem = _problem(piece, sequence, state)
+    except ProblemError:  # the state contradicts the impact
+        return None
+    rolled = roll_out(station.gait.system, p, sequence, state)
+    system, period = station.gait.system, float(station.point.at.w[-1 - piece.transcription.n_phases : -1].sum())
+    if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
+        return None
+    plan = layout(sequence, rolled.durations, system.control.breakpoints)
+    transcription = Transcription(system, plan, (piece.parameter,))
+    successor = Piece(problem, piece.parameter, transcription, p, piece.scales)
+    w = transcription.pack(rolled.nodes(plan), np.array(rolled.durations), (value,))
+    found = successor.start(w, _forward(station, state, offset, w.size))
+    if found is None or not _holds(successor, found, station):
+        return None
+    return successor, found
+
+
+def _problem(piece: Piece, sequence: ModeSequence, state: Array) -> Problem:
+    """The problem with another mode sequence, and the state from which it is looked for as its guess."""
+    system = piece.transcription.system
+    names = system.walker.section_names(slipping=sequence.impact is not Mode.STICK)
+    guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
+    phases = [str(mode) for mode in sequence.phases]
+    return piece.problem.replace({"gait.phases": phases, "gait.impact": str(sequence.impact), **guess})
+
+
+def _start_state(station: Station, sequence: ModeSequence, offset: float, p: Array) -> Array:
+    """State after impact of the successor: along the old branch, and through the new impact."""
+    system = station.gait.system
+    slope = station.point.tangent[-1]
+    w = station.point.at.w + station.point.tangent * (offset / slope if slope else 0.0)
+    if sequence.impact is station.gait.problem.sequence.impact:
+        return w[: system.n_z]
+    n_w = station.gait.shooting.states.size if station.gait.shooting else 0
+    z_minus = w[n_w - system.n_z : n_w]
+    state = np.asarray(system.impact(sequence.impact)(z_minus, p)[0]).ravel()
+    state[system.n_shape] = 0.0
+    if sequence.impact is Mode.STICK:
+        state[-1] = 0.0
+    return state
+
+
+def _forward(station: Station, state: Array, offset: float, n_w: int) -> Array:
+    """From the event towards the successor, as far as the two can be compared: state after impact and parameter."""
+    forward = np.zeros(n_w)
+    forward[: state.size] = state - station.gait.state
+    forward[-1] = offset
+    return forward
+
+
+def _holds(successor: Piece, found: Station, station: Station) -> bool:
+    """All monitors hold, the gait is next to the one at the event, and the simulator walks it."""
+    if any(reading.value <= 0 for reading in found.monitors.values()):
+        return False
+    apart = np.abs(found.gait.state - station.gait.state).max() / successor.scales[0]
+    return bool(apart < NEARBY) and confirm(found.gait).passed
+
+
+def _words(name: Name, sequence: ModeSequence) -> str:
+    if name.phase is None:
+        return {
+            "impact_slip": "the slip after the impact fades",
+            "impulse_cone_forward": "the impact can no longer stick: the foot slips forward",
+            "impulse_cone_backward": "the impact can no longer stick: the foot slips backward",
+        }[name.kind]
+    place = f"phase {name.phase + 1} ({sequence.phases[name.phase]})"
+    return {
+        "duration": f"{place} shrinks to nothing",
+        "cone_forward": f"{place} reaches the edge of the friction cone: the foot slips forward",
+        "cone_backward": f"{place} reaches the edge of the friction cone: the foot slips backward",
+        "slip_velocity": f"{place}: the foot comes to rest",
+    }[name.kind]
