@@ -1,0 +1,268 @@
+"""The nine named gaits: every published or closed-form figure, by the NLP, by the simulator, and by differences.
+
+Figures are those of Gamus & Or (2013), or recomputed where the paper's text leaves a choice open; they are asserted
+with the digits that are known of them.
+"""
+
+from functools import cache
+from math import cos, pi, radians, sin, sqrt, tan
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+import gaitopt as go
+from gaitopt.gait import Gait, floquet_multipliers, multiplier_distance
+from gaitopt.mechanics import Mode
+from gaitopt.orbit import FixedPoint, ReturnMap
+from gaitopt.simulation import Simulator
+from gaitopt.study import Verification
+
+Array = NDArray[np.float64]
+
+STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
+AGREEMENT, MULTIPLIER_AGREEMENT = 1e-9, 1e-7
+DIFFERENCE = 2e-5
+"""Step of the differences: rounding of a simulated step over it is some 1e-8."""
+
+NAMED = {
+    "rimless-wheel-stick": ((STICK,), STICK),
+    "rimless-wheel-slip": ((STICK, FORWARD), STICK),
+    "compass-passive-stick": ((STICK,), STICK),
+    "compass-passive-a": ((FORWARD, STICK, BACKWARD), STICK),
+    "compass-passive-b": ((FORWARD, STICK), FORWARD),
+    "compass-torque-stick": ((STICK,), STICK),
+    "compass-torque-slip": ((FORWARD, STICK, BACKWARD), STICK),
+    "compass-torque-impact-slip": ((FORWARD, STICK), FORWARD),
+    "compass-pd-impact-slip": ((FORWARD, STICK), FORWARD),
+}
+FIGURES = [
+    ("rimless-wheel-stick", "required_friction", 0.9141, 4),
+    ("rimless-wheel-stick", "impulse_ratio", 0.2374, 4),
+    ("rimless-wheel-stick", "spectral_radius", 0.734, 3),
+    ("rimless-wheel-stick", "period", 0.7931, 4),
+    ("rimless-wheel-slip", "spectral_radius", 0.755, 3),
+    ("compass-passive-stick", "period", 0.7446, 4),
+    ("compass-passive-stick", "spectral_radius", 0.709, 3),
+    ("compass-passive-stick", "required_friction", 0.1749, 4),
+    ("compass-passive-stick", "impulse_ratio", 0.1447, 4),
+    ("compass-passive-a", "spectral_radius", 0.8206, 4),
+    ("compass-passive-a", "period", 0.7519621750, 9),
+    ("compass-passive-b", "spectral_radius", 1.823, 3),
+    ("compass-torque-stick", "cost_of_transport", 0.01747, 5),
+    ("compass-torque-stick", "speed", 0.634, 3),
+    ("compass-torque-stick", "spectral_radius", 0.7148, 4),
+    ("compass-torque-stick", "required_friction", 0.1946, 4),
+    ("compass-torque-slip", "spectral_radius", 0.8325, 4),
+    ("compass-torque-impact-slip", "cost_of_transport", 0.0044, 4),
+    ("compass-torque-impact-slip", "spectral_radius", 1.157, 3),
+    ("compass-torque-impact-slip", "speed", 0.405, 3),
+    ("compass-pd-impact-slip", "cost_of_transport", 0.00565, 5),
+    ("compass-pd-impact-slip", "spectral_radius", 0.904, 3),
+]
+OTHERS = [
+    ("compass-passive-a", {"friction": 0.17}),
+    ("compass-passive-a", {"walker.slope": "0.9 deg"}),
+    ("compass-passive-a", {"walker.hip_mass": 2.5}),
+    ("compass-passive-b", {"friction": 0.2}),
+    ("compass-passive-b", {"friction": 0.3}),
+    ("compass-passive-stick", {"walker.slope": "2 deg", "friction": 0.4}),
+    ("compass-passive-stick", {"walker.hip_mass": 10, "friction": 0.4}),
+    ("compass-passive-stick", {"walker.leg_length": 1.2, "walker.leg_com": 0.6}),
+    ("compass-torque-impact-slip", {"friction": 0.15}),
+    ("rimless-wheel-slip", {"friction": 0.914}),
+    ("rimless-wheel-slip", {"walker.spokes": 12}),
+    ("rimless-wheel-slip", {"walker.inertia_ratio": 0.5}),
+]
+
+
+def with_values(name: str, overrides: dict[str, object]) -> go.Problem:
+    problem = go.load_problem(name)
+    return problem.replace(overrides) if overrides else problem
+
+
+@cache
+def named(name: str) -> Gait:
+    return go.solve(go.load_problem(name))
+
+
+@cache
+def verification(name: str) -> Verification:
+    return go.verify(named(name))
+
+
+@cache
+def simulated(name: str) -> tuple[ReturnMap, FixedPoint]:
+    """Fixed point of the simulator's return map, by Newton's method from three digits of the gait."""
+    gait = named(name)
+    return_map = ReturnMap(Simulator(gait.system, gait.p), gait.problem.sequence.impact)
+    section = gait.state[gait.system.section(gait.problem.sequence.impact)]
+    return return_map, return_map.fixed_point(np.round(section, 4))
+
+
+def differences(return_map: ReturnMap, xi: Array) -> Array:
+    """Derivative of the return map by central differences of simulated steps, of fourth order."""
+
+    def column(unit: Array) -> Array:
+        far, near, ahead, beyond = (return_map(xi + k * DIFFERENCE * unit).xi for k in (-2, -1, 1, 2))
+        return (8 * (ahead - near) - (beyond - far)) / (12 * DIFFERENCE)
+
+    return np.column_stack([column(unit) for unit in np.eye(xi.size)])
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_gait_has_the_modes_of_the_paper_and_every_claim_about_it_holds(name: str) -> None:
+    gait, check = named(name), verification(name)
+    assert gait.converged
+    assert (tuple(mode for mode, _ in gait.step.phases), gait.step.impact.mode) == NAMED[name]
+    assert [claim for claim in check.claims if not claim.passed] == []
+    assert check.to_record()["mode_sequence_matches"]
+
+
+@pytest.mark.parametrize(("name", "figure", "value", "digits"), FIGURES)
+def test_figure_is_the_known_one_to_all_its_digits(name: str, figure: str, value: float, digits: int) -> None:
+    assert named(name).to_record()[figure] == pytest.approx(value, abs=0.5000001 * 10**-digits)
+
+
+def test_printed_rates_of_the_sticking_gait() -> None:
+    _, theta2, _, dtheta1, dtheta2, dx = named("compass-passive-stick").state
+    assert theta2 == pytest.approx(-0.1478, abs=5e-5)
+    assert dtheta1 == pytest.approx(0.7328, abs=5e-5)
+    assert dtheta2 == pytest.approx(-0.5007, abs=5e-5)
+    assert dx == 0
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
+    gait, (return_map, point) = named(name), simulated(name)
+    assert point.converged
+    assert point.step is not None
+    assert np.abs(gait.system.lift_state(point.xi, gait.p) - gait.state).max() < AGREEMENT
+    assert point.step.period == pytest.approx(gait.step.period, abs=AGREEMENT)
+    assert return_map.section_mode is gait.problem.sequence.impact
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_multipliers_agree_three_ways(name: str) -> None:
+    implicit, (return_map, point) = named(name).multipliers, simulated(name)
+    assert point.jacobian is not None
+    saltation = floquet_multipliers(point.jacobian)
+    central = floquet_multipliers(differences(return_map, point.xi))
+    assert multiplier_distance(implicit, saltation) < MULTIPLIER_AGREEMENT
+    assert multiplier_distance(central, saltation) < 1e-6
+    assert multiplier_distance(central, implicit) < 1e-6
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_central_differences_are_the_derivative_by_saltation(name: str) -> None:
+    return_map, point = simulated(name)
+    assert point.jacobian is not None
+    scale = np.abs(point.jacobian).max()
+    assert np.abs(differences(return_map, point.xi) - point.jacobian).max() < 1e-7 * scale
+
+
+@pytest.mark.parametrize("name", ["compass-passive-b", "compass-torque-impact-slip", "compass-pd-impact-slip"])
+def test_one_multiplier_is_zero_where_the_foot_comes_to_rest_after_a_slipping_impact(name: str) -> None:
+    """The slip velocity after the impact is forgotten when the foot sticks."""
+    assert abs(named(name).multipliers[-1]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "radius", "digits"), [("compass-passive-b", 2.758, 3), ("compass-torque-impact-slip", 1.241, 3)]
+)
+def test_frictionless_slipping_impact_gives_the_multiplier_that_is_printed(
+    name: str, radius: float, digits: int
+) -> None:
+    gait = go.solve(with_values(name, {"impact_law": "frictionless"}))
+    assert gait.spectral_radius == pytest.approx(radius, abs=0.5 * 10**-digits)
+    assert go.verify(gait).passed
+
+
+def test_gait_b_takes_half_the_angle_of_gait_a() -> None:
+    """As the paper says of the frictionless law, by which its multiplier was printed."""
+    gait = go.solve(with_values("compass-passive-b", {"impact_law": "frictionless"}))
+    assert gait.state[0] / named("compass-passive-a").state[0] == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("beyond_end", "radius", "cost", "digits"),
+    [("flow", 0.904, 0.00565, 5), ("linear", 0.636, 0.0060, 4), ("hold", 0.414, 0.0027, 4), ("off", 0.553, 0.0051, 4)],
+)
+def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(
+    beyond_end: str, radius: float, cost: float, digits: int
+) -> None:
+    gait = go.solve(with_values("compass-pd-impact-slip", {"control.reference.beyond_end": beyond_end}))
+    assert gait.spectral_radius == pytest.approx(radius, abs=5e-4)
+    assert gait.measures["cost_of_transport"] == pytest.approx(cost, abs=0.5 * 10**-digits)
+    assert go.verify(gait).passed
+
+
+# other parameters than those of the table
+
+
+@pytest.mark.parametrize(("name", "overrides"), OTHERS, ids=str)
+def test_both_roads_agree_for_other_parameters_from_the_same_guess(name: str, overrides: dict[str, object]) -> None:
+    gait = go.solve(with_values(name, overrides))
+    assert gait.converged
+    assert [claim for claim in go.verify(gait).claims if not claim.passed] == []
+
+
+WHEELS = [(10, 1 / 3, 13.0), (8, 0.2, 14.0), (12, 0.5, 10.0), (20, 1.0, 6.0), (6, 0.9, 16.0)]
+
+
+@pytest.mark.parametrize(("spokes", "kappa", "slope"), WHEELS)
+def test_wheel_follows_its_closed_forms(spokes: int, kappa: float, slope: float) -> None:
+    """Eqs (14)-(20), in units radius = mass = gravity = 1 and physical time."""
+    overrides = {
+        "walker.spokes": spokes,
+        "walker.inertia_ratio": kappa,
+        "walker.slope": f"{slope} deg",
+        "friction": 5.0,
+    }
+    gait = go.solve(with_values("rimless-wheel-stick", overrides))
+    half, alpha = pi / spokes, radians(slope)
+    beta = (cos(2 * half) + kappa) / (1 + kappa)
+    rate = beta * sqrt(4 * sin(half) * sin(alpha) / (1 - beta**2)) / sqrt(1 + kappa)
+
+    def force_ratio(theta: float) -> float:
+        """f_t / f_n by Newton's law for the hub, whose speed follows from conservation of energy."""
+        speed = rate**2 + 2 * (cos(alpha - half) - cos(theta + alpha)) / (1 + kappa)
+        turn = sin(theta + alpha) / (1 + kappa)
+        along = turn * cos(theta) - speed * sin(theta) - sin(alpha)
+        normal = -turn * sin(theta) - speed * cos(theta) + cos(alpha)
+        return abs(along / normal)
+
+    inside = minimize_scalar(lambda theta: -force_ratio(theta), bounds=(-half, half), method="bounded")
+    required = max(force_ratio(-half), force_ratio(half), -inside.fun)
+    assert go.verify(gait).passed
+    assert gait.state[2] == pytest.approx(rate, rel=1e-10)
+    assert gait.multipliers[0].real == pytest.approx(beta**2, abs=1e-9)
+    assert gait.multipliers[0].imag == 0
+    assert gait.measures["step_length"] == pytest.approx(2 * sin(half), rel=1e-12)
+    assert gait.measures["impulse_ratio"] == pytest.approx((1 - beta) / (1 + beta) / tan(half), rel=1e-9)
+    assert gait.measures["required_friction"] == pytest.approx(required, rel=1e-9)
+
+
+@pytest.mark.parametrize("length", [0.4, 2.4])
+def test_compass_obeys_the_law_of_dimensions(length: float) -> None:
+    """Angles do not change with the size of the walker, times go with the square root of its length."""
+    small = {"walker.leg_length": length, "walker.leg_com": length / 2, "walker.leg_mass": 8, "walker.hip_mass": 4}
+    model, unit = named("compass-passive-a"), sqrt(1.6 / length)
+    theta1, dtheta1, dtheta2 = model.state[[0, 3, 4]] * [1, unit, unit]
+    guess = {"theta1": theta1, "dtheta1": 1.01 * dtheta1, "dtheta2": 0.99 * dtheta2}
+    gait = go.solve(with_values("compass-passive-a", {**small, "gait.guess.state": guess}))
+    assert go.verify(gait).passed
+    assert gait.step.period == pytest.approx(model.step.period / unit, rel=1e-10)
+    assert gait.state[[0, 3, 4]] == pytest.approx(model.state[[0, 3, 4]] * [1, unit, unit], rel=1e-9)
+    assert multiplier_distance(gait.multipliers, model.multipliers) < 1e-9
+    assert gait.measures["speed"] == pytest.approx(model.measures["speed"] / unit, rel=1e-10)
+    assert gait.measures["min_normal_force"] == pytest.approx(2 * model.measures["min_normal_force"], rel=1e-9)
+    assert gait.measures["impulse_ratio"] == pytest.approx(model.measures["impulse_ratio"], rel=1e-9)
+
+
+def test_torques_that_copy_a_slope_on_level_ground_copy_its_gait() -> None:
+    """Gravity along a slope is what constant torques are not: gait I needs more friction than the passive gait."""
+    passive, driven = named("compass-passive-stick"), named("compass-torque-stick")
+    assert driven.measures["required_friction"] > passive.measures["required_friction"]
+    assert driven.step.period == pytest.approx(passive.step.period, rel=1e-3)
