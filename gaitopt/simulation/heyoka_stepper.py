@@ -26,8 +26,9 @@ Array = NDArray[np.float64]
 
 RATE_EDGE = 1e-9
 """A rate this small, in the margin's unit per second, is zero: the margin leaves its edge by its second derivative."""
-BARELY_MOVING = 1e-200
-"""Slip velocity [m/s] in place of an exact zero: of a series that begins with zero heyoka may miss the next root."""
+BARELY_MOVING = 1e-18
+"""Slip velocity [m/s] in place of an exact zero, below all rounding. Of a series that begins with zero heyoka may miss
+the next root; and at the onset of slip, a double root, this lifts the series off the axis."""
 MAX_TAYLOR_STEPS = 20_000
 """Bound on the work for one arc: walking takes ten, only a very stiff control law takes more."""
 NOT_FINITE = "the equations of motion are not finite"
