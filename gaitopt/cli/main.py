@@ -8,6 +8,7 @@ import typer
 
 from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
+from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
 from gaitopt.cli.report import report
 from gaitopt.cli.simulate import simulate
@@ -38,6 +39,7 @@ app.command("simulate")(simulate)
 app.command("verify")(verify)
 app.command("basin")(basin)
 app.command("sweep")(sweep)
+app.command("front")(front)
 app.command("plot")(plot)
 app.command("report")(report)
 

@@ -113,7 +113,8 @@ class Ipopt:
     Parameters
     ----------
     w, p, objective : CasADi expressions; ``objective`` None for a problem of feasibility.
-    g : the constraints, perhaps in blocks of like sparsity: each has its Jacobian for itself, so that a row that depends on
+    g : the constraints, perhaps in blocks of like sparsity: each has a Jacobian of its own, so that a row that depends
+        on
         everything does not make those of the others dense to compute.
     progress, should_stop : called at every iteration.
     """

@@ -36,6 +36,8 @@ EPSILON = 1e-6
 after a slip that sticks again N is a hundred."""
 NARROWEST = 1e-8
 """Relative distance of radius and largest modulus, from where the radius is searched upwards: trace P > 1 there."""
+FAR = 50.0
+"""Stands for the logarithm of an infinite trace."""
 SMALLEST = 1e-3
 """Multipliers below it are as good as zero: deviations vanish in a step."""
 
@@ -139,7 +141,8 @@ def smoothed_radius(M: Array) -> tuple[float, Array]:
         return _lyapunov(M.T / radius, EPSILON * np.eye(n))
 
     def excess(radius: float) -> float:
-        return float(np.log(np.trace(lyapunov(radius))))
+        trace = float(np.trace(lyapunov(radius)))
+        return float(np.log(trace)) if trace > 0 else FAR  # below the largest modulus, by rounding
 
     ceiling = 2 * max(largest, float(np.linalg.norm(M, 2)))
     radius = float(brentq(excess, largest * (1 + NARROWEST), ceiling, xtol=1e-14, rtol=1e-14))

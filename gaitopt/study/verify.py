@@ -212,7 +212,9 @@ def _perturbation_claim(return_map: ReturnMap, point: FixedPoint) -> Claim:
         if not lowest < size < highest:
             break
         pair, lost = _both_return(return_map, point.xi, pair)
-        if lost is not None and (steps == 0 or lost.ending is not Ending.COMPLETED):
+        if lost is not None and steps == 0 and lost.ending is Ending.COMPLETED:
+            return _edge_claim(return_map, point)
+        if lost is not None and lost.ending is not Ending.COMPLETED:
             note = f"step {step} of a perturbed walk: {lost.message}"
             return Claim(name="perturbation", figure=np.inf, tolerance=LINEARITY, passed=False, note=note)
         if lost is not None:  # the gait lies so close to another kind of impact
@@ -220,6 +222,22 @@ def _perturbation_claim(return_map: ReturnMap, point: FixedPoint) -> Claim:
         worst = max(worst, float(np.linalg.norm((pair[0] - pair[1]) / 2 - predicted)) / size)
         steps = step
     return _claim("perturbation", worst, LINEARITY, f"relative to powers of the Jacobian, {steps} steps")
+
+
+def _edge_claim(return_map: ReturnMap, point: FixedPoint) -> Claim:
+    """At the edge of its kind of impact a gait has no linear neighbourhood; perturbed walks must still come back.
+
+    A design whose optimum is limited by friction lies there.
+    """
+    simulator, system, worst = return_map.simulator, return_map.simulator.system, 0.0
+    deviation = np.full(point.xi.size, PERTURBATION / np.sqrt(point.xi.size))
+    target = system.lift_state(point.xi, simulator.p)
+    for sign in (1, -1):
+        start = system.lift_state(point.xi + sign * deviation, simulator.p)
+        walk = simulator.run(start, steps=PERTURBED_STEPS)
+        distance = float(np.linalg.norm(walk.section_states[-1] - target)) / PERTURBATION
+        worst = max(worst, distance if walk.ending is Ending.COMPLETED else np.inf)
+    return _claim("perturbation", worst, 1.0, f"left of it after {PERTURBED_STEPS} steps, at an edge")
 
 
 def _both_return(return_map: ReturnMap, xi: Array, pair: list[Array]) -> tuple[list[Array], Return | None]:
