@@ -16,6 +16,7 @@ from gaitopt.gait import Gait, Status, Step, curves
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.between import Touch, touches
+from gaitopt.nlp.conflict import conflicts
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import Layout, layout
 from gaitopt.nlp.newton import polish
@@ -112,8 +113,12 @@ class _Design:
             result = program.solve(offsets, x)
             iterations += result.iterations
             solver = {"iterations": float(iterations), "kkt": result.kkt, "objective": result.objective}
-            if result.status is not Status.CONVERGED:
+            if result.status is Status.INTERRUPTED:
                 return self._failed(result.status, result.words, solver)
+            if result.status is not Status.CONVERGED:
+                why = self._conflicts(start, offsets)
+                status = result.status if why is None else Status.INFEASIBLE
+                return self._failed(status, why or result.words, solver)
             durations = program.transcription.unpack(program.motion(result.w))[1]
             if program.at_reach(result.w) or not self._layout(durations).same_arcs(program.transcription.layout):
                 program, held, x = self._program(self._moved(program, result.w), []), [], None
@@ -136,7 +141,19 @@ class _Design:
             return self._failed(Status.NOT_CONVERGED, wrong, solver)
         return replace(gait, message=_verdict(gait))
 
-    def _program(self, start: Start, held: list[Touch]) -> Program:
+    def _conflicts(self, start: Start, offsets: Array) -> str | None:
+        """Which constraints cannot be met, found from the start in as many searches as it takes."""
+        if not self._problem.constraints:
+            return None
+        for _ in range(MAX_ROUNDS):
+            program = self._program(start, [], elastic=True)
+            result = program.solve(offsets)
+            if result.status is not Status.CONVERGED or not program.at_reach(result.w):
+                break
+            start = self._moved(program, result.w)
+        return conflicts(self._problem, program, result, offsets)
+
+    def _program(self, start: Start, held: list[Touch], *, elastic: bool = False) -> Program:
         """The NLP with its nodes on the starting motion."""
         plan = self._layout(start.durations)
         transcription = Transcription(self._system, plan, self.free)
@@ -149,6 +166,7 @@ class _Design:
             w=w,
             p=self._p,
             held=held,
+            elastic=elastic,
             progress=self._progress,
             should_stop=self._should_stop,
         )

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from casadi import MX, Function, vertcat
+from casadi import MX, Function, sum1, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.nlp.between import Touch, touched_margins
@@ -31,6 +31,8 @@ LONGEST = 3.0
 """No phase grows longer in one search than so many periods."""
 NEAR = 1e-6
 """Part of the reach within which a solution counts as kept by it."""
+SMALL = 1e-3
+"""Bounds closer to zero than this do not scale the slack of their constraint."""
 SMOOTHING = 1e-3
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 
@@ -55,6 +57,7 @@ class Program:
     bounds : of the freed parameters; shape (2, n_free).
     w, p : ndarray - where the search starts, and the parameters.
     held : points inside the arcs where margins are held.
+    elastic : give the problem's constraints slack, and minimise that instead of the objective.
     """
 
     def __init__(
@@ -66,6 +69,7 @@ class Program:
         w: Array,
         p: Array,
         held: list[Touch],
+        elastic: bool = False,
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
@@ -74,25 +78,28 @@ class Program:
         self._offsets = MX.sym("offset", len(self.names))
         self._outcome = Outcome(transcription, SMOOTHING * transcription.system.weight(transcription.p))
         self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA}
+        self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
         self._start = [w, *(np.array([self._extremum(name, w)]) for name in self._extrema)]
         nodes, durations, _ = transcription.unpack(w)
         reach = self._reach(nodes, durations)
         longest = np.full(transcription.n_phases, LONGEST * durations.sum())
         unbounded = np.full(len(self._extrema), np.inf)
+        self._start.append(np.ones(self._slack.numel()))
         self._n_nodes = nodes.size
         self._lower = np.concatenate([w[: nodes.size] - reach, np.zeros(durations.size), bounds[0], -unbounded])
         self._upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], unbounded])
+        self._lower = np.append(self._lower, np.zeros(self._slack.numel()))
+        self._upper = np.append(self._upper, np.full(self._slack.numel(), np.inf))
         self.rows = [*self._physics(held), *self._extremal(w), *self._asked()]
-        unknowns = vertcat(transcription.w, *self._extrema.values())
+        unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
         parameters = vertcat(transcription.parameters, self._offsets)
-        objective = sum((weight * self.scalar(name) for name, weight in problem.objective.items()), MX(0))
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
         self._solver = Ipopt(
             w=unknowns,
             p=parameters,
             g=[rows.expression for rows in self.rows],
-            objective=objective if problem.objective else None,
+            objective=self._objective(),
             progress=progress,
             should_stop=should_stop,
         )
@@ -125,6 +132,32 @@ class Program:
         nodes = slice(0, self._n_nodes)
         room = np.minimum(x - self._lower, self._upper - x)[nodes]
         return bool(np.any(room < NEAR * (self._upper - self._lower)[nodes]))
+
+    def pressed_bounds(self, result: IpoptResult) -> dict[str, tuple[float, float]]:
+        """Multiplier of the bounds of every freed parameter, positive at the upper one, and the bound nearest."""
+        n = self.transcription.w.numel()
+        free = self.transcription.free
+        pressed = {}
+        for k, name in zip(range(n - len(free), n), free, strict=True):
+            pressure = float(result.bound_multipliers[k])
+            pressed[name] = pressure, float(self._upper[k] if pressure > 0 else self._lower[k])
+        return pressed
+
+    def by_rows(self, result: IpoptResult) -> list[tuple[Rows, Array]]:
+        """The multipliers of every group of constraints."""
+        ends = np.cumsum([rows.expression.numel() for rows in self.rows])
+        return list(zip(self.rows, np.split(result.multipliers, ends[:-1]), strict=True))
+
+    def margin_words(self, row: int) -> str:
+        """What one row of the margins says."""
+        labels = self.transcription.inequalities[1]
+        if row >= len(labels):
+            return "a margin between the nodes"
+        label = labels[row]
+        name = label.name.replace("_", " ")
+        if label.phase is None:
+            return f"the impact ({name})"
+        return f"phase {label.phase + 1} ({self.transcription.layout.sequence.phases[label.phase]}: {name})"
 
     def _reach(self, nodes: Array, durations: Array) -> Array:
         """How far each node's state may go in one search, so that it keeps clear of motions that are no walk."""
@@ -168,15 +201,28 @@ class Program:
         return float(crossings.max() if EXTREMA[name] > 0 else crossings.min())
 
     def _asked(self) -> list[Rows]:
-        return [
-            Rows(
-                name=name,
-                expression=self.scalar(name),
-                lower=np.array([span.minimum]),
-                upper=np.array([span.maximum]),
-            )
-            for name, span in self._problem.constraints.items()
-        ]
+        rows = []
+        for k, (name, span) in enumerate(self._problem.constraints.items()):
+            low, high = np.array([span.minimum]), np.array([span.maximum])
+            scalar, open_end = self.scalar(name), np.array([np.inf])
+            if self._slack.numel() == 0:
+                rows.append(Rows(name=name, expression=scalar, lower=low, upper=high))
+                continue
+            slack = self._slack[k] * _size(span)
+            rows.append(Rows(name=name, expression=scalar + slack, lower=low, upper=open_end))
+            rows.append(Rows(name=name, expression=scalar - slack, lower=-open_end, upper=high))
+        return rows
+
+    def _objective(self) -> MX | None:
+        if self._slack.numel():
+            return sum1(self._slack)
+        if not self._problem.objective:
+            return None
+        return sum((weight * self.scalar(name) for name, weight in self._problem.objective.items()), MX(0))
+
+
+def _size(span: Range) -> float:
+    return max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
 
 
 def _zero(name: str, expression: MX) -> Rows:
