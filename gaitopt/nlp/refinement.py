@@ -41,16 +41,16 @@ class Refined:
         return bool(self.errors.max() < ERROR_TOLERANCE)
 
 
-def refine(transcription: Transcription, at: Linearisation) -> Refined:
+def refine(transcription: Transcription, at: Linearisation, tolerance: float = ERROR_TOLERANCE) -> Refined:
     """Cut phases with too large an error finer, and polish, until the errors are below the tolerance.
 
-    Freed parameters stay where they are.
+    Freed parameters stay where they are. ``tolerance`` is that of a gait unless something finer is asked for.
     """
     current = Refined(transcription=transcription, at=at, errors=phase_errors(transcription, at))
     for _ in range(MAX_REFINEMENTS):
-        if current.accurate:
+        if current.errors.max() < tolerance:
             break
-        growth = np.maximum((SAFETY * current.errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
+        growth = np.maximum((SAFETY * current.errors / tolerance) ** (1 / ORDER), 1.0)
         layout = current.transcription.layout
         if layout.intervals * growth.max() > MAX_INTERVALS:
             break

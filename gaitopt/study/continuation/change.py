@@ -82,8 +82,8 @@ def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: flo
         problem = _problem(piece, sequence, state)
     except ProblemError:  # the state contradicts the impact
         return None
-    rolled = roll_out(station.gait.system, p, sequence, state)
     system, period = station.gait.system, float(station.point.at.w[-1 - piece.transcription.n_phases : -1].sum())
+    rolled = roll_out(system, p, sequence, state, longest=(1 + NEARBY) * period)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
     plan = layout(sequence, rolled.durations, system.control.breakpoints)

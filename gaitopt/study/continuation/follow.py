@@ -153,12 +153,25 @@ class Follower:
         while state.length > SMALLEST_LENGTH:
             station, length = self._try(state.length), state.length
             if station is not None and self._is_straight(station):
-                event = self._first_event(station, length)
-                if event is None or event.status == "converged":
-                    state.length = self._adapted(station)
-                    return length, station, event
+                if not state.piece.in_order(station):
+                    reordered = self._reordered(station)
+                    if reordered is not None:
+                        return length, reordered, None
+                else:
+                    event = self._first_event(station, length)
+                    if event is None or event.status == "converged":
+                        state.length = self._adapted(station)
+                        return length, station, event
             state.length /= 2
         return None
+
+    def _reordered(self, station: Station) -> Station | None:
+        """A gait at which a switch has just passed a breakpoint of the control, unless something else happens too."""
+        found = self._state.piece.reordered(station)
+        if found is None or self._lost(found[1]):
+            return None
+        self._state.piece = found[0]
+        return found[1]
 
     def _try(self, length: float) -> Station | None:
         try:
@@ -183,10 +196,15 @@ class Follower:
 
     def _first_event(self, station: Station, length: float) -> Location | None:
         """The first place on the step at which a monitor falls to zero."""
-        before = self._state.station
-        names = [name for name in station.monitors if station.monitor(name) <= 0 < before.monitor(name)]
-        found = [self._locate(partial(Station.monitor, name=name), length, station, name) for name in names]
+        found = [
+            self._locate(partial(Station.monitor, name=name), length, station, name) for name in self._lost(station)
+        ]
         return min(found, key=lambda location: location.length, default=None)
+
+    def _lost(self, station: Station) -> list[Name]:
+        """Monitors that were positive at the last point and are no longer."""
+        before = self._state.station
+        return [name for name in station.monitors if station.monitor(name) <= 0 < before.monitor(name)]
 
     def _bifurcations(self, station: Station, length: float) -> Iterator[SpecialPoint]:
         """Folds and losses of stability between the last point and ``station``, in order."""

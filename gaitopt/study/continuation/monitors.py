@@ -62,17 +62,18 @@ def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
     modes = gait.problem.sequence.phases
     arcs = _arcs_by_phase(gait)
     period = abs(gait.step.period)
-    for phase, group in enumerate(arcs):
-        duration = sum(arc.duration for arc in group)
+    for phase, whole in enumerate(arcs):
+        duration = sum(arc.duration for arc in whole)
         yield Name("duration", phase), Reading(duration / period)
         if duration < SHORT * period:
             continue
+        group = [arc for arc in whole if arc.duration > SHORT * period]
         margins = [_margins(gait, arc) for arc in group]
         for row, kind in enumerate(margin_names(modes[phase])):
             if kind not in ("touchdown", "upright"):
                 zeros = _zeros(gait, phase, kind)
-                found = [_lowest(m[row], *_own(zeros, arc, group)) for m, arc in zip(margins, group, strict=True)]
-                yield Name(kind, phase), _combine(found, group)
+                found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
+                yield Name(kind, phase), _combine(found, group, whole)
     yield Name("touchdown", len(arcs) - 1), Reading(_second_touchdown(gait))
 
 
@@ -96,8 +97,8 @@ def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
     return start, int(ends)
 
 
-def _own(zeros: tuple[int, int], arc: Arc, group: list[Arc]) -> tuple[int, int]:
-    return (zeros[0] if arc is group[0] else 0), (zeros[1] if arc is group[-1] else 0)
+def _own(zeros: tuple[int, int], arc: Arc, whole: list[Arc]) -> tuple[int, int]:
+    return (zeros[0] if arc is whole[0] else 0), (zeros[1] if arc is whole[-1] else 0)
 
 
 def _lowest(values: Array, start: int, end: int) -> tuple[float, float]:
@@ -120,12 +121,12 @@ def _deflation(count: int, start: int, end: int) -> Array:
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
-def _combine(found: list[tuple[float, float]], group: list[Arc]) -> Reading:
+def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc]) -> Reading:
     index = int(np.argmin([value for _, value in found]))
     at, value = found[index]
     arc = group[index]
     time = arc.start + arc.duration * (at + 1) / 2
-    return Reading(value, (time - group[0].start) / (group[-1].end - group[0].start))
+    return Reading(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))
 
 
 def _second_touchdown(gait: Gait) -> float:

@@ -10,13 +10,19 @@ from gaitopt.gait import Gait
 from gaitopt.mechanics import ModeSequence
 from gaitopt.nlp.arclength import Curve, CurvePoint, Scales
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.refinement import phase_errors, refine
+from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 from gaitopt.study.continuation.bifurcations import test_functions
 from gaitopt.study.continuation.monitors import Name, Reading, readings
 
 Array = NDArray[np.float64]
+
+
+ERROR_TOLERANCE = 1e-11
+"""Integration error on a branch: a tenth of a gait's, as special points are located to nine digits of the parameter."""
 
 
 @dataclass(frozen=True)
@@ -105,11 +111,29 @@ class Piece:
         """The same gait on a finer mesh where its integration error asks for one; None if that fails."""
         if phase_errors(self.transcription, station.point.at).max() < ERROR_TOLERANCE:
             return station
-        refined = refine(self.transcription, station.point.at)
+        refined = refine(self.transcription, station.point.at, ERROR_TOLERANCE)
         forward = resized(station.point.tangent, self.transcription, refined.transcription)
         self._use(refined.transcription)
         point = self.curve.start(refined.at.w, forward)
         return None if point is None else self._station(point)
+
+    def in_order(self, station: Station) -> bool:
+        """Whether no switch has passed a breakpoint of the control; a phase that has vanished is another matter."""
+        durations = self.transcription.unpack(station.point.at.w)[1]
+        breakpoints = self.transcription.system.control.breakpoints
+        return bool(durations.min() <= 0) or self.transcription.layout.in_order(durations, breakpoints)
+
+    def reordered(self, station: Station) -> "tuple[Piece, Station] | None":
+        """The same branch with arcs in the order that a station's durations ask for; no mode has changed."""
+        old, at = self.transcription, station.point.at
+        nodes, durations, freed = old.unpack(at.w)
+        p = old.full_parameters(self.p, freed)
+        rolled = roll_out(old.system, p, self.sequence, nodes[:, 0], durations)
+        plan = layout(self.sequence, durations, old.system.control.breakpoints)
+        new = Transcription(old.system, plan, old.free)
+        piece = Piece(self.problem, self.parameter, new, self.p, self.scales)
+        found = piece.start(new.pack(rolled.nodes(plan), durations, freed), resized(station.point.tangent, old, new))
+        return None if found is None or not piece.in_order(found) else (piece, found)
 
     def coordinates(self, w: Array) -> Array:
         """Scaled section coordinates, durations and parameter, in which arclength is measured."""
