@@ -5,7 +5,7 @@ that does not come is put where its margin is closest to zero, a touchdown that 
 be at the rates with which it started.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,10 +34,14 @@ SHORTEST_PHASE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rollout:
-    """Durations of the phases [s] and the motion of each as a function of the time since impact."""
+    """Durations of the phases [s] and the motion of each as a function of the time since impact.
+
+    ``endless`` is the first phase whose end did not come, None if all did.
+    """
 
     durations: tuple[float, ...]
     motions: tuple[OdeSolution, ...]
+    endless: int | None = None
 
     @property
     def period(self) -> float:
@@ -65,23 +69,32 @@ def roll_out(
     sequence: ModeSequence,
     state: Array,
     durations: Sequence[float] | Array | None = None,
+    longest: float = LONGEST_STEP,
 ) -> Rollout:
-    """Follow ``sequence`` from ``state`` just after an impact; given durations are kept, missing ones are found."""
+    """Follow ``sequence`` from ``state`` just after an impact; given durations are kept, missing ones are found.
+
+    No phase whose end is looked for lasts beyond ``longest`` after the impact [s].
+    """
     time, z = 0.0, state.copy()
     transit = transit_time(system, p, sequence, state)
     found: list[float] = []
     motions: list[OdeSolution] = []
+    endless = None
     for phase, mode in enumerate(sequence.phases):
         if mode is Mode.STICK:
             z[-1] = 0.0
         known = None if durations is None else durations[phase]
-        motion = _integrate(system, p, mode, time, z, LONGEST_STEP if known is None else known)
-        duration = known if known is not None else _phase_end(system, p, sequence, phase, motion, transit) - time
+        motion = _integrate(system, p, mode, time, z, max(longest - time, FIRST_STEP) if known is None else known)
+        duration = known
+        if duration is None:
+            end = _phase_end(system, p, sequence, phase, motion)
+            endless = phase if end is None and endless is None else endless
+            duration = (_lost_end(system, p, sequence, phase, motion, transit) if end is None else end) - time
         found.append(duration)
         motions.append(motion)
         time += duration
         z = motion(min(time, motion.t_max))
-    return Rollout(durations=tuple(found), motions=tuple(motions))
+    return Rollout(durations=tuple(found), motions=tuple(motions), endless=endless)
 
 
 def transit_time(system: HybridSystem, p: Array, sequence: ModeSequence, state: Array) -> float:
@@ -125,10 +138,34 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
     return solution.sol
 
 
-def _phase_end(
+def _phase_end(system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution) -> float | None:
+    """Time since impact at which the phase ends: its ending margin falls through zero after having been positive."""
+    margin, times = _ending_margin(system, p, sequence, phase, motion), _grid(motion)
+    values = np.array([margin(t) for t in times])
+    falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
+    return float(brentq(margin, times[falls[0]], times[falls[0] + 1])) if falls.size else None
+
+
+def _lost_end(
     system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution, transit: float
 ) -> float:
-    """Time since impact at which the phase ends: its ending margin falls through zero after having been positive."""
+    """Time since impact at which a phase that has no end is cut off."""
+    lost = transit
+    if phase + 1 < len(sequence.phases):
+        margin, times = _ending_margin(system, p, sequence, phase, motion), _grid(motion)
+        lost = float(times[np.argmin([abs(margin(t)) for t in times])])
+    return max(lost, motion.ts[0] + SHORTEST_PHASE * transit)
+
+
+def _grid(motion: OdeSolution) -> Array:
+    steps = np.linspace(motion.ts[:-1], motion.ts[1:], GRID, endpoint=False).ravel(order="F")
+    return np.append(steps, motion.t_max)
+
+
+def _ending_margin(
+    system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution
+) -> Callable[[float], float]:
+    """The margin that ends a phase, along its motion."""
     mode, after = sequence.phases[phase], (*sequence.phases[1:], None)[phase]
     row = margin_names(mode).index(ending_margin(mode, after))
     breakpoints = system.control.breakpoints
@@ -137,11 +174,4 @@ def _phase_end(
         data = system.control.data(int(np.searchsorted(breakpoints, t, side="right")))
         return float(system.margins(mode)(t, motion(t), p, data)[row])
 
-    steps = np.linspace(motion.ts[:-1], motion.ts[1:], GRID, endpoint=False).ravel(order="F")
-    times = np.append(steps, motion.t_max)
-    values = np.array([margin(t) for t in times])
-    falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
-    if falls.size:
-        return float(brentq(margin, times[falls[0]], times[falls[0] + 1]))
-    lost = float(times[np.argmin(np.abs(values))]) if after else transit
-    return max(lost, motion.ts[0] + SHORTEST_PHASE * transit)
+    return margin
