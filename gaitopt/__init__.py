@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gaitopt.errors import GaitoptError
-    from gaitopt.gait import Gait, Status, Trajectory
+    from gaitopt.gait import Branch, Gait, Status, Trajectory
     from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
     from gaitopt.study import return_map, simulate, solve, verify
+    from gaitopt.study.continuation import continuation
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Body",
+    "Branch",
     "Gait",
     "GaitoptError",
     "ImpactLaw",
@@ -28,6 +30,7 @@ __all__ = [
     "Status",
     "Trajectory",
     "Walker",
+    "continuation",
     "load_problem",
     "return_map",
     "simulate",
@@ -37,6 +40,7 @@ __all__ = [
 
 _HOME = {
     "Body": "gaitopt.mechanics.walker",
+    "Branch": "gaitopt.gait",
     "Gait": "gaitopt.gait",
     "GaitoptError": "gaitopt.errors",
     "ImpactLaw": "gaitopt.mechanics.modes",
@@ -47,6 +51,7 @@ _HOME = {
     "Status": "gaitopt.gait",
     "Trajectory": "gaitopt.gait",
     "Walker": "gaitopt.mechanics.walker",
+    "continuation": "gaitopt.study.continuation",
     "load_problem": "gaitopt.problem",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",

@@ -8,11 +8,10 @@ from gaitopt.errors import StorageError
 if TYPE_CHECKING:
     from gaitopt.problem import Problem
 
-BRANCH_FILE = "branch.jsonl"
-
-
 def holds_branch(run: str) -> bool:
     """Whether ``run`` is a folder with a branch in it."""
+    from gaitopt.store import BRANCH_FILE
+
     return (Path(run) / BRANCH_FILE).is_file()
 
 
@@ -28,7 +27,7 @@ def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
     from dataclasses import replace
 
     from gaitopt.problem import restore_problem
-    from gaitopt.store import read_lines, read_manifest
+    from gaitopt.store import BRANCH_FILE, read_lines, read_manifest
 
     folder = Path(run)
     read_manifest(folder)

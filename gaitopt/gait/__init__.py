@@ -1,6 +1,6 @@
 """Gaits and trajectories as data, and the scalars that describe them."""
 
-from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint
+from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
 from gaitopt.gait.gait import Gait, Shooting, Status
 from gaitopt.gait.measures import Observation, measure, observe
 from gaitopt.gait.multipliers import floquet_multipliers, multiplier_distance
@@ -19,6 +19,8 @@ __all__ = [
     "Status",
     "Step",
     "Trajectory",
+    "branch_header",
+    "branch_rows",
     "floquet_multipliers",
     "measure",
     "multiplier_distance",

@@ -1,6 +1,6 @@
 """A family of gaits along a parameter: points, special points, and the branches that they join."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, overload
 
@@ -11,6 +11,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.mechanics import ModeSequence
 
 Array = NDArray[np.float64]
+_PLACE = ("branch", "index", "value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +24,7 @@ class BranchPoint:
     index : number of the point within its branch.
     value : the parameter.
     gait : the gait, in full.
-    tangent : ndarray, shape (n_xi + 1,) - direction of the branch in section coordinates and parameter.
+    tangent : ndarray - direction of the branch in scaled section coordinates, durations and parameter, of unit length.
     length : arclength to the next point that is tried.
     """
 
@@ -44,6 +45,7 @@ class BranchPoint:
             **self.gait.to_record(),
             "tangent": [float(entry) for entry in self.tangent],
             "length": self.length,
+            "intervals": list(self.gait.shooting.intervals) if self.gait.shooting else [],
         }
 
 
@@ -158,3 +160,21 @@ def _scalar(gait: Gait, name: str) -> float | None:
         return float(gait.state[gait.system.state_names.index(name.removeprefix("state."))])
     known: Mapping[str, float | None] = gait.measures
     return known[name]
+
+
+def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Columns of the table of a branch, from its JSON records."""
+    first = next(record for record in records if record["record"] == "point")
+    scalars = [key for key, value in first.items() if isinstance(value, int | float) and key not in _PLACE]
+    states = [f"state.{name}" for name in first["state"]]
+    return [*_PLACE, "type", "phases", "impact", *states, *scalars]
+
+
+def branch_rows(records: Iterable[Mapping[str, Any]], header: Sequence[str]) -> Iterator[list[Any]]:
+    """Rows of that table: points and special points in the order in which they were found."""
+    for record in records:
+        gait = record if record["record"] == "point" else {**record["gait"], **record}
+        phases = " ".join(phase["mode"] for phase in gait.get("phases", ()))
+        states = {f"state.{name}": value for name, value in (gait.get("state") or {}).items()}
+        row = {**gait, **states, "type": record.get("type", "point"), "phases": phases}
+        yield [row.get(column) for column in header]

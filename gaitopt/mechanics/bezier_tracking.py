@@ -92,7 +92,7 @@ def control_points(phases: Array, angles: Array, degree: int) -> Array:
     """Control points (n, degree + 1) of the Bezier curves that come closest to ``angles`` (n, m) at ``phases`` (m,)."""
     k = np.arange(degree + 1)
     basis = np.array([comb(degree, j) for j in k]) * phases[:, None] ** k * (1 - phases[:, None]) ** (degree - k)
-    return np.linalg.lstsq(basis, angles.T, rcond=None)[0].T
+    return np.asarray(np.linalg.lstsq(basis, angles.T, rcond=None)[0].T, dtype=float)
 
 
 def _bernstein(degree: int, s: SX) -> SX:

@@ -72,6 +72,12 @@ class Curve:
         """The scaled coordinates y in which arclength is measured; shape (n_xi + n_phases + 1,)."""
         return w[self._indices] / self._scales
 
+    def direction(self, y: Array) -> Array:
+        """The change of w that belongs to a change of the scaled coordinates; other entries are zero."""
+        w = np.zeros(self.transcription.w.numel())
+        w[self._indices] = y * self._scales
+        return w
+
     def start(self, w: Array, forward: Array) -> CurvePoint | None:
         """The point of the curve next to ``w`` at the same parameter, its tangent along ``forward`` (shape of w)."""
         upright = np.zeros(self._indices.size)

@@ -1,5 +1,6 @@
 """Runs on disk: files that appear whole or not at all, and lines that survive being cut off."""
 
+from gaitopt.store.branch import BRANCH_FILE, begin_branch, branch_folder, stored_records, write_branch_table
 from gaitopt.store.files import write_whole
 from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.manifest import Manifest, read_manifest
@@ -18,12 +19,15 @@ from gaitopt.store.text import Table, csv_text, json_text
 from gaitopt.store.tiles import has_tile, read_tile, write_tile
 
 __all__ = [
+    "BRANCH_FILE",
     "GAIT_FILE",
     "LineWriter",
     "Manifest",
     "Run",
     "Table",
+    "begin_branch",
     "begin_run",
+    "branch_folder",
     "check_folder",
     "csv_text",
     "find_run",
@@ -34,6 +38,8 @@ __all__ = [
     "read_run",
     "read_tile",
     "run_folder",
+    "stored_records",
+    "write_branch_table",
     "write_run",
     "write_tile",
     "write_walk",

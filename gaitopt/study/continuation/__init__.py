@@ -1,5 +1,5 @@
 """Families of gaits: pseudo-arclength continuation through changes of the mode sequence."""
 
-from gaitopt.study.continuation.family import continuation, follow_family
+from gaitopt.study.continuation.family import Request, check_request, continuation, follow_family, resumable
 
-__all__ = ["continuation", "follow_family"]
+__all__ = ["Request", "check_request", "continuation", "follow_family", "resumable"]

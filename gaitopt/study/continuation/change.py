@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
@@ -79,7 +79,7 @@ def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: flo
     p[station.gait.system.parameters.index(piece.parameter)] = value
     state = _start_state(station, sequence, offset, p)
     try:
-        problem = _problem(piece, sequence, state)
+        problem = with_sequence(piece.problem, station.gait.system, sequence, state)
     except ProblemError:  # the state contradicts the impact
         return None
     system, period = station.gait.system, float(station.point.at.w[-1 - piece.transcription.n_phases : -1].sum())
@@ -96,13 +96,12 @@ def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: flo
     return successor, found
 
 
-def _problem(piece: Piece, sequence: ModeSequence, state: Array) -> Problem:
-    """The problem with another mode sequence, and the state from which it is looked for as its guess."""
-    system = piece.transcription.system
+def with_sequence(problem: Problem, system: HybridSystem, sequence: ModeSequence, state: Array) -> Problem:
+    """A problem with another mode sequence, and the state after impact from which it is looked for as its guess."""
     names = system.walker.section_names(slipping=sequence.impact is not Mode.STICK)
     guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
     phases = [str(mode) for mode in sequence.phases]
-    return piece.problem.replace({"gait.phases": phases, "gait.impact": str(sequence.impact), **guess})
+    return problem.replace({"gait.phases": phases, "gait.impact": str(sequence.impact), **guess})
 
 
 def _start_state(station: Station, sequence: ModeSequence, offset: float, p: Array) -> Array:

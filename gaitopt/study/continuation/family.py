@@ -1,27 +1,57 @@
-"""A family of gaits from one of its gaits: what a user calls."""
+"""A family of gaits from one of its gaits, towards one value of a parameter or two; and the same taken up again."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
+from gaitopt.mechanics import Mode, ModeSequence
 from gaitopt.nlp.arclength import Scales
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.study.continuation.follow import Follower, Limits, Record
+from gaitopt.study.continuation.change import with_sequence
+from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Limits, Record
 from gaitopt.study.continuation.piece import Piece, Station
 
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What family is wanted.
+
+    Attributes
+    ----------
+    parameter : dotted key of a scalar of walker, friction or control.
+    to : values of the parameter at which to stop, one after the other, each time from the first gait.
+    lower, upper : bounds for families that turn round; None as far beyond the first gait as the target is before it.
+    max_points, max_seconds : bounds on the work of each target.
+    verify_every : every so many points is confirmed by the simulator, 0 for none.
+    """
+
+    parameter: str
+    to: tuple[float, ...]
+    lower: float | None = None
+    upper: float | None = None
+    max_points: int = 2000
+    max_seconds: float | None = None
+    verify_every: int = 10
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object, the first line of a stored branch."""
+        return {"record": "continuation", **asdict(self), "to": list(self.to)}
+
+
 def continuation(
     gait: Gait,
     parameter: str,
-    to: float,
+    to: float | Sequence[float],
     *,
     lower: float | None = None,
     upper: float | None = None,
@@ -36,11 +66,11 @@ def continuation(
     ----------
     gait : a converged gait.
     parameter : dotted key of any scalar of walker, friction or control.
-    to : value of the parameter towards which to go, and at which to stop.
-    lower, upper : further bounds of the parameter, for families that turn round; on the side away from ``to`` as far
-        as ``to`` is on the other unless given.
+    to : value of the parameter towards which to go, and at which to stop; two values to go both ways.
+    lower, upper : further bounds of the parameter, for families that turn round.
     max_points, max_seconds : bounds on the work.
     verify_every : every so many points is confirmed by the simulator.
+    should_stop : polled before every point.
 
     Returns
     -------
@@ -50,22 +80,21 @@ def continuation(
     ------
     UnknownNameError
         If there is no such parameter; the message lists the near misses.
+    ProblemError
+        If a target lies beyond a bound.
     SolveError
         If ``gait`` is a failed attempt.
     """
-    records = list(
-        follow_family(
-            gait,
-            parameter,
-            to,
-            lower=lower,
-            upper=upper,
-            max_points=max_points,
-            max_seconds=max_seconds,
-            verify_every=verify_every,
-            should_stop=should_stop,
-        )
+    request = Request(
+        parameter=parameter,
+        to=(float(to),) if isinstance(to, int | float) else tuple(map(float, to)),
+        lower=lower,
+        upper=upper,
+        max_points=max_points,
+        max_seconds=max_seconds,
+        verify_every=verify_every,
     )
+    records = list(follow_family(gait, request, should_stop=should_stop))
     return Branch(
         parameter=parameter,
         points=tuple(record for record in records if isinstance(record, BranchPoint)),
@@ -75,67 +104,158 @@ def continuation(
 
 def follow_family(
     gait: Gait,
-    parameter: str,
-    to: float,
+    request: Request,
     *,
-    lower: float | None = None,
-    upper: float | None = None,
-    max_points: int = 2000,
-    max_seconds: float | None = None,
-    verify_every: int = 10,
+    done: Sequence[Mapping[str, Any]] = (),
     should_stop: Callable[[], bool] | None = None,
 ) -> Iterator[Record]:
-    """As ``continuation``, point by point."""
+    """As ``continuation``, record by record; ``done`` are the JSON records that there are (see ``resumable``)."""
+    check_request(gait, request)
+    sweeps = _sweeps(done)
+    highest = max((record["branch"] for record in done), default=-1)
+    sweeps += [()] * (len(request.to) - len(sweeps))
+    for to, made in zip(request.to, sweeps, strict=True):
+        if made and made[-1].get("type") in TERMINAL:
+            continue
+        follower = _follower(gait, request, to, made, highest + 1, should_stop)
+        for record in follower.records(with_first=not made):
+            highest = max(highest, record.branch)
+            yield record
+        if should_stop is not None and should_stop():
+            return
+
+
+def check_request(gait: Gait, request: Request) -> None:
+    """Refuse a request that cannot be met.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, SolveError
+        As ``continuation``.
+    """
     if gait.step is None:
         raise SolveError(f"{gait.problem.name} is {gait.status}, so there is nothing to continue: {gait.message}")
-    value = float(gait.p[_index(gait, parameter)])
-    _check_target(parameter, value, to, lower, upper)
-    ahead = 1.0 if to > value else -1.0
-    span = abs(to - value)
+    names = gait.system.parameters
+    if request.parameter not in names:
+        near = ", ".join(get_close_matches(request.parameter, names, n=3, cutoff=0.3)) or ", ".join(names)
+        raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}; did you mean {near}?")
+    value = float(gait.p[names.index(request.parameter)])
+    for to in request.to:
+        if to == value or not np.isfinite(to):
+            raise ProblemError(
+                f"{request.parameter} is {value:g} at the start: the target must be another finite value"
+            )
+        if request.lower is not None and min(to, value) < request.lower:
+            raise ProblemError(f"{request.parameter}: {min(to, value):g} lies below the bound {request.lower:g}")
+        if request.upper is not None and max(to, value) > request.upper:
+            raise ProblemError(f"{request.parameter}: {max(to, value):g} lies above the bound {request.upper:g}")
+
+
+def resumable(records: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The records from which an unfinished family goes on: special points after the last point are found again."""
+    kept = list(records)
+    while kept and kept[-1].get("record") == "special" and kept[-1]["type"] not in TERMINAL:
+        kept.pop()
+    return kept
+
+
+def _sweeps(done: Sequence[Mapping[str, Any]]) -> list[Sequence[Mapping[str, Any]]]:
+    """The records of each target; a terminal special point closes one."""
+    sweeps: list[list[Mapping[str, Any]]] = []
+    closed = True
+    for record in done:
+        if closed:
+            sweeps.append([])
+        sweeps[-1].append(record)
+        closed = record.get("type") in TERMINAL
+    return list(sweeps)
+
+
+def _follower(
+    gait: Gait,
+    request: Request,
+    to: float,
+    made: Sequence[Mapping[str, Any]],
+    number: int,
+    should_stop: Callable[[], bool] | None,
+) -> Follower:
+    """The walk towards one target, from the gait or from the last point that was made."""
+    assert gait.step is not None, "checked before"
+    value = float(gait.p[gait.system.parameters.index(request.parameter)])
+    span, ahead = abs(to - value), 1.0 if to > value else -1.0
     limits = Limits(
-        lower=to if ahead < 0 else (value - span if lower is None else lower),
-        upper=to if ahead > 0 else (value + span if upper is None else upper),
-        max_points=max_points,
-        max_seconds=max_seconds,
-        verify_every=verify_every,
+        lower=to if ahead < 0 else (value - span if request.lower is None else request.lower),
+        upper=to if ahead > 0 else (value + span if request.upper is None else request.upper),
+        max_points=request.max_points,
+        max_seconds=request.max_seconds,
+        verify_every=request.verify_every,
     )
     scales = (float(np.abs(gait.state).max()), gait.step.period, span)
-    piece, station = _first(gait, parameter, scales, ahead)
-    return Follower(piece, station, limits, should_stop=should_stop).records()
-
-
-def _index(gait: Gait, parameter: str) -> int:
-    names = gait.system.parameters
-    if parameter not in names:
-        near = ", ".join(get_close_matches(parameter, names, n=3, cutoff=0.3)) or ", ".join(names)
-        raise UnknownNameError(f"{parameter} is no parameter of {gait.problem.name}; did you mean {near}?")
-    return names.index(parameter)
-
-
-def _check_target(parameter: str, value: float, to: float, lower: float | None, upper: float | None) -> None:
-    if to == value or not np.isfinite(to):
-        raise ProblemError(f"{parameter} is {value:g} already: the target must be another finite value")
-    for name, bound, beyond in (("lower", lower, min(to, value)), ("upper", upper, max(to, value))):
-        if bound is not None and (beyond < bound if name == "lower" else beyond > bound):
-            raise ProblemError(
-                f"{parameter}: {beyond:g} lies beyond the {name} bound {bound:g}; move the bound or the target"
-            )
+    points = [record for record in made if record["record"] == "point"]
+    if points:
+        last = points[-1]
+        piece, station = _restored(gait, request.parameter, scales, last)
+        return Follower(
+            piece,
+            station,
+            limits,
+            number=last["branch"],
+            index=last["index"],
+            length=last["length"],
+            count=len(points),
+            should_stop=should_stop,
+        )
+    piece, station = _first(gait, request.parameter, scales, ahead)
+    return Follower(piece, station, limits, number=number, length=FIRST_LENGTH, should_stop=should_stop)
 
 
 def _first(gait: Gait, parameter: str, scales: Scales, ahead: float) -> tuple[Piece, Station]:
     """The branch of a gait, and its first point with the tangent in the wanted direction."""
-    problem, system = gait.problem, gait.system
-    assert gait.step is not None, "a gait has a step"
-    durations = tuple(duration for _, duration in gait.step.phases)
-    rolled = roll_out(system, gait.p, problem.sequence, gait.state, durations)
-    plan = layout(problem.sequence, durations, system.control.breakpoints)
-    transcription = Transcription(system, plan, (parameter,))
-    piece = Piece(problem, parameter, transcription, gait.p, scales)
-    value = gait.p[system.parameters.index(parameter)]
-    w = transcription.pack(rolled.nodes(plan), np.array(durations), (value,))
+    assert gait.step is not None, "checked before"
+    durations = np.array([duration for _, duration in gait.step.phases])
+    piece, w = _piece(gait, parameter, scales, gait.p, gait.state, durations)
     forward = np.zeros(w.size)
     forward[-1] = ahead
+    return piece, _started(piece, w, forward)
+
+
+def _restored(gait: Gait, parameter: str, scales: Scales, record: Mapping[str, Any]) -> tuple[Piece, Station]:
+    """The branch and the point that a record holds, on the mesh that it had."""
+    system = gait.system
+    phases = tuple(Mode(phase["mode"]) for phase in record["phases"])
+    durations = np.array([phase["duration"] for phase in record["phases"]])
+    state = np.array([record["state"][name] for name in system.state_names])
+    p = gait.p.copy()
+    p[system.parameters.index(parameter)] = record["value"]
+    problem = with_sequence(gait.problem, system, ModeSequence(phases, Mode(record["impact"])), state)
+    piece, w = _piece(gait, parameter, scales, p, state, durations, problem, record["intervals"])
+    return piece, _started(piece, w, piece.curve.direction(np.array(record["tangent"])))
+
+
+def _piece(
+    gait: Gait,
+    parameter: str,
+    scales: Scales,
+    p: Array,
+    state: Array,
+    durations: Array,
+    problem: Any = None,
+    intervals: Sequence[int] = (),
+) -> tuple[Piece, Array]:
+    """A branch through a known gait, and the unknowns of that gait."""
+    problem, system = problem or gait.problem, gait.system
+    rolled = roll_out(system, p, problem.sequence, state, durations)
+    plan = layout(problem.sequence, durations, system.control.breakpoints)
+    plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
+    transcription = Transcription(system, plan, (parameter,))
+    w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))
+    return Piece(problem, parameter, transcription, p, scales), w
+
+
+def _started(piece: Piece, w: Array, forward: Array) -> Station:
     station = piece.start(w, forward)
     if station is None:
-        raise SolveError(f"{problem.name}: the gait cannot be continued in {parameter}: Newton's method fails at it")
-    return piece, station
+        raise SolveError(
+            f"{piece.problem.name}: the gait cannot be continued in {piece.parameter}: Newton's method fails at it"
+        )
+    return station

@@ -45,6 +45,8 @@ ENDS = {
     "touchdown": ("end", "the swing foot touches the ground earlier in the step"),
 }
 """Monitors whose loss no other mode sequence can mend."""
+TERMINAL = ("end", "lift_off", "painleve")
+"""Special points at which a family ends."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,8 +88,9 @@ class Follower:
     ----------
     piece, station : the branch to start on, and its first gait.
     limits : where to stop.
-    number, index, length : of the first point; others than zero when a branch is taken up again.
-    should_stop : polled before every point.
+    number, index, length : of the first point, and ``count`` the points before it; others than zero when a branch is
+        taken up again.
+    should_stop : polled before every point; the walk then ends without a special point.
     """
 
     def __init__(
@@ -99,26 +102,26 @@ class Follower:
         number: int = 0,
         index: int = 0,
         length: float = FIRST_LENGTH,
+        count: int = 0,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
         self._state = _State(piece, station, number, index, min(length, limits.largest_length))
         self._limits, self._should_stop = limits, should_stop
-        self._count, self._began = 0, time.monotonic()
-        self._last_confirmed = -1
+        self._count, self._began = count, time.monotonic()
 
     def records(self, *, with_first: bool = True) -> Iterator[Record]:
         """All points and special points, until the family ends or a limit is reached."""
         if with_first:
             yield from self._emit()
         ended = False
-        while not ended:
+        while not ended and not (self._should_stop is not None and self._should_stop()):
             reason = self._limit_reached()
             if reason is not None:
                 yield self._special("end", self._state.station, reason=reason)
                 return
             for record in self._advance():
                 yield record
-                ended = ended or (isinstance(record, SpecialPoint) and _is_end(record))
+                ended = ended or (isinstance(record, SpecialPoint) and record.type in TERMINAL)
 
     def _advance(self) -> Iterator[Record]:
         """One step along the family, with everything that happens on it."""
@@ -212,8 +215,10 @@ class Follower:
         kinds = [kind for kind, value in station.tests.items() if value * before[kind] < 0]
         found = [(self._locate(partial(Station.test, kind=kind), length, station), kind) for kind in kinds]
         for location, kind in sorted(found, key=lambda pair: pair[0].length):
-            if is_genuine(kind, location.station.gait.multipliers):
-                yield self._special(kind, location.station, location.status)
+            gait = location.station.gait
+            if is_genuine(kind, gait.multipliers):
+                special = self._special(kind, location.station, location.status)
+                yield replace(special, gait=gait.verified(confirm(gait).to_record()))
 
     def _locate(
         self, watched: Callable[[Station], float], length: float, station: Station, name: Name | None = None
@@ -288,15 +293,9 @@ class Follower:
         )
 
     def _limit_reached(self) -> str | None:
-        if self._should_stop is not None and self._should_stop():
-            return "interrupted"
         if self._count >= self._limits.max_points:
             return f"{self._limits.max_points} points, as many as were asked for"
         elapsed = time.monotonic() - self._began
         if self._limits.max_seconds is not None and elapsed > self._limits.max_seconds:
             return f"out of time after {elapsed:.0f} s"
         return None
-
-
-def _is_end(record: SpecialPoint) -> bool:
-    return record.type in ("end", "lift_off", "painleve")

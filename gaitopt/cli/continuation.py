@@ -1,0 +1,209 @@
+"""``gaitopt continue``: a family of gaits along a parameter, through changes of the mode sequence."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gaitopt.cli.options import DebugOption, OutOption, QuietOption, SetOption
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from gaitopt.gait import Gait
+    from gaitopt.study.continuation import Request
+
+NOT_A_GAIT = 4
+DISAGREES = 5
+
+GaitArgument = Annotated[
+    str, typer.Argument(metavar="PROBLEM", help="A name, a .yaml file, or the run folder of a gait.")
+]
+ParamOption = Annotated[str, typer.Option("--param", metavar="KEY", help="What is varied: friction, walker.slope, ...")]
+ToOption = Annotated[
+    list[str], typer.Option("--to", metavar="VALUE", help="Where to stop; a second --to goes there from the start too.")
+]
+LowerOption = Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Bound of the parameter.")]
+UpperOption = Annotated[str | None, typer.Option("--upper", metavar="VALUE", help="Bound of the parameter.")]
+PointsOption = Annotated[int, typer.Option("--max-points", min=1, help="Most points towards each target.")]
+SecondsOption = Annotated[float | None, typer.Option("--max-seconds", min=0.0, help="Wall time for this time [s].")]
+VerifyOption = Annotated[
+    int, typer.Option("--verify-every", min=0, help="Every so many points is confirmed by simulation; 0: none.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object per line, as soon as it is found.")]
+
+
+def continue_(
+    problem: GaitArgument,
+    param: ParamOption,
+    to: ToOption,
+    lower: LowerOption = None,
+    upper: UpperOption = None,
+    max_points: PointsOption = 2000,
+    max_seconds: SecondsOption = None,
+    verify_every: VerifyOption = 10,
+    changes: SetOption = None,
+    output: OutOption = None,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Continue a gait in a parameter, through folds and changes of the mode sequence.
+
+    What is found is kept at once; the same command takes up a walk that was cut short.
+    """
+    from gaitopt.cli.console import narration, print_json
+    from gaitopt.cli.runs import gait_of
+    from gaitopt.cli.solve import report
+    from gaitopt.store import branch_folder
+    from gaitopt.study.continuation import Request, check_request
+
+    request = Request(
+        parameter=param,
+        to=tuple(_number(value, "--to") for value in to),
+        lower=None if lower is None else _number(lower, "--lower"),
+        upper=None if upper is None else _number(upper, "--upper"),
+        max_points=max_points,
+        max_seconds=max_seconds,
+        verify_every=verify_every,
+    )
+    console = narration(quiet=quiet)
+    gait, _, _ = gait_of(problem, changes, None, console)
+    if not gait.converged:
+        report(gait, None, json=json)
+        return NOT_A_GAIT
+    check_request(gait, request)
+    folder = output or branch_folder(gait.problem, request.to_record())
+    records = _walk(gait, request, folder, console, print_json if json else None)
+    if not json:
+        _print_summary(records, folder)
+    return DISAGREES if any("the simulator disagrees" in record.get("reason", "") for record in records) else 0
+
+
+def _number(text: str, option: str) -> float:
+    """A number as YAML reads it, or an angle with its unit."""
+    from gaitopt.errors import ProblemError
+    from gaitopt.mechanics.units import parse_angle
+    from gaitopt.problem import parse_value
+
+    try:
+        value = parse_value(text)
+        return float(parse_angle(value))  # type: ignore[arg-type]
+    except (ProblemError, ValueError, TypeError) as error:
+        raise typer.BadParameter(f"{option} {text}: write a number, or an angle such as 2 deg") from error
+
+
+def _walk(
+    gait: "Gait", request: "Request", folder: Path, console: "Console", emit: Callable[[Mapping[str, Any]], None] | None
+) -> list[dict[str, Any]]:
+    """Walk along the family, each record on the disk before it is shown; returns all of them, in short."""
+    from gaitopt.cli.progress import interruptible
+    from gaitopt.gait import branch_header, branch_rows
+    from gaitopt.store import BRANCH_FILE, LineWriter, begin_branch, read_lines, stored_records, write_branch_table
+    from gaitopt.study.continuation import follow_family, resumable
+
+    done = resumable(stored_records(folder, gait.problem, request.to_record()))
+    path = begin_branch(folder, gait.problem, request.to_record(), done)
+    if done:
+        console.print(f"taken up from {folder} after {len(done)} records", soft_wrap=True)
+    summary = [_short(record) for record in done]
+    if emit:
+        for stored in done:
+            emit(stored)
+    with interruptible() as interrupted, LineWriter(path) as lines, _live(console, request.parameter) as show:
+        for found in follow_family(gait, request, done=done, should_stop=interrupted):
+            record = found.to_record()
+            lines.append(record)
+            summary.append(_short(record))
+            show(record)
+            if emit:
+                emit(record)
+    if interrupted():
+        raise KeyboardInterrupt
+    records = [record for record in read_lines(folder / BRANCH_FILE) if record["record"] != "continuation"]
+    header = branch_header(records)
+    write_branch_table(folder, header, branch_rows(records, header))
+    return summary
+
+
+def _short(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What the summary needs of a record, so that memory does not grow with the gaits."""
+    keys = ("record", "branch", "index", "value", "type", "status", "reason", "next", "from", "to", "spectral_radius")
+    short = {key: record[key] for key in keys if key in record}
+    return short | {"sequence": _sequence(record)} if record["record"] == "point" else short
+
+
+def _sequence(record: Mapping[str, Any]) -> str:
+    phases = [phase["mode"] if isinstance(phase, dict) else phase for phase in record["phases"]]
+    return f"{', '.join(phases)}; {record['impact']}"
+
+
+@contextmanager
+def _live(console: "Console", parameter: str) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """A line that follows the walk: a live one on a terminal, one per record elsewhere."""
+    began, points = time.monotonic(), 0
+
+    def words(record: dict[str, Any]) -> str:
+        rate = points / max(time.monotonic() - began, 1e-9)
+        radius = record["spectral_radius"]
+        return (
+            f"{parameter} = {record['value']:.6g}  |multiplier| {radius:.4f}  {_sequence(record)}  {rate:.0f} gaits/s"
+        )
+
+    def show(record: dict[str, Any]) -> None:
+        nonlocal points
+        if record["record"] == "special":
+            console.print(f"  {parameter} = {record['value']:.9g}: {_event(record)}")
+            return
+        points += 1
+        if console.is_terminal:
+            status.update(words(record))
+        else:
+            console.print(f"  {words(record)}")
+
+    with console.status("continuing") as status:
+        yield show
+
+
+def _event(record: dict[str, Any]) -> str:
+    name = record["type"].replace("_", " ")
+    return name if not record.get("reason") else f"{name}: {record['reason']}"
+
+
+def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
+    """The branches, how they are joined, and what happens on them."""
+    from rich.table import Table
+
+    from gaitopt.cli.console import results
+
+    console = results()
+    table = Table(title="Branches", title_justify="left")
+    for heading in ("branch", "mode sequence", "from", "to", "points", "|multiplier|", "ends with"):
+        table.add_column(heading, overflow="fold")
+    for number in sorted({record["branch"] for record in records}):
+        points = [record for record in records if record["branch"] == number and record["record"] == "point"]
+        if not points:
+            continue
+        radii = [point["spectral_radius"] for point in points]
+        last = [record for record in records if record["branch"] == number and record["record"] == "special"]
+        ends = [r for r in last if r["next"] or r["type"] in ("end", "lift_off", "painleve")]
+        joined = f"{ends[-1]['type'].replace('_', ' ')}" if ends else ""
+        joined += "".join(f" -> {following}" for following in (ends[-1]["next"] if ends else ()))
+        table.add_row(
+            str(number),
+            points[0]["sequence"],
+            f"{points[0]['value']:.6g}",
+            f"{points[-1]['value']:.6g}",
+            str(len(points)),
+            f"{min(radii):.4f} to {max(radii):.4f}",
+            joined,
+        )
+    console.print(table)
+    for record in records:
+        if record["record"] == "special":
+            guess = "" if record["status"] == "converged" else " (only bracketed)"
+            console.print(f"branch {record['branch']}, {record['value']:.10g}{guess}: {_event(record)}")
+    console.print(f"run: {folder}", soft_wrap=True)

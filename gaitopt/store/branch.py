@@ -1,0 +1,69 @@
+"""A branch on disk: JSON lines in a run folder, one durable line per record, and a table for other programs.
+
+The first line is the request. A walk that was killed goes on after its last point; special points found after that are
+found again, so that the file is the same as without the kill.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gaitopt.errors import StorageError
+from gaitopt.problem import Problem
+from gaitopt.store.files import write_whole
+from gaitopt.store.lines import read_lines
+from gaitopt.store.run import begin_run, check_folder, run_folder
+from gaitopt.store.text import Table, csv_text, json_text
+
+BRANCH_FILE = "branch.jsonl"
+BRANCH_TABLE = "branch.csv"
+EFFORT = ("max_seconds",)
+"""Entries of a request that do not change what is found, only how much at a time."""
+
+
+def branch_folder(problem: Problem, request: Mapping[str, Any]) -> Path:
+    """Default folder of a branch: that of the problem's gait, with the parameter and its targets."""
+    targets = "_".join(f"{to:g}" for to in request["to"])
+    folder = run_folder(problem)
+    return folder.with_name(f"{folder.name}-{re.sub(r'[^0-9A-Za-z.]+', '-', request['parameter'])}-{targets}")
+
+
+def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The records of a branch that is there already, without the request; empty if there is none.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds something else, or a branch with another request.
+    """
+    check_folder(folder, problem)
+    if not (folder / BRANCH_FILE).is_file():
+        return []
+    records = list(read_lines(folder / BRANCH_FILE))
+    if records and _core(records[0]) != _core(request):
+        asked = ", ".join(f"{key} {value}" for key, value in _core(records[0]).items() if value is not None)
+        raise StorageError(
+            f"{folder} holds another branch ({asked}); it was left alone: "
+            "name another folder with -o, or delete this one"
+        )
+    return records[1:]
+
+
+def begin_branch(
+    folder: Path, problem: Problem, request: Mapping[str, Any], records: Sequence[Mapping[str, Any]]
+) -> Path:
+    """Write the request and the records from which a branch goes on; returns the file to append to."""
+    begin_run(folder, problem)
+    write_whole(folder / BRANCH_FILE, "".join(json_text(record) + "\n" for record in (request, *records)))
+    return folder / BRANCH_FILE
+
+
+def write_branch_table(folder: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
+    """Write the table of a branch beside it."""
+    write_whole(folder / BRANCH_TABLE, csv_text(Table(header=tuple(header), rows=list(rows))))
+    return folder / BRANCH_TABLE
+
+
+def _core(request: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in request.items() if key not in EFFORT}
