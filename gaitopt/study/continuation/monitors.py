@@ -134,6 +134,8 @@ def _second_touchdown(gait: Gait) -> float:
     assert gait.step is not None
     lowest, armed = OPEN, False
     for arc in gait.step.arcs:
+        if arc.duration < SHORT * abs(gait.step.period):
+            continue
         values = _margins(gait, arc)[0]
         c = curves.coefficients(values)
         minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
