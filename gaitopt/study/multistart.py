@@ -1,7 +1,6 @@
 """Designs from many sampled guesses: which optima there are, how often each is found, and whether the best is alone.
 
-A start moves every section coordinate of the guess and every freed number's guess at random towards its bounds. The
-starts depend on the seed alone, not on how many processes work on them.
+A start changes every section coordinate of the guess and the guess of every freed number at random. The starts depend on the seed alone, not on how many processes work on them.
 """
 
 from collections.abc import Callable
@@ -54,8 +53,7 @@ def multistart(
     ----------
     problem : a design, or a problem without unknowns (then its distinct gaits are found).
     seed : of the samples.
-    spread : how far a sample goes: coordinates by this part of themselves, freed numbers by this part of the way to
-        their bounds.
+    spread : how far a sample goes: coordinates and freed numbers by this part of themselves, within their bounds.
     workers : where the starts are worked on; by default all cores.
     progress : called with the number of starts done and their total.
     """
@@ -78,9 +76,8 @@ def _sampled(problem: Problem, spread: float, seed: int, number: int) -> Problem
         f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names
     }
     for key, free in problem.free.items():
-        way = spread * rng.uniform(-1, 1)
-        bound = free.upper if way > 0 else free.lower
-        guess = free.guess + abs(way) * (bound - free.guess)
+        size = abs(free.guess) or free.upper - free.lower
+        guess = float(np.clip(free.guess + spread * size * rng.uniform(-1, 1), free.lower, free.upper))
         changes[key] = {"free": [free.lower, free.upper], "guess": guess}
     return problem.replace(changes)
 

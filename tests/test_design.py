@@ -1,0 +1,148 @@
+"""Designs: free parameters, objectives, constraints; each optimum against an independent road."""
+
+import numpy as np
+import pytest
+
+from gaitopt.gait import Status
+from gaitopt.mechanics import BeyondEnd, BezierTracking, control_points
+from gaitopt.nlp.between import touches
+from gaitopt.problem import load_problem, parse_problem
+from gaitopt.study import build_system, solve, verify
+
+FREE_TORQUES = {
+    "control.ankle": {"free": [-5, 5], "guess": 1.0},
+    "control.hip": {"free": [-5, 5], "guess": 0.27},
+}
+
+
+def sticking(asked, **changes):
+    return load_problem("compass-torque-stick").replace({**FREE_TORQUES, **asked, **changes})
+
+
+@pytest.fixture(scope="module")
+def cheapest():
+    return solve(sticking({"objective": "cost_of_transport", "constraints": {"speed": 0.55}}))
+
+
+def test_constraint_holds_for_the_scalar_that_is_reported(cheapest):
+    assert cheapest.converged, cheapest.message
+    assert cheapest.measures["speed"] == pytest.approx(0.55, abs=1e-9)
+
+
+def test_freed_values_are_reported_and_verified(cheapest):
+    assert set(cheapest.freed) == set(FREE_TORQUES)
+    assert verify(cheapest).passed
+
+
+@pytest.mark.parametrize("hip", [0.27, 0.29])
+def test_no_neighbour_with_the_same_speed_is_cheaper(cheapest, hip):
+    other = solve(sticking({"constraints": {"speed": 0.55}, "control.hip": hip}))
+    assert other.converged
+    assert other.measures["cost_of_transport"] > cheapest.measures["cost_of_transport"]
+
+
+@pytest.mark.parametrize("guess", [0.7, 1.2, 1.5])
+def test_optimum_does_not_depend_on_the_guess(cheapest, guess):
+    asked = {"objective": "cost_of_transport", "constraints": {"speed": 0.55}}
+    ankle = {"control.ankle": {"free": [-5, 5], "guess": guess}}
+    again = solve(sticking(asked, **ankle, **{"control.hip": {"free": [-5, 5], "guess": 0.3 * guess}}))
+    assert again.solver["objective"] == pytest.approx(cheapest.solver["objective"], rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("objective", "scalar", "sense"),
+    [
+        ("peak_torque", "peak_torque", 1),
+        ("torque_squared", "torque_squared", 1),
+        ({"foot_clearance": -1}, "foot_clearance", -1),
+        ({"min_normal_force": -1}, "min_normal_force", -1),
+        ("absolute_cost_of_transport", "absolute_cost_of_transport", 1),
+    ],
+)
+def test_objective_is_the_scalar_that_is_reported(objective, scalar, sense):
+    gait = solve(sticking({"objective": objective, "constraints": {"speed": {"min": 0.5, "max": 0.6}}}))
+    assert gait.converged, gait.message
+    assert sense * gait.solver["objective"] == pytest.approx(gait.measures[scalar], rel=1e-6)
+
+
+def test_margins_hold_between_the_nodes():
+    gait = solve(load_problem("compass-torque-stable-slip"))
+    assert gait.converged, gait.message
+    assert not touches(gait, 1e-8)
+
+
+def test_slope_for_a_given_speed_is_the_one_that_has_it():
+    gait = solve(load_problem("rimless-wheel-slope"))
+    fixed = solve(load_problem("rimless-wheel-slip").replace({"walker.slope": gait.freed["walker.slope"]}))
+    assert fixed.measures["speed"] == pytest.approx(0.8, abs=1e-9)
+
+
+def test_least_friction_is_what_the_sticking_gait_requires():
+    gait = solve(load_problem("compass-minimum-friction"))
+    assert gait.converged
+    required = max(gait.measures["required_friction"], gait.measures["impulse_ratio"])
+    assert gait.freed["friction"] == pytest.approx(required, abs=1e-8)
+
+
+def test_cheap_slip_beats_the_sticking_gaits_of_its_speed_and_floor():
+    slipping = solve(load_problem("compass-torque-efficient"))
+    cold = {"control.ankle": {"free": [-5, 5], "guess": 0.4}, "control.hip": {"free": [-5, 5], "guess": 0.12}}
+    asked = {"objective": "cost_of_transport", "constraints": {"speed": 0.4}, "friction": slipping.p[6]}
+    sticking_gait = solve(sticking(asked, **cold))
+    assert sticking_gait.converged
+    assert verify(slipping).passed
+    assert slipping.measures["cost_of_transport"] < 0.0040 < sticking_gait.measures["cost_of_transport"]
+
+
+def test_infeasible_design_names_constraint_obstacle_and_best_reached():
+    bounded = {"control.ankle": {"free": [-5, 1], "guess": 0.9}}
+    gait = solve(sticking({"objective": "cost_of_transport", "constraints": {"speed": {"min": 0.8}}}, **bounded))
+    assert gait.status is Status.INFEASIBLE
+    assert gait.step is None
+    assert "speed >= 0.8 conflicts with" in gait.message
+    assert "control.ankle <= 1" in gait.message
+    assert "best reached 0.55" in gait.message
+
+
+def test_request_to_stop_interrupts_a_design():
+    calls = iter(range(10_000))
+    asked = {"objective": "cost_of_transport", "constraints": {"speed": 0.55}}
+    gait = solve(sticking(asked), should_stop=lambda: next(calls) > 8)
+    assert gait.status is Status.INTERRUPTED
+
+
+def test_warm_start_finds_the_same_optimum(cheapest):
+    asked = {"objective": "cost_of_transport", "constraints": {"speed": 0.56}}
+    warm, cold = solve(sticking(asked), start=cheapest), solve(sticking(asked))
+    assert warm.solver["objective"] == pytest.approx(cold.solver["objective"], rel=1e-8)
+
+
+def test_bezier_fit_reproduces_a_polynomial_of_its_degree():
+    phases = np.linspace(0, 1, 30)
+    points = control_points(phases, np.vstack([phases**3 - phases, 2 * phases]), 4)
+    assert np.allclose(points[1], np.linspace(0, 2, 5))
+    assert np.allclose(points[:, [0, -1]], [[0, 0], [0, 2]])
+
+
+@pytest.mark.parametrize("beyond_end", [BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF])
+def test_free_curve_is_a_gait_on_both_roads(beyond_end):
+    source = load_problem("compass-pd-designed")
+    text = source.text.replace("beyond_end: linear", f"beyond_end: {beyond_end}")
+    head = text[: text.index("objective:")]
+    problem = parse_problem(head + "objective: torque_squared\nconstraints: {speed: {min: 0.3}}\n")
+    system = build_system(problem)
+    assert isinstance(system.control, BezierTracking)
+    assert len(system.control.unknowns) == 14
+
+
+@pytest.mark.slow
+def test_designed_reference_answers_the_open_problem():
+    gait = solve(load_problem("compass-pd-designed"))
+    assert gait.converged, gait.message
+    assert verify(gait).passed
+    assert gait.measures["step_length"] >= 0.311 - 1e-8
+    assert gait.measures["speed"] >= 0.40
+    assert gait.measures["cost_of_transport"] <= 0.00565 + 1e-8
+    assert gait.measures["absolute_cost_of_transport"] <= 0.010
+    assert gait.spectral_radius <= 0.5 + 1e-7
+    assert max(abs(v) for k, v in gait.freed.items() if "reference" in k) <= 0.6 + 1e-9

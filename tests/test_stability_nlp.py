@@ -1,0 +1,77 @@
+"""The certified radius of the multipliers and its gradient."""
+
+import numpy as np
+import pytest
+from casadi import MX, Function, jacobian
+
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.stability import certified_radius, radius_gradient, smoothed_radius
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import load_problem
+from gaitopt.study import solve, verify
+
+MATRICES = {
+    "real": np.diag([0.9, 0.3, -0.2]),
+    "complex pair": np.array([[0.4, -0.5, 0.1], [0.5, 0.4, 0.0], [0.0, 0.2, 0.1]]),
+    "defective": np.array([[0.7, 1.0, 0.0], [0.0, 0.7, 0.0], [0.0, 0.0, 0.1]]),
+    "zero multiplier": np.array([[0.8, 30.0, 0.0], [0.0, 0.0, 0.0], [5.0, 1.0, 0.2]]),
+    "nilpotent": np.array([[0.0, 40.0, 1.0], [0.0, 0.0, 3.0], [0.0, 0.0, 0.0]]),
+}
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_certificate_bounds_the_spectral_radius_from_above(name):
+    radius, P = smoothed_radius(MATRICES[name])
+    assert radius > np.abs(np.linalg.eigvals(MATRICES[name])).max()
+    assert np.linalg.eigvalsh(P).min() > 0
+    assert np.linalg.eigvalsh(radius**2 * P - MATRICES[name].T @ P @ MATRICES[name]).min() > 0
+
+
+@pytest.mark.parametrize("name", ["real", "complex pair"])
+def test_certificate_is_tight_where_multipliers_are_apart(name):
+    radius, _ = smoothed_radius(MATRICES[name])
+    assert radius == pytest.approx(np.abs(np.linalg.eigvals(MATRICES[name])).max(), rel=1e-5)
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_gradient_in_the_matrix_is_that_of_central_differences(name):
+    M = MATRICES[name]
+    exact = radius_gradient(M, *smoothed_radius(M))
+    direction = np.random.default_rng(0).normal(size=M.shape)
+    step = 1e-6
+    difference = smoothed_radius(M + step * direction)[0] - smoothed_radius(M - step * direction)[0]
+    assert np.vdot(exact, direction) == pytest.approx(difference / (2 * step), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["compass-torque-slip", "compass-torque-impact-slip", "rimless-wheel-stick"])
+def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
+    gait = solve(load_problem(name))
+    free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))
+    durations = [duration for _, duration in gait.step.phases]
+    plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
+    t = Transcription(gait.system, plan, free)
+    values = [gait.p[gait.system.parameters.index(key)] for key in free]
+    w = t.pack(gait.shooting.states.T, np.array(durations), values)
+    radius = certified_radius(t)
+    symbol = MX.sym("w", w.size)
+    slope = Function("slope", [symbol], [jacobian(radius(symbol, gait.p), symbol)])
+    direction = np.random.default_rng(3).normal(size=w.size)
+    step = 1e-7
+    difference = float(radius(w + step * direction, gait.p)) - float(radius(w - step * direction, gait.p))
+    assert float(slope(w) @ direction) == pytest.approx(difference / (2 * step), rel=1e-4)
+
+
+def test_stable_open_loop_slip_is_as_stable_as_it_was_asked_to_be():
+    gait = solve(load_problem("compass-torque-stable-slip"))
+    assert gait.converged, gait.message
+    assert gait.spectral_radius == pytest.approx(0.5, abs=1e-7)
+    assert verify(gait).passed
+
+
+def test_least_radius_is_found():
+    problem = load_problem("compass-torque-stable-slip-cheap").replace(
+        {"friction": 0.16, "objective": "spectral_radius", "constraints": {"state.dx": {"min": 0.02}}}
+    )
+    gait = solve(problem)
+    assert gait.converged
+    assert gait.spectral_radius == pytest.approx(0.70128, abs=1e-4)
