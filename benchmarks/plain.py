@@ -33,7 +33,9 @@ class PlainCompass:
         arms = ((self.com, 0.0), (self.length, 0.0), (self.length, self.length - self.com))
         for mass, (a, b) in zip(self.masses, arms, strict=True):
             J = np.array([[a * c1, b * c2, 1.0, 0.0], [-a * s1, b * s2, 0.0, 1.0]])
-            curvature = np.array([-a * s1 * dq[0] ** 2 - b * s2 * dq[1] ** 2, -a * c1 * dq[0] ** 2 + b * c2 * dq[1] ** 2])
+            curvature = np.array(
+                [-a * s1 * dq[0] ** 2 - b * s2 * dq[1] ** 2, -a * c1 * dq[0] ** 2 + b * c2 * dq[1] ** 2]
+            )
             M += mass * J.T @ J
             bias += mass * J.T @ (curvature - self.gravity)
         return M, bias
@@ -152,8 +154,7 @@ class PlainCompass:
     def multipliers(self, xi: Array) -> Array:
         """Eigenvalues of the return map's derivative by central differences."""
         columns = [
-            (self.return_map(xi + h) - self.return_map(xi - h)) / (2 * DIFFERENCE)
-            for h in DIFFERENCE * np.eye(len(xi))
+            (self.return_map(xi + h) - self.return_map(xi - h)) / (2 * DIFFERENCE) for h in DIFFERENCE * np.eye(len(xi))
         ]
         return np.linalg.eigvals(np.column_stack(columns))
 

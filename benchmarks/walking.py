@@ -1,0 +1,107 @@
+"""Walking steps, multipliers and gaits: the plain way, the engines, and batches."""
+
+import time
+from functools import partial
+
+import numpy as np
+from plain import PlainCompass
+from timing import Row, compared
+
+from gaitopt import load_problem, return_map, solve
+from gaitopt.gait import Gait
+from gaitopt.mechanics import Mode
+from gaitopt.orbit import ReturnMap
+from gaitopt.simulation import Engine, ScipyStepper, Simulator
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.study.batch import step_map
+
+ENGINES = {"scipy": ScipyStepper, "heyoka": HeyokaStepper}
+
+BATCH = 8192
+SPREAD = 0.02
+"""Relative spread of a batch around the gait, so that every state walks a step of the same kind."""
+
+
+def plain_walker(gait: Gait) -> PlainCompass:
+    """The same walker, the plain way."""
+    walker = gait.problem.walker
+    names = ("leg_length", "leg_mass", "leg_com", "hip_mass", "gravity", "slope")
+    return PlainCompass(**{name: getattr(walker, name) for name in names}, friction=gait.problem.friction)
+
+
+def step_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
+    """One stick-slip step with all its events; how far the period is off by extended precision."""
+    extended = HeyokaStepper(gait.system, gait.p, precision=np.longdouble)
+    exact = Simulator(gait.system, gait.p, stepper=extended).step(gait.state).step.period
+    error = abs(plain.step(gait.state)[1] - exact)
+    ways = {"plain: solve_ivp, NumPy": (lambda: plain.step(gait.state), f"period off by {error:.0e} s")}
+    for name, kind in ENGINES.items():
+        simulator = Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p))
+        error = abs(simulator.step(gait.state).step.period - exact)
+        ways[name] = (partial(simulator.step, gait.state), f"period off by {error:.0e} s")
+    xi = near(gait, BATCH)
+    rounded = step_map(gait.problem, tuple(gait.p.tolist()), Engine.HEYOKA)
+    found = compared("a stick-slip step", ways)
+    (_, batch) = compared(
+        "", {"": next(iter(ways.values())), "heyoka, batch on one core": (partial(rounded, xi), "")}, each=1
+    )
+    seconds = batch.seconds / BATCH
+    note = f"{BATCH} states around the gait"
+    return [
+        *found,
+        Row(what=found[0].what, way=batch.way, seconds=seconds, ratio=found[0].seconds / seconds, note=note),
+    ]
+
+
+def near(gait: Gait, count: int) -> np.ndarray:
+    """Section coordinates spread around a gait."""
+    xi = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
+    return xi * (1 + np.random.default_rng(1).uniform(-SPREAD, SPREAD, (count, xi.size)))
+
+
+def multiplier_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
+    """Floquet multipliers of a gait: central differences against the variational equations, their step included."""
+    xi = gait.state[gait.system.section(gait.problem.sequence.impact)]
+    ways = {"plain: central differences": (lambda: plain.multipliers(xi), "")}
+    for name, kind in ENGINES.items():
+        simulator = Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p))
+        returns = ReturnMap(simulator, gait.problem.sequence.impact)
+
+        def multipliers(returns: ReturnMap = returns) -> np.ndarray:
+            return np.linalg.eigvals(returns.jacobian(returns(xi).step))
+
+        ways[name] = (multipliers, "variational equations")
+    return compared("multipliers of a gait", ways)
+
+
+def gait_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
+    """A gait from its guess: fsolve on the simulated step against the NLP, built and solved."""
+    problem = gait.problem
+    guess = np.array([problem.guess.state[name] for name in problem.walker.section_names(slipping=False)])
+    ways = {
+        "plain: fsolve": (lambda: plain.gait(guess), "the state alone"),
+        "gaitopt.solve": (lambda: solve(problem), "NLP built, solved, polished; with error estimate and multipliers"),
+    }
+    return compared("a gait from its guess", ways, rounds=2)
+
+
+def million_rows(gait: Gait, count: int, workers: int) -> list[Row]:
+    """One step of each of many states of a basin, anywhere on a grid around the gait."""
+    problem = gait.problem
+    rng = np.random.default_rng(2)
+    centre = gait.state[gait.system.section(Mode.STICK)]
+    xi = centre * (1 + rng.uniform(-0.5, 0.5, (count, centre.size)))
+    return_map(problem, xi[:64], engine="heyoka")
+    began = time.perf_counter()
+    returned = return_map(problem, xi, engine="heyoka", workers=workers)
+    seconds = time.perf_counter() - began
+    walked = f"{returned.completed.mean():.0%} completed their step, {workers} workers, their start included"
+    return [Row(what=f"{count:,} states of a basin, one step each", way="heyoka, batch", seconds=seconds, note=walked)]
+
+
+def rows(count: int, workers: int) -> list[Row]:
+    """All of them."""
+    gait = solve(load_problem("compass-passive-a"))
+    plain = plain_walker(gait)
+    found = [*step_rows(gait, plain), *multiplier_rows(gait, plain), *gait_rows(gait, plain)]
+    return [*found, *million_rows(gait, count // 10, 1), *million_rows(gait, count, workers)]
