@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin
 from gaitopt.nlp.transcription import Label, Transcription
 
 Array = NDArray[np.float64]
@@ -24,6 +24,15 @@ class Complaint:
     words: str
 
 
+ENDLESS = {
+    "touchdown": "the swing foot does not come down",
+    "slip_velocity": "the foot does not come to rest before touchdown",
+    "cone_forward": "sticking needs no more friction than there is before touchdown, so that no slip sets in",
+}
+ENDLESS["cone_backward"] = ENDLESS["cone_forward"]
+RUNAWAY = 1e3
+"""Rates of 1000 rad/s belong to no walker, and more than that to no number."""
+
 SIMPLE_MARGINS = {
     "normal_force": ("normal force is {value:.4g} N, must be positive", "force"),
     "slip_velocity": ("slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative", "speed"),
@@ -39,10 +48,11 @@ SIMPLE_MARGINS = {
 def complaints(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Complaint]:
     """The worst violated condition of every phase and of the impact, worst first.
 
-    ``margins`` are the values of the transcription's inequalities at ``w``.
+    ``margins`` are the values of the transcription's inequalities at ``w``. Where a phase runs backwards in time, that
+    is all there is to say.
     """
-    found = [*_cone_complaints(problem, w, p, margins), *_margin_complaints(problem, w, p, margins)]
-    found += _duration_complaints(problem, w)
+    found = [c for c in _duration_complaints(problem, w) if c.severity > tolerance]
+    found = found or [*_cone_complaints(problem, w, p, margins), *_margin_complaints(problem, w, p, margins)]
     worst: dict[int | None, Complaint] = {}
     for complaint in sorted(found, key=lambda c: c.severity):
         if complaint.severity > tolerance:
@@ -50,11 +60,19 @@ def complaints(problem: Transcription, w: Array, p: Array, margins: Array, toler
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
+def endless_complaint(sequence: ModeSequence, phase: int) -> str:
+    """Why a phase of the guess does not end as the sequence wants it to."""
+    words = ENDLESS[ending_margin(sequence.phases[phase], (*sequence.phases[1:], None)[phase])]
+    return f"phase {phase + 1} ({sequence.phases[phase]}) has no end: from the guess, {words}"
+
+
 def residual_complaint(problem: Transcription, w: Array, residual: Array) -> str:
     """The equality that is violated most."""
     row = int(np.argmax(np.abs(residual)))
     n_z, modes = problem.system.n_z, problem.layout.sequence.phases
     size = abs(float(residual[row]))
+    if not size < RUNAWAY:
+        return "the search has left everything that walks; start from a state closer to a gait"
     if row < n_z * (problem.n_nodes - 1):
         phase = _phase_of_node(problem, row // n_z)
         name = _state(problem, row)
@@ -76,9 +94,10 @@ def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array)
         partner = Label(name=label.name.replace("forward", "backward"), phase=label.phase, node=label.node)
         if partner not in rows:
             continue
-        forward, backward = margins[i], margins[rows[partner]]
-        if min(forward, backward) < 0 < forward + backward:
-            needed = friction * abs(forward - backward) / (forward + backward)
+        normal = Label(name="impulse" if label.phase is None else "normal_force", phase=label.phase, node=label.node)
+        forward, backward, f_n = margins[i], margins[rows[partner]], margins[rows[normal]]
+        if min(forward, backward) < 0 < f_n:
+            needed = abs(forward - backward) / (2 * f_n)
             words = f"{_place(problem, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
             yield Complaint(severity=float(needed - friction), phase=label.phase, words=words)
 

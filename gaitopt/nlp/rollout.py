@@ -139,22 +139,32 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
 
 
 def _phase_end(system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution) -> float | None:
-    """Time since impact at which the phase ends: its ending margin falls through zero after having been positive."""
-    margin, times = _ending_margin(system, p, sequence, phase, motion), _grid(motion)
-    values = np.array([margin(t) for t in times])
-    falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
-    return float(brentq(margin, times[falls[0]], times[falls[0] + 1])) if falls.size else None
+    """Time since impact at which the phase ends; None if its event does not come, or only after touchdown."""
+    mode, after = sequence.phases[phase], (*sequence.phases[1:], None)[phase]
+    landing = _fall(_margin(system, p, mode, "touchdown", motion), motion)
+    if after is None:
+        return landing
+    end = _fall(_margin(system, p, mode, ending_margin(mode, after), motion), motion)
+    return None if end is None or (landing is not None and landing < end) else end
 
 
 def _lost_end(
     system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution, transit: float
 ) -> float:
     """Time since impact at which a phase that has no end is cut off."""
-    lost = transit
-    if phase + 1 < len(sequence.phases):
-        margin, times = _ending_margin(system, p, sequence, phase, motion), _grid(motion)
+    mode, after, lost = sequence.phases[phase], (*sequence.phases[1:], None)[phase], transit
+    if after is not None:
+        margin, times = _margin(system, p, mode, ending_margin(mode, after), motion), _grid(motion)
         lost = float(times[np.argmin([abs(margin(t)) for t in times])])
     return max(lost, motion.ts[0] + SHORTEST_PHASE * transit)
+
+
+def _fall(margin: Callable[[float], float], motion: OdeSolution) -> float | None:
+    """First time at which a margin falls through zero after having been positive, if there is one."""
+    times = _grid(motion)
+    values = np.array([margin(t) for t in times])
+    falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
+    return float(brentq(margin, times[falls[0]], times[falls[0] + 1])) if falls.size else None
 
 
 def _grid(motion: OdeSolution) -> Array:
@@ -162,13 +172,9 @@ def _grid(motion: OdeSolution) -> Array:
     return np.append(steps, motion.t_max)
 
 
-def _ending_margin(
-    system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution
-) -> Callable[[float], float]:
-    """The margin that ends a phase, along its motion."""
-    mode, after = sequence.phases[phase], (*sequence.phases[1:], None)[phase]
-    row = margin_names(mode).index(ending_margin(mode, after))
-    breakpoints = system.control.breakpoints
+def _margin(system: HybridSystem, p: Array, mode: Mode, name: str, motion: OdeSolution) -> Callable[[float], float]:
+    """One margin of a mode along a motion."""
+    row, breakpoints = margin_names(mode).index(name), system.control.breakpoints
 
     def margin(t: float) -> float:
         data = system.control.data(int(np.searchsorted(breakpoints, t, side="right")))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.diagnosis import complaints, residual_complaint
+from gaitopt.nlp.diagnosis import complaints, endless_complaint, residual_complaint
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.ipopt import IpoptResult, Progress
 from gaitopt.nlp.layout import Layout, layout
@@ -76,7 +76,7 @@ def solve_gait(
     if attempt.result.status is not Status.CONVERGED:
         message = attempt.result.words
         if attempt.result.status is not Status.INTERRUPTED:
-            message = f"{message}: {_explain(attempt)}"
+            message = f"{message}: {_explain(attempt, guess)}"
         return Gait(problem=problem, system=system, p=p, status=attempt.result.status, message=message, solver=solver)
     return _finish(problem, attempt, solver)
 
@@ -174,13 +174,16 @@ def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
     return np.asarray(function(w, p)).ravel()
 
 
-def _explain(attempt: Attempt) -> str:
-    """What hurts most: where the margins are left out and a motion is found, the margin it violates most."""
-    relaxed = _attempt(attempt.transcription, attempt.p, attempt.start, None, None, relaxed=True)
-    transcription, w = attempt.transcription, relaxed.result.w
-    if relaxed.result.status is Status.CONVERGED:
-        found = complaints(transcription, w, attempt.p, _margins(transcription, w, attempt.p), RESIDUAL_TOLERANCE)
-        if found:
-            return "; ".join(complaint.words for complaint in found)
-    residual = np.asarray(transcription.residual(attempt.result.w, attempt.p)[0]).ravel()
+def _explain(attempt: Attempt, guess: Rollout) -> str:
+    """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open."""
+    transcription, p = attempt.transcription, attempt.p
+    relaxed = _attempt(transcription, p, attempt.start, None, None, relaxed=True)
+    for w in (relaxed.result.w, attempt.result.w):
+        residual = np.asarray(transcription.violation(w, p)).ravel()
+        if np.abs(residual).max() <= RESIDUAL_TOLERANCE:
+            found = complaints(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
+            if found:
+                return "; ".join(complaint.words for complaint in found)
+    if guess.endless is not None:
+        return endless_complaint(transcription.layout.sequence, guess.endless)
     return residual_complaint(transcription, attempt.result.w, residual)
