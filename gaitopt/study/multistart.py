@@ -1,6 +1,7 @@
 """Designs from many sampled guesses: which optima there are, how often each is found, and whether the best is alone.
 
-A start changes every section coordinate of the guess and the guess of every freed number at random. The starts depend on the seed alone, not on how many processes work on them.
+A start changes every section coordinate of the guess and the guess of every freed number at random. The starts depend
+on the seed alone, not on how many processes work on them.
 """
 
 from collections.abc import Callable
