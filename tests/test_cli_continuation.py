@@ -1,0 +1,168 @@
+"""``gaitopt continue``: what it prints, what it keeps, how it goes on after being cut short, and what it refuses."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from gaitopt.cli.main import main
+from gaitopt.errors import StorageError
+from gaitopt.store import BRANCH_FILE, LineWriter
+from gaitopt.study.continuation.follow import Follower
+
+COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*argv):
+        code = main(argv)
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+def records(out):
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def stored(folder="branch"):
+    return [json.loads(line) for line in (Path(folder) / BRANCH_FILE).read_text().splitlines()]
+
+
+def test_json_is_one_record_per_line_and_the_same_on_the_disk(run):
+    code, out, _ = run(*COMMAND, "--json")
+    assert code == 0
+    found = records(out)
+    assert found == stored()[1:]
+    points = [record for record in found if record["record"] == "point"]
+    change, end = (record for record in found if record["record"] == "special")
+    assert change["type"] == "mode_change"
+    assert change["status"] == "converged"
+    assert change["value"] == pytest.approx(0.914120783896, abs=1e-9)
+    assert change["from"] == {"phases": ["stick"], "impact": "stick"}
+    assert change["to"] == {"phases": ["stick", "slip_forward"], "impact": "stick"}
+    assert change["next"] == [1]
+    assert (end["type"], end["value"]) == ("end", pytest.approx(0.8))
+    assert {point["branch"] for point in points} == {0, 1}
+    assert points[0]["verification"]["passed"]
+    assert all(point["multipliers"] for point in points)
+
+
+def test_table_has_a_row_for_every_record(run):
+    run(*COMMAND)
+    with (Path("branch") / "branch.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["type"] for row in rows].count("point") == sum(r["record"] == "point" for r in stored())
+    assert float(rows[0]["value"]) == 1.0
+    assert rows[-1]["type"] == "end"
+
+
+@pytest.mark.parametrize("kept", [2, 5, 11, 12])
+def test_branch_cut_short_goes_on_and_is_the_same(run, kept):
+    run(*COMMAND)
+    whole = stored()
+    path = Path("branch") / BRANCH_FILE
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:kept]) + lines[kept][: len(lines[kept]) // 2])
+    code, _, _ = run(*COMMAND)
+    assert code == 0
+    again = stored()
+    assert [(r.get("branch"), r.get("index"), r.get("type")) for r in again] == [
+        (r.get("branch"), r.get("index"), r.get("type")) for r in whole
+    ]
+    assert [r["value"] for r in again[1:]] == pytest.approx([r["value"] for r in whole[1:]], abs=1e-11)
+
+
+def test_finished_branch_is_not_computed_again(run, monkeypatch):
+    _, first, _ = run(*COMMAND, "--json")
+    monkeypatch.setattr(Follower, "records", lambda *_, **__: pytest.fail("walked again"))
+    _, second, _ = run(*COMMAND, "--json")
+    assert first == second
+
+
+def test_two_targets_start_from_the_same_gait(run):
+    code, out, _ = run(*COMMAND, "--to", "1.1", "--json")
+    assert code == 0
+    ends = [record["value"] for record in records(out) if record.get("type") == "end"]
+    assert ends == pytest.approx([0.8, 1.1])
+    starts = [record for record in records(out) if record["record"] == "point" and record["index"] == 0]
+    assert [start["value"] for start in starts] == pytest.approx([1.0, 0.91411, 1.0], abs=1e-5)
+    assert [start["branch"] for start in starts] == [0, 1, 2]
+
+
+def test_summary_names_branches_and_special_points(run):
+    code, out, _ = run(*COMMAND)
+    assert code == 0
+    assert "stick, slip_forward; stick" in out
+    assert "0.914120" in out
+    assert "mode change -> 1" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("--param", "fricton", "--to", "0.5"), 2, "did you mean friction"),
+        (("--param", "friction", "--to", "half"), 2, "write a number"),
+        (("--param", "friction", "--to", "1.0"), 3, "another finite value"),
+        (("--param", "friction", "--to", "0.5", "--lower", "0.6"), 3, "below the bound"),
+    ],
+)
+def test_impossible_requests_are_refused_before_anything_is_written(run, arguments, code, words):
+    ended, _, err = run("continue", "rimless-wheel-stick", *arguments, "-o", "branch", "--quiet")
+    assert ended == code
+    assert words in err
+    assert not Path("branch").exists()
+
+
+def test_start_that_is_no_gait_ends_with_4(run):
+    code, out, _ = run(*COMMAND, "--set", "friction=0.5", "--json")
+    assert code == 4
+    assert records(out)[0]["status"] == "infeasible"
+
+
+def test_folder_of_another_branch_is_left_alone(run):
+    run(*COMMAND)
+    before = (Path("branch") / BRANCH_FILE).read_bytes()
+    code, _, err = run("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.7", "-o", "branch")
+    assert code == 6
+    assert "another branch" in err
+    assert (Path("branch") / BRANCH_FILE).read_bytes() == before
+
+
+def test_full_disk_keeps_what_was_found(run, monkeypatch):
+    append, left = LineWriter.append, [4]
+
+    def full(self, record):
+        left[0] -= 1
+        if left[0] < 0:
+            raise StorageError("cannot append: no space left on device; all records before this one are kept")
+        append(self, record)
+
+    monkeypatch.setattr(LineWriter, "append", full)
+    code, _, err = run(*COMMAND)
+    assert code == 6
+    assert "are kept" in err
+    assert len(stored()) == 5
+
+
+def test_interrupt_keeps_what_was_found(run, monkeypatch):
+    append, left = LineWriter.append, [3]
+
+    def interrupted(self, record):
+        append(self, record)
+        left[0] -= 1
+        if left[0] == 0:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(LineWriter, "append", interrupted)
+    code, _, _ = run(*COMMAND)
+    assert code == 130
+    assert len(stored()) == 4
