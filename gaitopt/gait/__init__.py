@@ -2,11 +2,12 @@
 
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
 from gaitopt.gait.gait import Gait, Shooting, Status
-from gaitopt.gait.measures import Observation, measure, observe
+from gaitopt.gait.measures import MEASURES, Observation, measure, observe
 from gaitopt.gait.multipliers import floquet_multipliers, multiplier_distance
 from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
 
 __all__ = [
+    "MEASURES",
     "Arc",
     "Branch",
     "BranchPoint",

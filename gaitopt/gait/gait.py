@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.gait.measures import MEASURES
 from gaitopt.gait.trajectory import Step
 from gaitopt.mechanics import HybridSystem
 from gaitopt.problem import Problem
@@ -111,7 +112,7 @@ class Gait:
             "message": self.message,
             "friction": float(self.p[self.system.parameters.index("friction")]),
             **self._motion_record(),
-            **self.measures,
+            **{name: self.measures.get(name) for name in MEASURES},
             "multipliers": [{"re": float(m.real), "im": float(m.imag)} for m in self.multipliers],
             "spectral_radius": self.spectral_radius,
             "parameters": dict(self.freed),

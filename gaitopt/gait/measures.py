@@ -15,6 +15,23 @@ from gaitopt.mechanics import HybridSystem, Mode
 
 Array = NDArray[np.float64]
 
+MEASURES = (
+    "period",
+    "step_length",
+    "speed",
+    "work",
+    "cost_of_transport",
+    "absolute_cost_of_transport",
+    "torque_squared",
+    "peak_torque",
+    "slip_distance",
+    "foot_clearance",
+    "required_friction",
+    "impulse_ratio",
+    "min_normal_force",
+)
+"""Names of what ``measure`` finds, in order."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:

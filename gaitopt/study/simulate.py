@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import SolveError, UnknownNameError
-from gaitopt.gait import Gait, Step, Trajectory, measure
+from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
 from gaitopt.mechanics import HybridSystem
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, make_stepper
@@ -52,7 +52,7 @@ class Walk:
             "phases": [] if last is None else [{"mode": str(m), "duration": d} for m, d in last.phases],
             "impact": None if last is None or last.impact is None else str(last.impact.mode),
             "state": dict(zip(self.system.state_names, map(float, state), strict=True)),
-            **({} if last is None else measure(self.system, self.p, last)),
+            **(dict.fromkeys(MEASURES) if last is None else measure(self.system, self.p, last)),
         }
 
 
