@@ -144,7 +144,7 @@ def test_walk_that_never_settles_is_undecided_and_one_that_falls_is_not():
 
 @pytest.mark.parametrize(("slope", "period"), [("3 deg", 1), ("4.6 deg", 2), ("4.95 deg", 4)])
 def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
-    """Goswami, Thuilot & Espiau (1998): period 1 up to 4.37 deg, 2 up to 4.9 deg, then 4, of legs 1 m, masses 5, 10 kg."""
+    """Goswami, Thuilot & Espiau (1998): period 1 up to 4.37 deg, 2 up to 4.9 deg, then 4."""
     legs = {"leg_length": 1, "leg_com": 0.5, "leg_mass": 5, "hip_mass": 10, "slope": slope}
     walker = {f"walker.{key}": value for key, value in legs.items()}
     problem = load_problem("compass-passive-stick").replace({"friction": 3, **walker})

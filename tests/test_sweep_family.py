@@ -1,0 +1,60 @@
+"""One NLP for many parameter values finds the gaits that are found by building it anew."""
+
+import numpy as np
+import pytest
+
+from gaitopt.gait import Status
+from gaitopt.nlp import Family
+from gaitopt.problem import load_problem
+from gaitopt.study import solve, verify
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "values"),
+    [
+        ("compass-passive-a", "friction", (0.142, 0.15, 0.145)),
+        ("compass-torque-impact-slip", "control.hip", (0.121, 0.123)),
+        ("rimless-wheel-slip", "walker.slope", (0.228, 0.23)),
+    ],
+)
+def test_family_finds_the_gaits_of_its_members(name, key, values):
+    problem = load_problem(name)
+    family = Family(solve(problem))
+    for value in values:
+        member = problem.replace({key: value})
+        found, anew = family.solve(member), solve(member)
+        assert found.converged
+        np.testing.assert_allclose(found.state, anew.state, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(np.abs(found.multipliers), np.abs(anew.multipliers), rtol=0, atol=1e-7)
+
+
+def test_member_of_a_family_is_verified():
+    problem = load_problem("compass-passive-a")
+    assert verify(Family(solve(problem)).solve(problem.replace({"friction": 0.15}))).passed
+
+
+def test_member_that_violates_a_margin_is_no_gait():
+    """With so much friction the foot would not slip; the equations of the slipping phases alone have a solution."""
+    problem = load_problem("compass-passive-a")
+    found = Family(solve(problem)).solve(problem.replace({"friction": 0.3}))
+    assert found.status is not Status.CONVERGED
+    assert found.message
+
+
+def test_family_goes_on_after_a_failure():
+    problem = load_problem("compass-passive-a")
+    family = Family(solve(problem))
+    assert not family.solve(problem.replace({"friction": 0.3})).converged
+    assert family.solve(problem.replace({"friction": 0.141})).converged
+
+
+def test_problem_of_another_kind_is_no_member():
+    family = Family(solve(load_problem("compass-passive-a")))
+    with pytest.raises(ValueError, match="compass-passive-stick differs from compass-passive-a in more than parameter"):
+        family.solve(load_problem("compass-passive-stick"))
+
+
+def test_failed_attempt_begins_no_family():
+    problem = load_problem("compass-passive-a").replace({"friction": 0.5})
+    with pytest.raises(ValueError, match="a family begins with a converged gait"):
+        Family(solve(problem))
