@@ -1,0 +1,151 @@
+"""Special points of a family by the forward simulator alone, as an oracle for the continuation.
+
+Fixed points of the simulated return map at one value of the parameter after the other, by chords. Between them:
+
+    change of modes      bisection on the modes that the simulator goes through
+    end of the sticking impact      mu F_n - |F_t| = 0, approached from the side where the impact sticks
+    loss of stability    |lambda| = 1 or lambda = -1, multipliers by saltation
+    fold                 lambda = 1 along the curve, which a section coordinate parametrises
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from gaitopt.gait import Gait, Step, floquet_multipliers
+from gaitopt.mechanics import Mode
+from gaitopt.orbit import ReturnMap
+from gaitopt.simulation import Simulator
+
+Array = NDArray[np.float64]
+
+CHORDS = 60
+ROUNDING = 2e-13
+"""Of a simulated step."""
+DIFFERENCE = 1e-5
+"""Of the parameter, for a chord that need not be sharp."""
+CLOSER = 0.1
+"""A one-sided approach goes on at this part of its distance."""
+
+
+@dataclass
+class SimulatedFamily:
+    """Fixed points of the simulator along a parameter.
+
+    Parameters
+    ----------
+    gait : its system, and the values of the other parameters.
+    parameter : dotted key.
+    section : the kind of impact, which decides whether the slip velocity is a section coordinate.
+    xi : ndarray - a guess of the section coordinates, a few digits are enough.
+    """
+
+    gait: Gait
+    parameter: str
+    section: Mode
+    xi: Array
+    _inverse: Array | None = field(default=None, init=False)
+    _solved: list[tuple[float, Array]] = field(default_factory=list, init=False)
+
+    def map_at(self, value: float) -> ReturnMap:
+        p = self.gait.p.copy()
+        p[self.gait.system.parameters.index(self.parameter)] = value
+        return ReturnMap(Simulator(self.gait.system, p), self.section)
+
+    def step_at(self, value: float) -> Step | None:
+        """The periodic step at a value; None where there is none with this kind of impact."""
+        walk, xi = self.map_at(value), self._predicted(value)
+        if self._inverse is None:
+            step = walk(xi).step
+            assert step is not None
+            self._inverse = np.linalg.inv(walk.jacobian(step) - np.eye(xi.size))
+        for _ in range(CHORDS):
+            returned = walk(xi)
+            if returned.xi is None:
+                return None
+            defect = returned.xi - xi
+            if np.abs(defect).max() < ROUNDING:
+                self._solved = [*self._solved[-1:], (value, xi)]
+                return returned.step
+            xi = xi - self._inverse @ defect
+        raise AssertionError(f"chords leave a residual of {np.abs(defect).max():.2g} at {self.parameter} = {value}")
+
+    def _predicted(self, value: float) -> Array:
+        """On the line through the last two fixed points."""
+        if len(self._solved) < 2:
+            return self._solved[-1][1] if self._solved else self.xi
+        (first, at_first), (second, at_second) = self._solved
+        if first == second:
+            return at_second
+        return at_second + (at_second - at_first) * (value - second) / (second - first)
+
+    def modes_at(self, value: float) -> tuple[Mode, ...]:
+        step = self.step_at(value)
+        assert step is not None
+        return tuple(mode for mode, _ in step.phases)
+
+    def multipliers_at(self, value: float) -> NDArray[np.complex128]:
+        step = self.step_at(value)
+        assert step is not None
+        return floquet_multipliers(self.map_at(value).jacobian(step))
+
+    def change_of_modes(self, low: float, high: float) -> float:
+        """Where the modes change between two values."""
+        below = self.modes_at(low)
+        assert self.modes_at(high) != below
+        while high - low > 2e-10:
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.modes_at(middle) == below else (low, middle)
+        return (low + high) / 2
+
+    def crossing(self, function: Callable[[NDArray[np.complex128]], float], low: float, high: float) -> float:
+        """Where a function of the multipliers is zero."""
+        return float(brentq(lambda value: function(self.multipliers_at(value)), low, high, xtol=1e-12))
+
+    def end_of_sticking_impact(self, first: float, second: float) -> float:
+        """Where the impulse reaches its cone, from two values at which the impact sticks, the second one nearer."""
+
+        def margin(value: float) -> float:
+            step = self.step_at(value)
+            assert step is not None
+            assert step.impact is not None
+            F_t, F_n = step.impact.stick_impulse
+            p = self.map_at(value).simulator.p
+            return float(p[self.gait.system.parameters.index("friction")] * F_n - abs(F_t))
+
+        values, margins, root = [first, second], [margin(first), margin(second)], np.inf
+        while abs(values[-1] - root) > 1e-8:
+            slope = (margins[-1] - margins[-2]) / (values[-1] - values[-2])
+            root = values[-1] - margins[-1] / slope
+            values.append(root + CLOSER * (values[-1] - root))
+            margins.append(margin(values[-1]))
+        return root
+
+    def fold(self, value: float, reach: float) -> float:
+        """The extremum of the parameter; the first section coordinate within ``reach`` of the guess leads over it."""
+        centre, unknown = self.xi[0], np.append(self.xi[1:], value)
+        step = self.map_at(value)(self.xi).step
+        assert step is not None
+        ahead, behind = (self.map_at(value + h)(self.xi).xi for h in (DIFFERENCE, -DIFFERENCE))
+        by_state = self.map_at(value).jacobian(step) - np.eye(self.xi.size)
+        inverse = np.linalg.inv(np.column_stack([by_state[:, 1:], (ahead - behind) / (2 * DIFFERENCE)]))
+
+        def solve(coordinate: float) -> tuple[float, Array]:
+            u = unknown
+            for _ in range(CHORDS):
+                xi = np.append(coordinate, u[:-1])
+                defect = self.map_at(u[-1])(xi).xi - xi
+                if np.abs(defect).max() < ROUNDING:
+                    return float(u[-1]), xi
+                u = u - inverse @ defect
+            raise AssertionError(f"chords leave a residual of {np.abs(defect).max():.2g} next to the fold")
+
+        def from_one(coordinate: float) -> float:
+            at, xi = solve(coordinate)
+            walk = self.map_at(at)
+            return float(np.linalg.det(walk.jacobian(walk(xi).step) - np.eye(xi.size)))
+
+        return solve(brentq(from_one, centre - reach, centre + reach, xtol=1e-10))[0]

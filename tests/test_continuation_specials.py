@@ -1,0 +1,188 @@
+"""Every special point of the families in the paper, against the simulator, which knows nothing of continuation."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from math import cos, pi, radians, tan
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+from simulated_family import SimulatedFamily
+
+import gaitopt as go
+from gaitopt.gait import Branch, BranchPoint, SpecialPoint
+from gaitopt.mechanics import Mode
+from gaitopt.study.continuation import continuation
+
+AGREEMENT = 1e-9
+ASIDE = 1e-5
+"""Distance from a special point at which the simulator begins, in units of the parameter."""
+FAR, NEARER = 1e-3, 0.3
+"""The same where it comes from one side only, and the part of the way that it goes next."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """One command: a gait, a parameter and where to go."""
+
+    name: str
+    parameter: str
+    to: float
+    overrides: tuple[tuple[str, float], ...] = ()
+    options: tuple[tuple[str, float], ...] = field(default=())
+
+
+@cache
+def branch(family: Family) -> Branch:
+    problem = go.load_problem(family.name)
+    if family.overrides:
+        problem = problem.replace(dict(family.overrides))
+    gait = go.solve(problem)
+    assert gait.converged, gait.message
+    return continuation(gait, family.parameter, family.to, **dict(family.options))
+
+
+def only(family: Family, kind: str, near: float) -> SpecialPoint:
+    found = [special for special in branch(family).special(kind) if abs(special.value - near) < 2e-4]
+    assert len(found) == 1, branch(family).specials
+    return found[0]
+
+
+def simulated(at: SpecialPoint | BranchPoint, parameter: str, section: Mode) -> SimulatedFamily:
+    """Simulated gaits from six digits of a gait."""
+    gait = at.gait
+    return SimulatedFamily(gait, parameter, section, np.round(gait.state[gait.system.section(section)], 6))
+
+
+def leaves_circle(multipliers: np.ndarray) -> float:
+    """A complex pair on the unit circle."""
+    assert abs(multipliers[0].imag) > 1e-3
+    return abs(multipliers[0]) - 1
+
+
+def doubles(multipliers: np.ndarray) -> float:
+    """A multiplier at -1."""
+    return float(multipliers.real.min()) + 1
+
+
+def family(name: str, parameter: str, start: float | None, to: float, **overrides: float) -> Family:
+    """From ``start`` to ``to``; None starts where the named problem is."""
+    values = overrides if start is None else {**overrides, parameter: start}
+    return Family(name, parameter, to, tuple(values.items()))
+
+
+SLOW = pytest.mark.slow
+CHANGES_OF_MODES = [
+    (family("rimless-wheel-stick", "friction", 0.92, 0.91), 0.914120783896),
+    (family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.267571006115),
+    (family("compass-passive-stick", "friction", 0.18, 0.172), 0.174918491336),
+    (family("compass-passive-stick", "friction", 0.18, 0.172), 0.173080797240),
+    pytest.param(family("compass-pd-impact-slip", "friction", 0.11, 0.105), 0.107646200895, marks=SLOW),
+    pytest.param(family("compass-torque-slip", "control.ankle", 1.25, 1.2), 1.211284852348, marks=SLOW),
+    pytest.param(family("compass-torque-slip", "control.ankle", 0.6, 0.5), 0.534789264505, marks=SLOW),
+]
+IMPACT_CHANGES = [
+    (family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.245052155579),
+    (family("compass-passive-b", "friction", 0.3, 0.31), 0.304416755066),
+    (family("compass-torque-impact-slip", "friction", 0.23, 0.235), 0.232244917992),
+    pytest.param(family("compass-pd-impact-slip", "friction", 0.37, 0.38), 0.37694520138, marks=SLOW),
+    pytest.param(family("compass-torque-slip", "control.hip", None, 0.49), 0.501870492312, marks=SLOW),
+    pytest.param(family("compass-torque-slip", "friction", 0.066, 0.062), 0.063771599962, marks=SLOW),
+]
+STABILITY = [
+    (family("compass-passive-a", "friction", 0.112, 0.108), "neimark_sacker", leaves_circle, 0.110349580792),
+    (family("compass-passive-b", "friction", 0.146, 0.142), "period_doubling", doubles, 0.144302180459),
+    (
+        family("compass-passive-stick", "walker.slope", None, 0.095, friction=1.0),
+        "period_doubling",
+        doubles,
+        0.093312534155,
+    ),
+    (family("compass-torque-slip", "friction", 0.106, 0.102), "neimark_sacker", leaves_circle, 0.103496337245),
+    pytest.param(
+        family("compass-passive-b", "friction", 0.05, 0.047), "period_doubling", doubles, 0.0486977749, marks=SLOW
+    ),
+    pytest.param(
+        family("compass-pd-impact-slip", "friction", 0.187, 0.182),
+        "period_doubling",
+        doubles,
+        0.184204614123,
+        marks=SLOW,
+    ),
+    pytest.param(
+        family("compass-torque-slip", "friction", 0.07, 0.066),
+        "period_doubling",
+        doubles,
+        0.067884440242,
+        marks=SLOW,
+    ),
+]
+
+
+@pytest.mark.parametrize(("family", "near"), CHANGES_OF_MODES)
+def test_modes_change_where_those_of_the_simulated_gait_do(family: Family, near: float) -> None:
+    special = only(family, "mode_change", near)
+    assert special.status == "converged"
+    walk = simulated(special, family.parameter, special.before.impact)
+    low, high = special.value - ASIDE, special.value + ASIDE
+    assert {walk.modes_at(low), walk.modes_at(high)} == {special.before.phases, special.after.phases}
+    assert special.value == pytest.approx(walk.change_of_modes(low, high), rel=0, abs=AGREEMENT)
+    assert special.value == pytest.approx(near, rel=0, abs=AGREEMENT)
+
+
+@pytest.mark.parametrize(("family", "near"), IMPACT_CHANGES)
+def test_impact_changes_where_the_impulse_of_the_simulated_gait_reaches_its_cone(family: Family, near: float) -> None:
+    special = only(family, "impact_change", near)
+    assert special.status == "converged"
+    sticks = special.before if special.before.impact is Mode.STICK else special.after
+    points = [point for point in branch(family) if point.gait.problem.sequence == sticks]
+    start = min(points, key=lambda point: abs(abs(point.value - special.value) - FAR))
+    walk = simulated(start, family.parameter, Mode.STICK)
+    root = walk.end_of_sticking_impact(start.value, start.value + NEARER * (special.value - start.value))
+    assert special.value == pytest.approx(root, rel=0, abs=AGREEMENT)
+    assert special.value == pytest.approx(near, rel=0, abs=AGREEMENT)
+
+
+@pytest.mark.parametrize(("family", "kind", "function", "near"), STABILITY)
+def test_stability_is_lost_where_the_simulated_multipliers_say(
+    family: Family, kind: str, function: Callable[[np.ndarray], float], near: float
+) -> None:
+    special = only(family, kind, near)
+    assert special.status == "converged"
+    walk = simulated(special, family.parameter, special.gait.problem.sequence.impact)
+    root = walk.crossing(function, special.value - ASIDE, special.value + ASIDE)
+    assert special.value == pytest.approx(root, rel=0, abs=AGREEMENT)
+    assert special.value == pytest.approx(near, rel=0, abs=AGREEMENT)
+
+
+def wheel_friction() -> float:
+    """Least friction that keeps the rimless wheel of the paper from slipping between impacts, eqs (15), (17), (18)."""
+    n, kappa, alpha = 10, 1 / 3, radians(13)
+    sigma, decrease = 2 * pi / n, ((kappa + cos(2 * pi / n)) / (kappa + 1)) ** 2
+    # Rate of the stance leg, theta from the normal: (kappa + 1) theta'^2 / 2 + g/l cos(theta - ...) is conserved.
+    first, last = -sigma / 2, sigma / 2
+    gain = 2 / (kappa + 1) * (cos(first + alpha) - cos(last + alpha))
+    start = decrease * gain / (1 - decrease)
+
+    def ratio(theta: float) -> float:
+        square = start + 2 / (kappa + 1) * (cos(first + alpha) - cos(theta + alpha))
+        acceleration = np.sin(theta + alpha) / (kappa + 1)
+        f_t = acceleration * cos(theta) - square * np.sin(theta) - np.sin(alpha)
+        f_n = -acceleration * np.sin(theta) - square * cos(theta) + cos(alpha)
+        return abs(f_t) / f_n
+
+    found = minimize_scalar(lambda theta: -ratio(theta), bounds=(first, last), method="bounded")
+    return max(ratio(first), ratio(last), -found.fun)
+
+
+def test_wheel_begins_to_slip_at_the_friction_of_the_closed_form() -> None:
+    special = only(family("rimless-wheel-stick", "friction", 0.92, 0.91), "mode_change", 0.9141)
+    assert special.value == pytest.approx(wheel_friction(), rel=0, abs=AGREEMENT)
+
+
+def test_wheel_has_no_gait_where_friction_is_below_the_slope() -> None:
+    walked = branch(family("rimless-wheel-slip", "friction", 0.27, 0.22))
+    assert walked.specials[-1].type == "end"
+    assert "no mode sequence goes on" in walked.specials[-1].reason
+    assert walked.specials[-1].value == pytest.approx(tan(radians(13)), rel=0, abs=AGREEMENT)
