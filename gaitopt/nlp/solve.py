@@ -14,7 +14,7 @@ from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import complaints, endless_complaint, residual_complaint
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.ipopt import IpoptResult, Progress
-from gaitopt.nlp.layout import Layout, layout
+from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
@@ -90,31 +90,18 @@ def _attempt_in_order(
     should_stop: Callable[[], bool] | None,
 ) -> Attempt:
     """Solve, and again with a new layout while a switch passes a breakpoint of the control."""
-    plan = layout(problem.sequence, guess.durations, system.control.breakpoints)
-    start = _start(guess, plan)
+    rolled = guess
     for _ in range(MAX_REORDERS):
+        durations = np.array(rolled.durations)
+        plan = layout(problem.sequence, durations, system.control.breakpoints)
         transcription = Transcription(system, plan)
-        attempt = _attempt(transcription, p, start(transcription), progress, should_stop)
+        start = transcription.pack(rolled.nodes(plan), durations)
+        attempt = _attempt(transcription, p, start, progress, should_stop)
         durations = transcription.unpack(attempt.result.w)[1]
         if attempt.result.status is not Status.CONVERGED or plan.in_order(durations, system.control.breakpoints):
             break
-        plan = layout(problem.sequence, durations, system.control.breakpoints)
-        start = _start(roll_out(system, p, problem.sequence, attempt.result.w[: system.n_z], durations), plan)
+        rolled = roll_out(system, p, problem.sequence, attempt.result.w[: system.n_z], durations)
     return attempt
-
-
-def _start(guess: Rollout, plan: Layout) -> Callable[[Transcription], Array]:
-    """The vector w on the rolled out motion."""
-
-    def pack(transcription: Transcription) -> Array:
-        durations = np.array(guess.durations)
-        pieces = []
-        for arc, (begin, end) in zip(plan.arcs, plan.arc_times(durations), strict=True):
-            pieces.append(guess(arc.phase, np.linspace(begin, end, arc.intervals + 1))[:, :-1])
-        pieces.append(guess(len(durations) - 1, np.array([durations.sum()])))
-        return transcription.pack(np.hstack(pieces), durations)
-
-    return pack
 
 
 def _attempt(
