@@ -1,0 +1,239 @@
+"""Verification: it confirms good gaits, and every claim is the one to fail when just what it is about is spoilt."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import gaitopt as go
+from gaitopt.errors import SolveError
+from gaitopt.gait import Arc, Gait
+from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.orbit import ReturnMap
+from gaitopt.simulation import Simulator
+from gaitopt.study.verify import LINEARITY, MULTIPLIER_AGREEMENT, _perturbation_claim
+
+Array = NDArray[np.float64]
+
+STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
+SLIGHT = 1e-6
+
+
+@cache
+def good(name: str = "compass-passive-a") -> Gait:
+    return go.solve(go.load_problem(name))
+
+
+def failed(gait: Gait) -> set[str]:
+    return {claim.name for claim in go.verify(gait).claims if not claim.passed}
+
+
+def with_arcs(gait: Gait, change: Callable[[int, Arc], Arc]) -> Gait:
+    """The gait with every arc changed; ``change`` is given its index."""
+    arcs = tuple(change(k, arc) for k, arc in enumerate(gait.step.arcs))
+    return replace(gait, step=replace(gait.step, arcs=arcs))
+
+
+def with_states(gait: Gait, index: int, change: Callable[[Array], None]) -> Gait:
+    """The gait with the states of one arc changed in place."""
+
+    def spoil(k: int, arc: Arc) -> Arc:
+        states = arc.states.copy()
+        if k == index:
+            change(states)
+        return replace(arc, states=states)
+
+    return with_arcs(gait, spoil)
+
+
+def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
+    return replace(gait, problem=replace(gait.problem, sequence=ModeSequence(phases=phases, impact=impact)))
+
+
+def with_parameter(gait: Gait, name: str, value: float) -> Gait:
+    p = gait.p.copy()
+    p[gait.system.parameters.index(name)] = value
+    return replace(gait, p=p)
+
+
+def lengthened(gait: Gait, seconds: float) -> Gait:
+    """The last phase takes longer, on the same way."""
+
+    def stretch(k: int, arc: Arc) -> Arc:
+        factor = 1 + seconds / arc.duration if k == len(gait.step.arcs) - 1 else 1.0
+        return replace(arc, times=arc.start + factor * (arc.times - arc.start))
+
+    return with_arcs(gait, stretch)
+
+
+def test_a_good_gait_passes_every_claim_of_the_list() -> None:
+    check = go.verify(good())
+    assert check.passed
+    assert {claim.name for claim in check.claims} == {
+        "mode sequence", "period", "switching times", "periodicity", "states inside", "state", "friction cone",
+        "slip direction", "normal force", "energy balance", "multipliers", "perturbation",
+    }  # fmt: skip
+
+
+def test_record_names_the_errors_of_the_command_line() -> None:
+    check = go.verify(good())
+    record = check.to_record()
+    assert record["passed"] is True
+    assert record["mode_sequence_matches"] is True
+    assert 0 <= record["period_error"] < 1e-9
+    assert 0 <= record["state_error"] < 1e-9
+    assert 0 <= record["multiplier_error"] < 1e-7
+    assert [claim["name"] for claim in record["claims"]] == [claim.name for claim in check.claims]
+
+
+# negative tests: what is spoilt, and which claims must see it
+
+
+def test_wrong_sequence_is_seen_by_nothing_else() -> None:
+    spoilt = with_sequence(good(), (FORWARD, STICK), STICK)
+    assert failed(spoilt) == {"mode sequence"}
+    record = go.verify(spoilt).to_record()
+    assert record["mode_sequence_matches"] is False
+    assert record["period_error"] is None
+
+
+def test_wrong_impact_is_a_wrong_sequence() -> None:
+    assert failed(with_sequence(good("compass-passive-b"), (FORWARD, STICK), STICK)) == {"mode sequence"}
+
+
+def test_too_little_friction_is_outside_the_cone() -> None:
+    assert failed(with_parameter(good("compass-passive-stick"), "friction", 0.17)) == {"mode sequence", "friction cone"}
+
+
+def test_motion_that_ends_in_a_fall_is_told_with_its_reason() -> None:
+    spoilt = with_states(good(), 0, lambda states: states.__setitem__((0, slice(3, 5)), 0.0))
+    claim = go.verify(spoilt).claims[0]
+    assert (claim.name, claim.passed) == ("mode sequence", False)
+    assert "step 1" in claim.note
+
+
+def test_wrong_period_is_seen() -> None:
+    assert {"period", "switching times"} <= failed(lengthened(good(), SLIGHT))
+    assert "period" not in failed(lengthened(good(), 1e-10))
+
+
+def test_wrong_switch_alone_leaves_the_period_right() -> None:
+    def shift(k: int, arc: Arc) -> Arc:
+        ends = arc.times[[0, -1]] + np.array([SLIGHT * (k == 1), SLIGHT * (k == 0)])
+        return replace(arc, times=np.interp(arc.times, arc.times[[0, -1]], ends))
+
+    found = failed(with_arcs(good(), shift))
+    assert "switching times" in found
+    assert not found & {"period", "periodicity", "state", "multipliers"}
+
+
+def test_wrong_start_does_not_come_back_to_itself() -> None:
+    found = failed(with_states(good(), 0, lambda states: states.__setitem__((0, 3), states[0, 3] + SLIGHT)))
+    assert {"periodicity", "state"} <= found
+    assert not found & {"mode sequence", "multipliers", "perturbation"}
+
+
+def test_wrong_state_inside_an_arc_is_seen_by_nothing_else() -> None:
+    assert failed(with_states(good(), 1, lambda states: states.__setitem__((10, 0), states[10, 0] + SLIGHT))) == {
+        "states inside"
+    }
+
+
+def test_energy_that_appears_from_nowhere_is_seen() -> None:
+    """Not where states are merely wrong inside: the balance is between the ends of an arc."""
+    spoilt = with_states(good(), 1, lambda states: states.__setitem__((-1, 3), states[-1, 3] + SLIGHT))
+    assert failed(spoilt) == {"energy balance", "states inside"}
+
+
+def test_slip_against_its_mode_is_seen() -> None:
+    spoilt = with_states(good(), 0, lambda states: states.__setitem__((-1, -1), -SLIGHT))
+    assert "slip direction" in failed(spoilt)
+    assert "slip direction" not in failed(with_states(good(), 0, lambda states: states.__setitem__((-1, -1), -1e-10)))
+
+
+def test_pull_on_the_ground_is_seen() -> None:
+    spoilt = with_states(good(), 1, lambda states: states.__setitem__((slice(5, 15), slice(3, 5)), 8.0))
+    assert "normal force" in failed(spoilt)
+
+
+def test_wrong_multipliers_are_seen_by_nothing_else() -> None:
+    gait = good()
+    assert failed(replace(gait, multipliers=gait.multipliers * (1 + 2 * MULTIPLIER_AGREEMENT))) == {"multipliers"}
+    assert failed(replace(gait, multipliers=np.conj(gait.multipliers))) == set()
+
+
+@pytest.mark.parametrize("error", [1.001, 0.999])
+def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(error: float) -> None:
+    gait = good()
+    return_map = ReturnMap(Simulator(gait.system, gait.p), STICK)
+    point = return_map.fixed_point(gait.state[gait.system.section(STICK)])
+    right = _perturbation_claim(return_map, point)
+    wrong = _perturbation_claim(return_map, replace(point, jacobian=error * point.jacobian))
+    assert right.passed
+    assert right.figure < LINEARITY / 100
+    assert not wrong.passed
+
+
+def test_failed_attempt_cannot_be_verified() -> None:
+    attempt = go.solve(go.load_problem("rimless-wheel-stick").replace({"friction": 0.5}))
+    with pytest.raises(SolveError, match="no gait to verify: no gait with this mode sequence"):
+        go.verify(attempt)
+
+
+# gaits at the edges of their kind
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("rimless-wheel-stick", {"friction": 0.91413}),  # needs 0.914121: perturbed walks slip for a moment
+        ("rimless-wheel-slip", {"friction": 0.9141}),
+        ("compass-passive-a", {"friction": 0.1748, "gait.phases": ["slip_forward", "stick"]}),
+        ("compass-torque-impact-slip", {"friction": 0.232}),  # ends at 0.2322: perturbed walks come to land sticking
+    ],
+)
+def test_gait_close_to_the_end_of_its_modes_still_passes(name: str, overrides: dict[str, object]) -> None:
+    gait = go.solve(go.load_problem(name).replace(overrides))
+    assert gait.converged
+    assert failed(gait) == set()
+
+
+@pytest.mark.parametrize("kp", [0, 1])
+def test_gait_that_tracks_itself_passes_though_its_switches_lie_on_the_breakpoints(kp: float) -> None:
+    """Slip, stick and touchdown coincide with the kinks of the reference, in either order up to rounding."""
+    passive = good("compass-passive-b")
+    guess = {name: passive.state[passive.system.state_names.index(name)] for name in ("theta1", "dtheta1", "dtheta2")}
+    tracking = go.load_problem("compass-pd-impact-slip").replace(
+        {
+            "friction": 0.14,
+            "walker.slope": "1 deg",
+            "control.kp": kp,
+            "control.kd": kp,
+            "gait.guess.state": guess | {"dx": passive.state[-1]},
+        }
+    )
+    gait = go.solve(tracking)
+    assert failed(gait) == set()
+    assert gait.step.period == pytest.approx(passive.step.period, abs=1e-9)
+    assert gait.measures["peak_torque"] < 1e-9
+
+
+@pytest.mark.parametrize("beyond_end", ["linear", "off"])
+def test_step_that_outlasts_its_reference_unlike_its_guess_is_solved_with_what_comes_after(beyond_end: str) -> None:
+    """The guess, which is the reference's own gait, touches down before the last breakpoint; the gait does not."""
+    tracking = go.load_problem("compass-pd-impact-slip").replace(
+        {
+            "friction": 0.15,
+            "walker.slope": "1 deg",
+            "control.kp": 1,
+            "control.kd": 1,
+            "control.reference.beyond_end": beyond_end,
+            "gait.guess.state": {"theta1": -0.079, "dtheta1": 0.0437, "dtheta2": -0.432, "dx": 0.634},
+        }
+    )
+    gait = go.solve(tracking)
+    assert gait.step.period > gait.system.control.breakpoints[-1]
+    assert failed(gait) == set()
