@@ -125,7 +125,7 @@ def test_bezier_fit_reproduces_a_polynomial_of_its_degree():
 
 
 @pytest.mark.parametrize("beyond_end", [BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF])
-def test_free_curve_is_a_gait_on_both_roads(beyond_end):
+def test_every_control_point_of_a_free_curve_is_an_unknown(beyond_end):
     source = load_problem("compass-pd-designed")
     text = source.text.replace("beyond_end: linear", f"beyond_end: {beyond_end}")
     head = text[: text.index("objective:")]
