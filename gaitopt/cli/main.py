@@ -12,6 +12,7 @@ from gaitopt.cli.continuation import continue_
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
 from gaitopt.cli.report import report
+from gaitopt.cli.reproduce import reproduce
 from gaitopt.cli.simulate import simulate
 from gaitopt.cli.solve import solve
 from gaitopt.cli.sweep import sweep
@@ -44,6 +45,7 @@ app.command("sweep")(sweep)
 app.command("front")(front)
 app.command("plot")(plot)
 app.command("report")(report)
+app.command("reproduce")(reproduce)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,0 +1,45 @@
+"""``gaitopt reproduce``: the figures and the printed numbers of a paper, computed again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gaitopt.cli.options import DebugOption, QuietOption
+
+PaperArgument = Annotated[str, typer.Argument(metavar="PAPER", help="gamus-or-2013.")]
+OnlyOption = Annotated[
+    list[str] | None,
+    typer.Option("--only", metavar="NAME", help="One figure, fig9 for instance, or table; repeat it for several."),
+]
+FolderOption = Annotated[
+    Path | None, typer.Option("-o", "--output", metavar="DIR", help="By default results/PAPER.", show_default=False)
+]
+
+
+def reproduce(
+    paper: PaperArgument,
+    only: OnlyOption = None,
+    output: FolderOption = None,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
+
+    Gaits and families are taken from the run folders in results/, or computed and kept there.
+    """
+    from gaitopt.cli.console import narration, results
+    from gaitopt.cli.grids import job_progress
+    from gaitopt.cli.progress import interruptible
+    from gaitopt.paper import Archive, check_names
+    from gaitopt.paper import reproduce as write
+    from gaitopt.store.run import RESULTS
+
+    check_names(paper, only or ())
+    console = narration(quiet=quiet)
+    with interruptible() as interrupted, job_progress(console, "parts") as progress:
+        archive = Archive(narrate=lambda words: console.print(words, soft_wrap=True), should_stop=interrupted)
+        written = write(archive, output or RESULTS / paper, only or (), progress)
+    for path in written:
+        results().print(str(path), soft_wrap=True)
+    return 0

@@ -1,0 +1,69 @@
+"""The reproduction of a paper: its figures and its table, written into one folder."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from gaitopt.errors import UnknownNameError
+from gaitopt.figures.style import save
+from gaitopt.paper import table
+from gaitopt.paper.archive import Archive
+from gaitopt.paper.figures import FIGURES
+from gaitopt.store import json_text, write_whole
+from gaitopt.store.files import make_folder
+
+PAPERS = ("gamus-or-2013",)
+TABLE = "table"
+"""The part that is not a figure."""
+
+
+def parts() -> tuple[str, ...]:
+    """Names of everything that is reproduced."""
+    return (*FIGURES, TABLE)
+
+
+def check_names(paper: str, only: Sequence[str]) -> None:
+    """Refuse a paper or a part of it that is not known.
+
+    Raises
+    ------
+    UnknownNameError
+        The message lists the names.
+    """
+    if paper not in PAPERS:
+        raise UnknownNameError(f"no paper is called {paper!r}; choose from {', '.join(PAPERS)}")
+    unknown = [name for name in only if name not in parts()]
+    if unknown:
+        raise UnknownNameError(f"{paper} has no {unknown[0]!r}; choose from {', '.join(parts())}")
+
+
+def reproduce(
+    archive: Archive, folder: Path, only: Sequence[str] = (), progress: Callable[[int, int], None] | None = None
+) -> list[Path]:
+    """Write figures and table into a folder.
+
+    Parameters
+    ----------
+    archive : where gaits and families are kept, or computed.
+    only : names out of ``parts()``; everything if empty.
+    progress : called with the number of parts that are done, and of all.
+
+    Returns
+    -------
+    paths : of the files, in the order of ``parts()``.
+    """
+    make_folder(folder)
+    wanted = [name for name in parts() if not only or name in only]
+    written: list[Path] = []
+    for done, name in enumerate(wanted, start=1):
+        written += _table(archive, folder) if name == TABLE else save(FIGURES[name][1](archive), folder / name)
+        if progress is not None:
+            progress(done, len(wanted))
+    return written
+
+
+def _table(archive: Archive, folder: Path) -> list[Path]:
+    found = table.record(archive)
+    paths = [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
+    write_whole(paths[0], table.markdown(found))
+    write_whole(paths[1], json_text(found, indent=2) + "\n")
+    return paths

@@ -1,0 +1,111 @@
+"""What the paper says about its gaits without a number, examined on the computed families."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.paper.archive import Archive, Records
+from gaitopt.paper.gaits import family_of
+from gaitopt.paper.numbers import scalar
+
+Array = NDArray[np.float64]
+
+LINE_WIDTH = 1e-3
+"""Of the height of a curve: the paper shows no less."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sentence:
+    """A statement.
+
+    Attributes
+    ----------
+    where : place in the paper.
+    words : what it says.
+    holds : whether it does.
+    """
+
+    where: str
+    words: str
+    holds: Callable[[Archive], bool]
+
+
+def _points(records: Records) -> Records:
+    """Points of a family by falling friction."""
+    return sorted((r for r in records if r["record"] == "point"), key=lambda record: -record["value"])
+
+
+def _column(archive: Archive, name: str, key: str, *, slipping_impact: bool = False) -> Array:
+    points = _points(family_of(archive, name))
+    return np.array([p[key] for p in points if not slipping_impact or p["impact"] != "stick"])
+
+
+def _rises(values: Array) -> bool:
+    """Whether a curve never falls by more than its drawn line is wide."""
+    return bool(np.all(np.diff(values) >= -LINE_WIDTH * np.ptp(values)))
+
+
+def _rises_then_falls(values: Array) -> bool:
+    top = int(np.argmax(values))
+    return 0 < top < len(values) - 1 and _rises(values[: top + 1]) and _rises(-values[top:])
+
+
+def _beyond_sticking(name: str, sticking: str) -> Callable[[Archive], bool]:
+    """Whether gaits with a slipping impact exist at more friction than the sticking gait needs."""
+
+    def holds(archive: Archive) -> bool:
+        values = _column(archive, name, "value", slipping_impact=True)
+        return bool(values.max() > scalar(sticking, "required_friction")(archive))
+
+    return holds
+
+
+SENTENCES = (
+    Sentence(
+        where="IV, Fig. 9",
+        words="λ of A rises as friction falls",
+        holds=lambda archive: _rises(_column(archive, "passive", "spectral_radius")),
+    ),
+    Sentence(
+        where="IV, Fig. 9",
+        words="B is unstable throughout",
+        holds=lambda archive: bool(_column(archive, "B", "spectral_radius", slipping_impact=True).min() > 1),
+    ),
+    Sentence(where="IV", words="B exists for μ > μ_c too", holds=_beyond_sticking("B", "passive")),
+    Sentence(
+        where="V, Fig. 11",
+        words="I: as friction falls, the cost first rises and then falls",
+        holds=lambda archive: _rises_then_falls(_column(archive, "I", "cost_of_transport")),
+    ),
+    Sentence(
+        where="V",
+        words="I: the speed falls with the friction",
+        holds=lambda archive: _rises(-_column(archive, "I", "speed")),
+    ),
+    Sentence(
+        where="V, Fig. 12",
+        words="I: λ rises as friction falls",
+        holds=lambda archive: _rises(_column(archive, "I", "spectral_radius")),
+    ),
+    Sentence(
+        where="V",
+        words="II is unstable at μ = 0.2",
+        holds=lambda archive: scalar("II", "spectral_radius")(archive) > 1,
+    ),
+    Sentence(
+        where="V",
+        words="II costs a quarter of I, to one digit",
+        holds=lambda archive: (
+            round(scalar("I", "cost_of_transport")(archive) / scalar("II", "cost_of_transport")(archive)) == 4
+        ),
+    ),
+    Sentence(
+        where="V",
+        words="III is stable at μ = 0.2",
+        holds=lambda archive: scalar("III", "spectral_radius")(archive) < 1,
+    ),
+    Sentence(where="V", words="III slips after the impact for μ > μ_c of I too", holds=_beyond_sticking("III", "I")),
+)
+"""All of them, in the order of the text."""

@@ -1,0 +1,139 @@
+"""The reproduction of the paper: what is committed is what is computed, and every difference has its reason."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitopt.cli.main import main
+from gaitopt.gait import Gait
+from gaitopt.paper import Archive, parts
+from gaitopt.paper.copied_torques import copied_torques, mean_torques
+from gaitopt.paper.figures import FIGURES
+from gaitopt.paper.gaits import SOURCES, problem_of
+from gaitopt.paper.numbers import NUMBERS
+from gaitopt.paper.reasons import EXPLANATIONS, Reason
+from gaitopt.paper.sentences import SENTENCES
+from gaitopt.paper.table import markdown, row
+from gaitopt.problem import load_problem
+from gaitopt.study import solve
+
+COMMITTED = Path(__file__).parents[1] / "results" / "gamus-or-2013"
+RECOMPUTED = ("A: |λ| at μ = 0.14", "B: |λ| at μ = 0.14", "μ_c", "impulse ratio", "θ1* [rad]", "I: τ1, mean [N m]")
+"""Numbers that need a gait, but no family."""
+SAME = 1e-7
+
+
+@cache
+def committed() -> dict:
+    return json.loads((COMMITTED / "table.json").read_text(encoding="utf-8"))
+
+
+@cache
+def passive() -> Gait:
+    return solve(load_problem("compass-passive-stick"))
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    return Archive(tmp_path_factory.mktemp("results"))
+
+
+def test_every_number_and_sentence_is_in_the_committed_table():
+    numbers = [(entry["where"], entry["quantity"], entry["printed"]) for entry in committed()["numbers"]]
+    assert numbers == [(number.where, number.quantity, number.printed) for number in NUMBERS]
+    assert [entry["sentence"] for entry in committed()["sentences"]] == [sentence.words for sentence in SENTENCES]
+
+
+def test_a_number_that_differs_has_a_reason_and_every_reason_is_explained():
+    assert all(entry["agrees"] or entry["reason"] for entry in committed()["numbers"])
+    assert set(EXPLANATIONS) == set(Reason)
+
+
+def test_rounding_is_a_reason_only_where_the_rounding_of_the_torques_reaches_the_printed_number():
+    for entry, number in zip(committed()["numbers"], NUMBERS, strict=True):
+        if number.reason is Reason.ROUNDING:
+            least, most = entry["otherwise"].values()
+            printed = float(entry["printed"])
+            assert least - number.half_digit <= printed <= most + number.half_digit, entry["quantity"]
+
+
+def test_a_part_of_the_table_computed_anew_is_what_is_committed(archive):
+    stored = {(entry["where"], entry["quantity"]): entry for entry in committed()["numbers"]}
+    for number in NUMBERS:
+        if number.quantity in RECOMPUTED:
+            entry = stored[number.where, number.quantity]
+            assert row(archive, number)["computed"] == pytest.approx(entry["computed"], abs=SAME), number.quantity
+
+
+def test_every_committed_figure_is_there_and_no_other():
+    assert {path.stem for path in COMMITTED.glob("*.svg")} == set(FIGURES)
+
+
+def test_the_committed_markdown_is_that_of_the_committed_numbers():
+    assert (COMMITTED / "table.md").read_text(encoding="utf-8") == markdown(committed())
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_every_source_is_a_problem(name):
+    assert problem_of(name).digest
+
+
+def test_copied_torques_are_the_closed_form_difference_of_gravity():
+    walker = passive().problem.walker
+    moment = walker.gravity * (
+        walker.leg_mass * walker.leg_com + (walker.leg_mass + walker.hip_mass) * walker.leg_length
+    )
+    swing = walker.leg_mass * walker.gravity * (walker.leg_length - walker.leg_com)
+    for arc, (_, torques) in zip(passive().step.arcs, copied_torques(passive()), strict=True):
+        theta1, theta2 = arc.states[:, 0], arc.states[:, 1]
+        hip = swing * (np.sin(theta2) - np.sin(theta2 - walker.slope))
+        ankle = moment * (np.sin(theta1 + walker.slope) - np.sin(theta1)) - hip
+        np.testing.assert_allclose(torques, np.column_stack([ankle, hip]), rtol=0, atol=1e-12)
+
+
+def test_mean_torques_lie_between_the_extremes():
+    torques = np.vstack([values for _, values in copied_torques(passive())])
+    assert np.all(torques.min(axis=0) < mean_torques(passive()))
+    assert np.all(mean_torques(passive()) < torques.max(axis=0))
+
+
+def test_a_second_reproduction_computes_nothing(tmp_path):
+    said: list[str] = []
+    for _ in range(2):
+        archive = Archive(tmp_path, narrate=said.append)
+        records = archive.family(problem_of("B"), "friction", (0.13,))
+        assert records[0]["record"] == "point"
+    assert len(said) == 2  # solved once, continued once
+
+
+def test_a_family_that_was_interrupted_is_taken_up_and_ends_the_same(tmp_path):
+    problem, polls = problem_of("B"), iter(range(1000))
+    whole = Archive(tmp_path / "whole").family(problem, "friction", (0.13,))
+    Archive(tmp_path / "torn").gait(problem)
+    with pytest.raises(KeyboardInterrupt):
+        Archive(tmp_path / "torn", should_stop=lambda: next(polls) > 4).family(problem, "friction", (0.13,))
+    taken_up = Archive(tmp_path / "torn").family(problem, "friction", (0.13,))
+    assert [record["value"] for record in taken_up] == pytest.approx([record["value"] for record in whole], abs=SAME)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"), [(["gamus-or-2014"], "gamus-or-2013"), (["gamus-or-2013", "--only", "fig5"], "fig4")]
+)
+def test_an_unknown_paper_or_figure_ends_with_the_names(arguments, word, capsys):
+    assert main(["reproduce", *arguments]) == 2
+    assert word in capsys.readouterr().err
+
+
+def test_one_figure_alone_is_written_where_it_is_wanted(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", "gamus-or-2013", "--only", "fig3", "-o", "pictures"]) == 0
+    assert sorted(path.name for path in Path("pictures").iterdir()) == ["fig3.png", "fig3.svg"]
+    assert capsys.readouterr().out.split() == ["pictures/fig3.svg", "pictures/fig3.png"]
+
+
+def test_the_parts_are_the_figures_with_curves_and_the_table():
+    numbers = {name.removeprefix("fig").partition("-")[0] for name in parts() if name != "table"}
+    assert numbers == {str(k) for k in (2, 3, 4, 6, 7, 8, 9, 10, 11, 12)}
