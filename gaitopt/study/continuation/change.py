@@ -6,6 +6,7 @@ simulator, which does not know the sequence, walks it. A family may also turn ba
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
-from gaitopt.study.continuation.locate import Location
+from gaitopt.study.continuation.locate import Location, locate
 from gaitopt.study.continuation.monitors import Name, Reading
 from gaitopt.study.continuation.piece import Piece, Station
 from gaitopt.study.continuation.successors import successors
@@ -36,12 +37,16 @@ NEARBY = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """The successor of a mode sequence, or why there is none; ``length`` is a first arclength step on it."""
+    """The successor of a mode sequence, or why there is none.
+
+    ``length`` is a first arclength step on it; ``at`` is the gait at the event where the successor knows it better.
+    """
 
     piece: Piece | None
     station: Station | None
     reason: str
     length: float = 0.0
+    at: Station | None = None
 
 
 def find_change(piece: Piece, event: Location) -> Change:
@@ -55,7 +60,9 @@ def find_change(piece: Piece, event: Location) -> Change:
             for distance in DISTANCES:
                 found = _attempt(piece, event.station, sequence, side * distance * piece.scales[-1])
                 if found is not None:
-                    return Change(piece=found[0], station=found[1], reason=words, length=FIRST_STEPS * distance)
+                    at = _seen_from_behind(*found, event) if event.name.kind == "duration" else None
+                    length = FIRST_STEPS * distance
+                    return Change(piece=found[0], station=found[1], reason=words, length=length, at=at)
     tried = " | ".join(str(sequence) for sequence in candidates) or "none"
     return Change(piece=None, station=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
 
@@ -94,6 +101,23 @@ def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: flo
     if found is None or not _holds(successor, found, station):
         return None
     return successor, found
+
+
+def _seen_from_behind(piece: Piece, station: Station, event: Location) -> Station | None:
+    """The gait at which the successor begins, where the phase has vanished on the other side.
+
+    A slip from rest is over when v / t = 0, which rounding decides in a phase of no duration: of the duration only half
+    the digits are left there. The margin of the phase that takes its place has them all.
+    """
+    slope = station.point.tangent[-1]
+    length = 2 * (event.station.value - station.value) / slope if slope else 0.0
+    behind = piece.step(station, length) if length else None
+    if behind is None:
+        return None
+    lost = [name for name in behind.monitors if behind.monitor(name) <= 0 < station.monitor(name)]
+    found = [locate(piece, station, behind, length, partial(Station.monitor, name=name), name) for name in lost]
+    nearest = min(found, key=lambda location: abs(location.length), default=None)
+    return nearest.station if nearest is not None and nearest.status == "converged" else None
 
 
 def with_sequence(problem: Problem, system: HybridSystem, sequence: ModeSequence, state: Array) -> Problem:

@@ -251,7 +251,7 @@ class Follower:
         assert change.piece is not None
         before, after = self._state.piece.sequence, change.piece.sequence
         kind = "mode_change" if before.impact is after.impact else "impact_change"
-        special = self._special(kind, event.station, event.status, change.reason)
+        special = self._special(kind, change.at or event.station, event.status, change.reason)
         return replace(special, before=before, after=after, next=(self._state.number + 1,))
 
     def _move(self, station: Station) -> None:
