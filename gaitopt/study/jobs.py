@@ -178,7 +178,7 @@ def _client(workers: Workers) -> Iterator[Any]:
         LocalCluster(
             n_workers=workers.count,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # any free port: None would insist on 8787
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster) as client,
