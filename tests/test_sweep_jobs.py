@@ -120,6 +120,6 @@ def test_scheduler_that_does_not_answer_is_named(monkeypatch):
 def test_existing_scheduler_is_used(tmp_path):
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50) as cluster:
         jobs = [Job(key="a", argument=(6, str(tmp_path / "diary"), False))]
         assert dict(run_jobs(work, jobs, Workers(scheduler=cluster.scheduler_address))) == {"a": 36}
