@@ -1,8 +1,8 @@
 """First guess of a step: the motion rolled out from a state along the given mode sequence.
 
 The sequence is obeyed, not tested: each phase runs until the margin that should end it falls through zero. A switch
-that does not come is put where its margin is closest to zero, a touchdown that does not come where the walker would
-be at the rates with which it started.
+that does not come is put where its margin is closest to zero within the time of a step, a touchdown that does not
+come where the walker would be at the rates with which it started.
 """
 
 from collections.abc import Callable, Sequence
@@ -155,7 +155,8 @@ def _lost_end(
     mode, after, lost = sequence.phases[phase], (*sequence.phases[1:], None)[phase], transit
     if after is not None:
         margin, times = _margin(system, p, mode, ending_margin(mode, after), motion), _grid(motion)
-        lost = float(times[np.argmin([abs(margin(t)) for t in times])])
+        within = times[times <= motion.ts[0] + transit]
+        lost = float(within[np.argmin([abs(margin(t)) for t in within])])
     return max(lost, motion.ts[0] + SHORTEST_PHASE * transit)
 
 

@@ -1,0 +1,99 @@
+"""First guesses: rolled out where they walk, and of a sensible length where they do not."""
+
+import re
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.nlp import roll_out
+from gaitopt.nlp.rollout import transit_time
+from gaitopt.study import build_system
+
+
+def prepared(name, **overrides):
+    """System, parameters, sequence and guessed state of a problem."""
+    problem = go.load_problem(name).replace({key.replace("__", "."): value for key, value in overrides.items()})
+    system = build_system(problem)
+    state = np.array([problem.guess.state[key] for key in system.state_names])
+    return system, system.values(problem.parameters), problem.sequence, state
+
+
+def test_walk_along_the_sequence_has_an_end_to_every_phase():
+    system, p, sequence, state = prepared("compass-passive-a")
+    rolled = roll_out(system, p, sequence, state)
+    assert rolled.endless is None
+    assert rolled.period == pytest.approx(0.752, rel=0.05)
+
+
+def test_transit_takes_the_wheel_from_spoke_to_spoke():
+    system, p, sequence, state = prepared("rimless-wheel-stick")
+    assert transit_time(system, p, sequence, state) == pytest.approx(2 * np.pi / 10 / 0.7587)
+
+
+def test_transit_takes_the_compass_from_one_leg_to_the_other():
+    system, p, sequence, state = prepared("compass-passive-stick")
+    assert transit_time(system, p, sequence, state) == pytest.approx(min(2 * 0.1478 / 0.7328, 2 * 0.1478 / 0.5007))
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "phase"),
+    [
+        ("compass-passive-stick", {"walker__leg_length": 0.8, "walker__leg_com": 0.4}, 0),  # falls back
+        ("compass-passive-stick", {"walker__hip_mass": 10.0}, 0),  # falls forward, the swing leg too late
+        ("rimless-wheel-slip", {"friction": 1.0}, 0),  # never slips
+        ("rimless-wheel-slip", {"gait__guess__state__dtheta": -0.3}, 0),  # falls at once
+    ],
+)
+def test_phase_without_an_end_takes_a_part_of_a_step(name, overrides, phase):
+    system, p, sequence, state = prepared(name, **overrides)
+    rolled = roll_out(system, p, sequence, state)
+    assert rolled.endless == phase
+    assert all(duration > 0 for duration in rolled.durations)
+    assert 0.04 < rolled.durations[0] / transit_time(system, p, sequence, state) < 3
+    assert all(np.isfinite(rolled(k, np.linspace(0, rolled.period, 9))).all() for k in range(len(rolled.durations)))
+
+
+def test_walker_at_rest_has_a_guess_too():
+    system, p, sequence, state = prepared("rimless-wheel-stick", gait__guess__state__dtheta=0.0)
+    assert 0 < roll_out(system, p, sequence, state).period < np.inf
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("compass-passive-stick", {"walker.leg_length": 0.8, "walker.leg_com": 0.4}),
+        ("compass-passive-stick", {"walker.leg_length": 1.0, "walker.leg_com": 0.5}),
+        ("compass-passive-stick", {"walker.hip_mass": 10}),
+        ("compass-passive-b", {"friction": 0.3}),
+        ("rimless-wheel-stick", {"gait.guess.state.dtheta": -0.3}),
+    ],
+)
+def test_guess_that_does_not_walk_still_leads_to_a_gait(name, overrides):
+    gait = go.solve(go.load_problem(name).replace({"friction": 1.0} | overrides))
+    assert gait.converged, gait.message
+    assert go.verify(gait).passed
+
+
+def test_feet_that_stay_together_are_no_step():
+    """Zero durations satisfy every equation."""
+    guess = {"theta1": -0.001, "dtheta1": 0.01, "dtheta2": -0.01}
+    gait = go.solve(go.load_problem("compass-passive-stick").replace({"gait.guess.state": guess}))
+    assert not gait.converged or gait.step.period > 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "words"),
+    [
+        ("rimless-wheel-slip", {"friction": 1.0}, "phase 1 (stick) has no end: from the guess, sticking needs no more"),
+        ("rimless-wheel-stick", {"friction": 0}, "needs friction 0.9141, has 0"),
+        ("compass-torque-impact-slip", {"control.hip": -1}, "from the guess, the swing foot does not come down"),
+        ("compass-torque-slip", {"friction": 0.25}, "so it does not take place"),
+        ("compass-passive-stick", {"walker.slope": "-1 deg"}, "the swing foot leaves the ground instead of landing"),
+    ],
+)
+def test_failures_are_told_in_words_of_the_walk(name, overrides, words):
+    gait = go.solve(go.load_problem(name).replace(overrides))
+    assert gait.status in (go.Status.INFEASIBLE, go.Status.NOT_CONVERGED)
+    assert words in gait.message
+    assert not re.search(r"t = -", gait.message)

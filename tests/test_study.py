@@ -1,0 +1,167 @@
+"""Solving, simulating, and the references of PD laws, as a user calls them."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.errors import SolveError, UnknownNameError
+from gaitopt.gait import MEASURES, Ending, Gait
+from gaitopt.mechanics import BeyondEnd
+from gaitopt.study import Walk, build_system, gait_reference
+
+SIMULATED = {"problem", "status", "friction", "phases", "impact", "state", *MEASURES}
+RESULT = {
+    "problem", "status", "friction", "phases", "impact", "state", "period", "step_length", "speed", "work",
+    "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque", "slip_distance",
+    "foot_clearance", "multipliers", "spectral_radius", "required_friction", "impulse_ratio", "min_normal_force",
+    "parameters", "verification",
+}  # fmt: skip
+
+
+@cache
+def gait(name: str = "compass-passive-a") -> Gait:
+    return go.solve(go.load_problem(name))
+
+
+@cache
+def failure() -> Gait:
+    return go.solve(go.load_problem("rimless-wheel-stick").replace({"friction": 0.5}))
+
+
+# records
+
+
+@pytest.mark.parametrize("result", [gait, failure])
+def test_record_has_every_key_and_is_json(result) -> None:
+    record = result().to_record()
+    assert set(record) >= RESULT
+    assert json.loads(json.dumps(record, allow_nan=False)) == record
+
+
+def test_record_of_a_failure_has_no_figures_but_what_was_asked() -> None:
+    record = failure().to_record()
+    assert record["status"] == "infeasible"
+    assert all(record[name] is None for name in (*MEASURES, "state", "spectral_radius"))
+    assert record["phases"] == [{"mode": "stick", "duration": None}]
+    assert record["friction"] == 0.5
+
+
+def test_record_of_a_walk_has_the_same_keys_and_figures() -> None:
+    walk = go.simulate(gait(), steps=3)
+    record, ours = walk.to_record(), gait().to_record()
+    assert set(record) >= SIMULATED
+    assert json.loads(json.dumps(record, allow_nan=False)) == record
+    assert record["status"] == "completed"
+    assert record["steps"] == 3
+    for name in MEASURES:
+        assert record[name] == pytest.approx(ours[name], rel=1e-8, abs=1e-9), name
+    assert [phase["mode"] for phase in record["phases"]] == ["slip_forward", "stick", "slip_backward"]
+
+
+def test_walk_without_a_complete_step_has_the_same_keys() -> None:
+    record = go.simulate(gait("rimless-wheel-stick"), {"dtheta": 0.05}).to_record()
+    assert set(record) >= SIMULATED
+    assert record["status"] == "fall"
+    assert record["steps"] == 0
+    assert record["period"] is None
+    assert record["state"]["dtheta"] == 0.05
+
+
+# simulation
+
+
+def test_stable_walk_forgets_where_it_began() -> None:
+    walk = go.simulate(gait("rimless-wheel-stick"), {"dtheta": 0.9}, steps=100, dense=False)
+    assert walk.trajectory.ending is Ending.COMPLETED
+    assert walk.trajectory.section_states[-1] == pytest.approx(gait("rimless-wheel-stick").state, abs=1e-12)
+
+
+def test_state_by_name_replaces_part_of_the_start_and_the_section_completes_it() -> None:
+    start = go.simulate(gait(), {"theta1": -0.15, "dx": 0.01}).trajectory.start
+    names = gait().system.state_names
+    given = dict(zip(names, start, strict=True))
+    ours = dict(zip(names, gait().state, strict=True))
+    assert given["theta1"] == given["theta2"] == -0.15
+    assert given["dx"] == 0.01
+    assert given["x"] == 0
+    assert (given["dtheta1"], given["dtheta2"]) == (ours["dtheta1"], ours["dtheta2"])
+
+
+def test_problem_starts_from_its_guess() -> None:
+    problem = go.load_problem("compass-passive-stick")
+    walk = go.simulate(problem)
+    assert dict(zip(walk.system.state_names, walk.trajectory.start, strict=True)) == dict(problem.guess.state)
+
+
+def test_unknown_coordinate_is_named_with_those_that_there_are() -> None:
+    with pytest.raises(UnknownNameError, match=r"theta3.*use theta1, dtheta1, dtheta2, dx"):
+        go.simulate(gait(), {"theta3": 0.1})
+
+
+def test_failed_attempt_needs_a_whole_state() -> None:
+    with pytest.raises(SolveError, match="give the whole state to start from: dtheta, dx"):
+        go.simulate(failure())
+    assert isinstance(go.simulate(failure(), {"dtheta": 0.75, "dx": 0.0}), Walk)
+
+
+def test_walk_ends_where_it_is_asked_to() -> None:
+    polls = iter([False, False, True])
+    walk = go.simulate(gait(), steps=10, should_stop=lambda: next(polls))
+    assert len(walk.complete_steps) == 2
+    assert "stopped on request" in walk.trajectory.message
+
+
+def test_long_walk_keeps_only_the_ends_of_its_arcs() -> None:
+    sparse, dense = (go.simulate(gait(), steps=2, dense=flag) for flag in (False, True))
+    assert {arc.times.size for step in sparse.trajectory.steps for arc in step.arcs} == {2}
+    assert min(arc.times.size for step in dense.trajectory.steps for arc in step.arcs) > 30
+    np.testing.assert_array_equal(sparse.trajectory.section_states, dense.trajectory.section_states)
+
+
+# references
+
+
+@pytest.mark.parametrize("beyond_end", list(BeyondEnd))
+def test_reference_is_the_gait_up_to_its_end(beyond_end: BeyondEnd) -> None:
+    source = gait("compass-passive-b")
+    reference = gait_reference(source, beyond_end)
+    for arc in source.step.arcs:
+        inside = arc.times[1:-1]
+        angles, rates = reference(inside)
+        np.testing.assert_allclose(angles.T, arc.states[1:-1, :2], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(rates.T, arc.states[1:-1, 3:5], rtol=0, atol=1e-11)
+    assert source.step.period == pytest.approx(reference.breakpoints[1], abs=1e-15)
+
+
+def test_reference_that_flows_on_is_the_motion_of_its_last_mode() -> None:
+    """Its rates are those of its angles, and they obey the equations of motion."""
+    source = gait("compass-passive-b")
+    reference, end = gait_reference(source, BeyondEnd.FLOW), source.step.period
+    t, h = end + 0.3, 1e-5
+    (angles, rates), (before, rates_before), (after, rates_after) = (reference([s]) for s in (t, t - h, t + h))
+    z = np.concatenate([angles[:, 0], [0.0], rates[:, 0], [0.0]])
+    flow = np.asarray(source.system.flow(source.step.arcs[-1].mode)(t, z, source.p, [])).ravel()
+    assert (after - before)[:, 0] / (2 * h) == pytest.approx(flow[:2], abs=1e-8)
+    assert (rates_after - rates_before)[:, 0] / (2 * h) == pytest.approx(flow[3:5], abs=1e-7)
+    assert reference.horizon >= 3 * end
+
+
+@pytest.mark.parametrize(("beyond_end", "kept"), [(BeyondEnd.LINEAR, 1.0), (BeyondEnd.HOLD, 0.0)])
+def test_reference_goes_on_straight_or_stands_still(beyond_end: BeyondEnd, kept: float) -> None:
+    source = gait("compass-passive-b")
+    last = source.step.arcs[-1].states[-1]
+    angles, rates = gait_reference(source, beyond_end)([source.step.period + 0.2])
+    assert rates[:, 0] == pytest.approx(kept * last[3:5], abs=1e-12)
+    assert angles[:, 0] == pytest.approx(last[:2] + 0.2 * kept * last[3:5], abs=1e-12)
+
+
+def test_reference_that_is_no_gait_is_an_error_that_says_why(tmp_path) -> None:
+    source = go.load_problem("compass-passive-b").text.replace("friction: 0.14", "friction: 0.6")
+    (tmp_path / "source.yaml").write_text(source)
+    tracking = go.load_problem("compass-pd-impact-slip").text.replace("gait: compass-passive-b", "gait: source.yaml")
+    (tmp_path / "tracking.yaml").write_text(tracking)
+    with pytest.raises(SolveError, match=r"its reference compass-passive-b is (infeasible|not_converged): "):
+        build_system(go.load_problem(tmp_path / "tracking.yaml"))
