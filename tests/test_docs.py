@@ -1,7 +1,9 @@
 """What README and docs show is true: commands run, library calls run, problem files are problems."""
 
 import re
+import runpy
 import shlex
+import warnings
 from pathlib import Path
 
 import pytest
@@ -20,14 +22,18 @@ def blocks(language: str) -> list[str]:
 
 
 COMMANDS = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
+FILES = {found[1]: text for text in blocks("yaml") if (found := re.match(r"name: (\S+)", text))}
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_that_is_shown_works(command, tmp_path, monkeypatch, capsys):
+def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    program, *arguments = shlex.split(command)
+    for name, text in FILES.items():
+        (tmp_path / f"{name}.yaml").write_text(text)
+    words, _, code = command.partition("  # exit code ")
+    program, *arguments = shlex.split(words)
     assert program == "gaitopt"
-    assert main(arguments) == 0
+    assert main(arguments) == int(code or 0)
     assert capsys.readouterr().out
 
 
@@ -42,6 +48,19 @@ def test_a_problem_file_that_is_shown_has_a_verified_gait(text):
     gait = solve(parse_problem(text))
     assert gait.converged, gait.message
     assert verify(gait).passed
+
+
+def test_the_reference_of_the_problem_file_is_that_of_the_schema():
+    script = runpy.run_path(str(ROOT / "docs" / "problem_keys.py"))
+    assert script["PAGE"].read_text() == script["page"]()
+
+
+def test_the_pages_build_without_a_warning(tmp_path):
+    sphinx = pytest.importorskip("sphinx.cmd.build", reason="needs pip install '.[docs]'")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # those of Sphinx's own dependencies; -W counts the pages'
+        assert sphinx.build_main(["-q", "-W", "--keep-going", str(ROOT / "docs"), str(tmp_path)]) == 0
+    assert (tmp_path / "index.html").exists()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -65,8 +65,8 @@ def measure(system: HybridSystem, p: Array, step: Step) -> dict[str, float | Non
 
     ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work`` [J];
     ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length); ``torque_squared``
-    (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest |f_t|/f_n while sticking, None
-    without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
+    (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest ``|f_t|/f_n`` while sticking,
+    None without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
 
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other.
 

@@ -1,0 +1,93 @@
+"""Write ``problem-keys.md``, the reference of the problem file, from the schema: ``python docs/problem_keys.py``."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from gaitopt.problem import problem_schema
+
+PAGE = Path(__file__).with_name("problem-keys.md")
+HEAD = """# Keys of the problem file
+
+Written by `python docs/problem_keys.py` from the schema that `gaitopt schema` prints. A dot leads into a mapping:
+`gait.phases` is the key `phases` of the mapping `gait`. *or an unknown* means that the value may be
+`{free: [lo, hi], guess: value}`: a design then finds it. An angle is a number in rad, or a text such as `1 deg`.
+
+Point your editor at the schema (`gaitopt schema > gaitopt.schema.json`), and with this first line in the file it
+completes keys and shows units as you type:
+
+    # yaml-language-server: $schema=gaitopt.schema.json
+"""
+BOUNDS = (
+    ("minimum", "at least"),
+    ("exclusiveMinimum", "more than"),
+    ("maximum", "at most"),
+    ("exclusiveMaximum", "less than"),
+)
+TOP = "top level"
+
+
+def page() -> str:
+    """The page as Markdown."""
+    return "\n".join([HEAD, *_sections(problem_schema(), "")])
+
+
+def _sections(schema: Mapping[str, Any], path: str) -> Iterator[str]:
+    """A table of a mapping's keys, and then those of the mappings in it."""
+    required, inner = schema.get("required", ()), list[tuple[str, Mapping[str, Any]]]()
+    yield f"## {f'`{path}`' if path else TOP}\n"
+    if path and "description" in schema:
+        yield f"{_cell(schema['description'])}\n"
+    yield "| key | value | | means |\n|---|---|---|---|"
+    for key, value in schema["properties"].items():
+        name = f"{path}.{key}" if path else key
+        inner += [(_named(name, variant), variant) for variant in _mappings(value)]
+        default = f"default `{value['default']}`" if value.get("default") not in (None, "", {}) else ""
+        presence = "required" if key in required else default
+        yield f"| `{key}` | {_cell(_kind(value))} | {_cell(presence)} | {_cell(value.get('description', ''))} |"
+    yield ""
+    for name, variant in inner:
+        yield from _sections(variant, name)
+
+
+def _named(path: str, variant: Mapping[str, Any]) -> str:
+    """Path of a mapping, with what chooses it among its alternatives."""
+    for key in ("model", "type"):
+        choice = variant["properties"].get(key, {})
+        if "const" in choice:
+            return f"{path} {{{key}: {choice['const']}}}"
+    return path
+
+
+def _mappings(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The mappings with named keys that a value may be; an unknown is explained once, at the head of the page."""
+    found = [value] if value.get("properties") else []
+    for variant in (*value.get("oneOf", ()), *value.get("anyOf", ())):
+        found += _mappings(variant) if variant.get("description") != "an unknown" else []
+    return found
+
+
+def _kind(value: Mapping[str, Any]) -> str:
+    if "const" in value:
+        return f"`{value['const']}`"
+    if "enum" in value:
+        return ", ".join(f"`{choice}`" for choice in value["enum"])
+    variants = (*value.get("oneOf", ()), *value.get("anyOf", ()))
+    if variants:
+        kinds = ["an unknown" if v.get("description") == "an unknown" else _kind(v) for v in variants]
+        return " or ".join(dict.fromkeys(kinds))
+    kind = value.get("type", "any")
+    if kind == "array":
+        return f"list of {_kind(value.get('items', {}))}"
+    if kind == "string" and "deg" in value.get("pattern", ""):
+        return "angle"
+    bounds = " and ".join(f"{words} {value[key]:.6g}" for key, words in BOUNDS if key in value)
+    return f"{'mapping' if kind == 'object' else kind}{f', {bounds}' if bounds else ''}"
+
+
+def _cell(text: str) -> str:
+    return str(text).replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
