@@ -3,7 +3,7 @@
 Fixed points of the simulated return map at one value of the parameter after the other, by chords. Between them:
 
     change of modes      bisection on the modes that the simulator goes through
-    end of the sticking impact      mu F_n - |F_t| = 0, approached from the side where the impact sticks
+    end of sticking      mu F_n - |F_t| = 0 at the impact, or of the force after it, approached from where it sticks
     loss of stability    |lambda| = 1 or lambda = -1, multipliers by saltation
     fold                 lambda = 1 along the curve, which a section coordinate parametrises
 """
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from gaitopt.gait import Gait, Step, floquet_multipliers
+from gaitopt.gait import Gait, Step, floquet_multipliers, observe
 from gaitopt.mechanics import Mode
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
@@ -105,17 +105,24 @@ class SimulatedFamily:
         """Where a function of the multipliers is zero."""
         return float(brentq(lambda value: function(self.multipliers_at(value)), low, high, xtol=1e-12))
 
-    def end_of_sticking_impact(self, first: float, second: float) -> float:
-        """Where the impulse reaches its cone, from two values at which the impact sticks, the second one nearer."""
+    def impact_margin(self, value: float) -> float:
+        """mu F_n - |F_t| of an impact that sticks [N s]."""
+        step = self.step_at(value)
+        assert step is not None
+        assert step.impact is not None
+        F_t, F_n = step.impact.stick_impulse
+        return self._friction(value) * float(F_n) - abs(float(F_t))
 
-        def margin(value: float) -> float:
-            step = self.step_at(value)
-            assert step is not None
-            assert step.impact is not None
-            F_t, F_n = step.impact.stick_impulse
-            p = self.map_at(value).simulator.p
-            return float(p[self.gait.system.parameters.index("friction")] * F_n - abs(F_t))
+    def start_margin(self, value: float) -> float:
+        """mu f_n - |f_t| of a foot that sticks at the start of the step [N]."""
+        step = self.step_at(value)
+        assert step is not None
+        assert step.arcs[0].mode is Mode.STICK
+        f_t, f_n = observe(self.gait.system, self.map_at(value).simulator.p, step.arcs[0]).force[0]
+        return self._friction(value) * float(f_n) - abs(float(f_t))
 
+    def approach(self, margin: Callable[[float], float], first: float, second: float) -> float:
+        """Where a margin falls to zero, from two values on the side where it is positive, the second one nearer."""
         values, margins, root = [first, second], [margin(first), margin(second)], np.inf
         while abs(values[-1] - root) > 1e-8:
             slope = (margins[-1] - margins[-2]) / (values[-1] - values[-2])
@@ -123,6 +130,9 @@ class SimulatedFamily:
             values.append(root + CLOSER * (values[-1] - root))
             margins.append(margin(values[-1]))
         return root
+
+    def _friction(self, value: float) -> float:
+        return float(self.map_at(value).simulator.p[self.gait.system.parameters.index("friction")])
 
     def fold(self, value: float, reach: float) -> float:
         """The extremum of the parameter; the first section coordinate within ``reach`` of the guess leads over it."""

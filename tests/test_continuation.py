@@ -1,0 +1,192 @@
+"""Families as a whole: nothing but the physics decides what is found on them."""
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
+from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.study.continuation import continuation
+from gaitopt.study.continuation.follow import Follower, Limits
+from gaitopt.study.continuation.piece import Piece, Station
+
+AGREEMENT = 1e-10
+STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
+
+
+@cache
+def solved(name: str, **values: float) -> Gait:
+    gait = go.solve(go.load_problem(name).replace({key.replace("_", "."): value for key, value in values.items()}))
+    assert gait.converged
+    return gait
+
+
+def passive(friction: float) -> Gait:
+    name = "compass-passive-stick" if friction > 0.175 else "compass-passive-a"
+    return solved(name, friction=friction)
+
+
+@cache
+def downwards() -> Branch:
+    return continuation(passive(0.18), "friction", 0.171)
+
+
+def changes(branch: Branch) -> list[float]:
+    return sorted(special.value for special in branch.special("mode_change"))
+
+
+def test_the_passive_gait_walks_from_sticking_into_stick_slip_by_itself() -> None:
+    branch = downwards()
+    sequences = list(dict.fromkeys(point.gait.problem.sequence for point in branch))
+    expected = [(STICK,), (FORWARD, STICK), (FORWARD, STICK, BACKWARD)]
+    assert sequences == [ModeSequence(phases, STICK) for phases in expected]
+    assert branch.specials[-1].type == "end"
+    assert branch[-1].value == pytest.approx(0.171, abs=1e-14)
+
+
+@pytest.mark.parametrize(("start", "to"), [(0.177, 0.165), (0.2, 0.14)])
+def test_scales_and_starts_do_not_decide_where_special_points_are(start: float, to: float) -> None:
+    found = changes(continuation(passive(start), "friction", to, verify_every=0))
+    assert found == pytest.approx(changes(downwards()), rel=0, abs=AGREEMENT)
+
+
+def test_both_directions_meet_the_same_special_points() -> None:
+    upwards = continuation(passive(0.171), "friction", 0.18)
+    assert changes(upwards) == pytest.approx(changes(downwards()), rel=0, abs=AGREEMENT)
+    assert upwards[-1].gait.state == pytest.approx(passive(0.18).state, rel=0, abs=1e-9)
+
+
+@pytest.mark.parametrize("intervals", [30, 60])
+def test_the_mesh_does_not_decide_what_is_found(intervals: int) -> None:
+    records = list(on_mesh(passive(0.18), intervals, 0.171))
+    branch = Branch(
+        parameter="friction",
+        points=tuple(record for record in records if isinstance(record, BranchPoint)),
+        specials=tuple(record for record in records if isinstance(record, SpecialPoint)),
+    )
+    assert branch[0].gait.shooting.intervals == (intervals,)
+    assert changes(branch) == pytest.approx(changes(downwards()), rel=0, abs=AGREEMENT)
+    assert branch.values[:5] == pytest.approx(downwards().values[:5], rel=0, abs=1e-8)
+    assert branch[-1].gait.state == pytest.approx(downwards()[-1].gait.state, rel=0, abs=1e-9)
+
+
+def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | SpecialPoint]:
+    """A family that begins on a mesh of many intervals."""
+    system, sequence = gait.system, gait.problem.sequence
+    durations = tuple(duration for _, duration in gait.step.phases)
+    plan = layout(sequence, durations, ()).refined([intervals] * len(durations))
+    transcription = Transcription(system, plan, ("friction",))
+    value = float(gait.p[system.parameters.index("friction")])
+    scales = (float(np.abs(gait.state).max()), gait.step.period, abs(to - value))
+    piece = Piece(gait.problem, "friction", transcription, gait.p, scales)
+    nodes = roll_out(system, gait.p, sequence, gait.state, durations).nodes(plan)
+    w = transcription.pack(nodes, np.array(durations), (value,))
+    station = piece.start(w, np.append(np.zeros(w.size - 1), to - value))
+    assert isinstance(station, Station)
+    limits = Limits(lower=min(to, value), upper=max(to, 2 * value - to))
+    return Follower(piece, station, limits).records()
+
+
+def test_neighbours_on_a_family_are_neighbours() -> None:
+    branch = downwards()
+    states = np.array([point.gait.state for point in branch])
+    steps = np.abs(np.diff(states, axis=0)).max(axis=1)
+    assert steps.max() < 0.05 * np.abs(states).max()
+    assert np.all(np.diff(branch.values) < 0)
+    radii = branch.column("spectral_radius")
+    assert np.abs(np.diff(radii)).max() < 0.05
+
+
+def test_a_joint_has_the_same_motion_on_both_sides() -> None:
+    branch = downwards()
+    for special in branch.special("mode_change"):
+        before, after = branch.branch(special.branch)[-1], branch.branch(special.next[0])[0]
+        assert before.value > special.value > after.value
+        assert after.gait.state == pytest.approx(special.gait.state, rel=0, abs=1e-4)
+        assert after.gait.step.period == pytest.approx(special.gait.step.period, rel=0, abs=1e-4)
+
+
+def test_every_point_is_a_gait_that_the_nlp_finds_too() -> None:
+    for point in downwards()[::15]:
+        alone = go.solve(point.gait.problem)
+        assert alone.converged
+        assert alone.state == pytest.approx(point.gait.state, rel=0, abs=1e-9)
+        assert alone.spectral_radius == pytest.approx(point.gait.spectral_radius, rel=0, abs=1e-7)
+
+
+def test_verified_points_pass() -> None:
+    verified = [point.gait.verification for point in downwards() if point.gait.verification is not None]
+    assert len(verified) >= len(downwards()) // 10
+    assert all(record["passed"] for record in verified)
+
+
+@pytest.mark.parametrize("parameter", ["frictoin", "walker.slop", "control.hip"])
+def test_an_unknown_parameter_names_what_there_is(parameter: str) -> None:
+    with pytest.raises(UnknownNameError, match="friction|walker.slope|did you mean"):
+        continuation(passive(0.18), parameter, 0.1)
+
+
+def test_a_target_must_differ_and_lie_within_the_bounds() -> None:
+    with pytest.raises(ProblemError):
+        continuation(passive(0.18), "friction", 0.18)
+    with pytest.raises(ProblemError, match="bound"):
+        continuation(passive(0.18), "friction", 0.1, lower=0.15)
+    with pytest.raises(ProblemError):
+        continuation(passive(0.18), "friction", float("nan"))
+
+
+def test_a_failed_attempt_cannot_be_continued() -> None:
+    failed = go.solve(go.load_problem("compass-passive-a").replace({"friction": 0.5}))
+    assert not failed.converged
+    with pytest.raises(SolveError):
+        continuation(failed, "friction", 0.1)
+
+
+def test_work_is_bounded() -> None:
+    few = continuation(passive(0.18), "friction", 0.1, max_points=3)
+    assert (len(few), few.specials[-1].type) == (3, "end")
+    assert "3 points" in few.specials[-1].reason
+    none = continuation(passive(0.18), "friction", 0.1, max_seconds=0.0)
+    assert "out of time" in none.specials[-1].reason
+
+
+@pytest.mark.slow
+def test_cost_of_the_torque_gait_first_rises_and_then_falls_as_friction_falls() -> None:
+    branch = continuation(solved("compass-torque-stick"), "friction", 0.05)
+    cost = branch.column("cost_of_transport")
+    top = int(np.argmax(cost))
+    slips = next(k for k, point in enumerate(branch) if len(point.gait.step.phases) > 1)
+    assert slips < top < len(branch) - 1
+    assert cost[slips] < cost[top]
+    assert cost[-1] < cost[top]
+
+
+@pytest.mark.slow
+def test_the_sticking_gait_shrinks_away_as_the_slope_does() -> None:
+    branch = continuation(solved("compass-passive-stick", friction=1.0), "walker.slope", 0.0005)
+    assert branch[-1].value == pytest.approx(0.0005, abs=1e-14)
+    angle = np.abs(branch.column("state.theta1"))
+    # Garcia et al. (1998): the step grows like the cube root of a small slope.
+    last = slice(-6, None)
+    exponent = np.polyfit(np.log(branch.values[last]), np.log(angle[last]), 1)[0]
+    assert exponent == pytest.approx(1 / 3, abs=0.02)
+
+
+@pytest.mark.slow
+def test_the_short_period_gait_goes_on_above_its_impact_change_and_in_slope() -> None:
+    joined = continuation(solved("compass-passive-b"), "friction", 1.0)
+    (change,) = joined.special("impact_change")
+    assert change.after == ModeSequence((STICK,), STICK)
+    assert joined[-1].value == pytest.approx(1.0, abs=1e-14)
+    down = continuation(joined[-1].gait, "walker.slope", 0.0005)
+    up = continuation(joined[-1].gait, "walker.slope", 0.08)
+    assert down[-1].value == pytest.approx(0.0005, abs=1e-14)
+    assert abs(down[-1].gait.state[0]) < 0.5 * abs(down[0].gait.state[0])
+    assert len(up) > 10
