@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gaitopt.cli.main import main
+from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
 from gaitopt.paper import Archive, parts
 from gaitopt.paper.copied_torques import copied_torques, mean_torques
@@ -16,8 +17,9 @@ from gaitopt.paper.gaits import SOURCES, problem_of
 from gaitopt.paper.numbers import NUMBERS
 from gaitopt.paper.reasons import EXPLANATIONS, Reason
 from gaitopt.paper.sentences import SENTENCES
-from gaitopt.paper.table import markdown, row
+from gaitopt.paper.table import markdown, record, row
 from gaitopt.problem import load_problem
+from gaitopt.store import run_folder
 from gaitopt.study import solve
 
 COMMITTED = Path(__file__).parents[1] / "results" / "gamus-or-2013"
@@ -137,3 +139,27 @@ def test_one_figure_alone_is_written_where_it_is_wanted(tmp_path, monkeypatch, c
 def test_the_parts_are_the_figures_with_curves_and_the_table():
     numbers = {name.removeprefix("fig").partition("-")[0] for name in parts() if name != "table"}
     assert numbers == {str(k) for k in (2, 3, 4, 6, 7, 8, 9, 10, 11, 12)}
+
+
+def test_the_page_about_the_reproduction_counts_what_the_table_holds():
+    page = (COMMITTED.parents[1] / "docs" / "reproduction.md").read_text(encoding="utf-8")
+    numbers = committed()["numbers"]
+    assert f"Of {len(numbers)} printed numbers {sum(entry['agrees'] for entry in numbers)} agree" in page
+
+
+def test_a_foreign_folder_in_the_place_of_a_run_is_named_and_left_alone(tmp_path):
+    folder = run_folder(problem_of("wheel"), tmp_path)
+    folder.mkdir()
+    (folder / "letter.txt").write_text("mine")
+    with pytest.raises(StorageError, match=folder.name):
+        Archive(tmp_path).gait(problem_of("wheel"))
+    assert [path.name for path in folder.iterdir()] == ["letter.txt"]
+
+
+@pytest.mark.slow
+def test_the_whole_table_computed_from_nothing_is_what_is_committed(archive):
+    found = record(archive)
+    assert found["sentences"] == committed()["sentences"]
+    for entry, stored in zip(found["numbers"], committed()["numbers"], strict=True):
+        assert entry["computed"] == pytest.approx(stored["computed"], abs=SAME), entry["quantity"]
+        assert entry["otherwise"] == pytest.approx(stored["otherwise"], abs=SAME), entry["quantity"]
