@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
-from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 from gaitopt.study.continuation.locate import Location, locate
 from gaitopt.study.continuation.monitors import Name, Reading
-from gaitopt.study.continuation.piece import Piece, Station
+from gaitopt.study.continuation.piece import Piece, Station, piece_through
 from gaitopt.study.continuation.successors import successors
 from gaitopt.study.verify import confirm
 
@@ -60,7 +58,8 @@ def find_change(piece: Piece, event: Location) -> Change:
             for distance in DISTANCES:
                 found = _attempt(piece, event.station, sequence, side * distance * piece.scales[-1])
                 if found is not None:
-                    at = _seen_from_behind(*found, event) if event.name.kind == "duration" else None
+                    vanished = len(sequence.phases) < len(piece.sequence.phases)
+                    at = _seen_from_behind(*found, event) if vanished else None
                     length = FIRST_STEPS * distance
                     return Change(piece=found[0], station=found[1], reason=words, length=length, at=at)
     tried = " | ".join(str(sequence) for sequence in candidates) or "none"
@@ -93,10 +92,7 @@ def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: flo
     rolled = roll_out(system, p, sequence, state, longest=(1 + NEARBY) * period)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
-    plan = layout(sequence, rolled.durations, system.control.breakpoints)
-    transcription = Transcription(system, plan, (piece.parameter,))
-    successor = Piece(problem, piece.parameter, transcription, p, piece.scales)
-    w = transcription.pack(rolled.nodes(plan), np.array(rolled.durations), (value,))
+    successor, w = piece_through(problem, system, piece.parameter, piece.scales, rolled, p)
     found = successor.start(w, _forward(station, state, offset, w.size))
     if found is None or not _holds(successor, found, station):
         return None

@@ -12,12 +12,10 @@ from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Mode, ModeSequence
 from gaitopt.nlp.arclength import Scales
-from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.transcription import Transcription
 from gaitopt.study.continuation.change import with_sequence
 from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Limits, Record
-from gaitopt.study.continuation.piece import Piece, Station
+from gaitopt.study.continuation.piece import Piece, Station, piece_through
 
 Array = NDArray[np.float64]
 
@@ -213,7 +211,8 @@ def _first(gait: Gait, parameter: str, scales: Scales, ahead: float) -> tuple[Pi
     """The branch of a gait, and its first point with the tangent in the wanted direction."""
     assert gait.step is not None, "checked before"
     durations = np.array([duration for _, duration in gait.step.phases])
-    piece, w = _piece(gait, parameter, scales, gait.p, gait.state, durations)
+    rolled = roll_out(gait.system, gait.p, gait.problem.sequence, gait.state, durations)
+    piece, w = piece_through(gait.problem, gait.system, parameter, scales, rolled, gait.p)
     forward = np.zeros(w.size)
     forward[-1] = ahead
     return piece, _started(piece, w, forward)
@@ -228,28 +227,9 @@ def _restored(gait: Gait, parameter: str, scales: Scales, record: Mapping[str, A
     p = gait.p.copy()
     p[system.parameters.index(parameter)] = record["value"]
     problem = with_sequence(gait.problem, system, ModeSequence(phases, Mode(record["impact"])), state)
-    piece, w = _piece(gait, parameter, scales, p, state, durations, problem, record["intervals"])
-    return piece, _started(piece, w, piece.curve.direction(np.array(record["tangent"])))
-
-
-def _piece(
-    gait: Gait,
-    parameter: str,
-    scales: Scales,
-    p: Array,
-    state: Array,
-    durations: Array,
-    problem: Any = None,
-    intervals: Sequence[int] = (),
-) -> tuple[Piece, Array]:
-    """A branch through a known gait, and the unknowns of that gait."""
-    problem, system = problem or gait.problem, gait.system
     rolled = roll_out(system, p, problem.sequence, state, durations)
-    plan = layout(problem.sequence, durations, system.control.breakpoints)
-    plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
-    transcription = Transcription(system, plan, (parameter,))
-    w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))
-    return Piece(problem, parameter, transcription, p, scales), w
+    piece, w = piece_through(problem, system, parameter, scales, rolled, p, record["intervals"])
+    return piece, _started(piece, w, piece.curve.direction(np.array(record["tangent"])))
 
 
 def _started(piece: Piece, w: Array, forward: Array) -> Station:

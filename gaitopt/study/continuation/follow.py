@@ -19,6 +19,7 @@ from gaitopt.study.continuation.change import Change, find_change
 from gaitopt.study.continuation.locate import Location, locate
 from gaitopt.study.continuation.monitors import Name
 from gaitopt.study.continuation.piece import Piece, Station
+from gaitopt.study.continuation.rescue import rescue
 from gaitopt.study.verify import confirm
 
 Array = NDArray[np.float64]
@@ -128,7 +129,13 @@ class Follower:
         state = self._state
         following = self._next()
         if following is None:
-            yield self._special("end", state.station, "guess", "Newton's method does not converge any more")
+            rescued = rescue(state.piece, state.station)
+            if rescued is None:
+                reason = "neither Newton's method nor IPOPT finds a gait further on"
+                yield self._special("end", state.station, "guess", reason)
+                return
+            self._state = _State(*rescued, state.number, state.index + 1, FIRST_LENGTH)
+            yield from self._emit()
             return
         length, station, event = following
         if event is not None:

@@ -1,5 +1,6 @@
 """One branch: the curve of gaits with one mode sequence, evaluated at a point in everything that is watched."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Gait
-from gaitopt.mechanics import ModeSequence
+from gaitopt.mechanics import HybridSystem, ModeSequence
 from gaitopt.nlp.arclength import Curve, CurvePoint, Scales
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.refinement import phase_errors, refine
-from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 from gaitopt.study.continuation.bifurcations import test_functions
@@ -125,14 +126,12 @@ class Piece:
 
     def reordered(self, station: Station) -> "tuple[Piece, Station] | None":
         """The same branch with arcs in the order that a station's durations ask for; no mode has changed."""
-        old, at = self.transcription, station.point.at
-        nodes, durations, freed = old.unpack(at.w)
+        old = self.transcription
+        nodes, durations, freed = old.unpack(station.point.at.w)
         p = old.full_parameters(self.p, freed)
         rolled = roll_out(old.system, p, self.sequence, nodes[:, 0], durations)
-        plan = layout(self.sequence, durations, old.system.control.breakpoints)
-        new = Transcription(old.system, plan, old.free)
-        piece = Piece(self.problem, self.parameter, new, self.p, self.scales)
-        found = piece.start(new.pack(rolled.nodes(plan), durations, freed), resized(station.point.tangent, old, new))
+        piece, w = piece_through(self.problem, old.system, self.parameter, self.scales, rolled, p)
+        found = piece.start(w, resized(station.point.tangent, old, piece.transcription))
         return None if found is None or not piece.in_order(found) else (piece, found)
 
     def coordinates(self, w: Array) -> Array:
@@ -153,6 +152,24 @@ class Piece:
             solver={"iterations": float(point.iterations)},
         )
         return Station(point=point, gait=gait)
+
+
+def piece_through(
+    problem: Problem,
+    system: HybridSystem,
+    parameter: str,
+    scales: Scales,
+    rolled: Rollout,
+    p: Array,
+    intervals: Sequence[int] = (),
+) -> tuple[Piece, Array]:
+    """A branch through a rolled out motion at parameters ``p``, and the unknowns w of that motion."""
+    durations = np.array(rolled.durations)
+    plan = layout(problem.sequence, durations, system.control.breakpoints)
+    plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
+    transcription = Transcription(system, plan, (parameter,))
+    w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))
+    return Piece(problem, parameter, transcription, p, scales), w
 
 
 def resized(tangent: Array, old: Transcription, new: Transcription) -> Array:

@@ -1,0 +1,39 @@
+"""Where Newton's method fails, IPOPT takes the family up again."""
+
+import pytest
+
+from gaitopt.problem import load_problem
+from gaitopt.study import solve
+from gaitopt.study.continuation import continuation
+from gaitopt.study.continuation.piece import Piece
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    return solve(load_problem("rimless-wheel-slip"))
+
+
+def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
+    step = Piece.step
+
+    def failing(self, station, length):
+        found = step(self, station, length)
+        crosses = found is not None and min(found.value, station.value) < 0.45 < max(found.value, station.value)
+        return None if crosses else found
+
+    monkeypatch.setattr(Piece, "step", failing)
+    branch = continuation(wheel, "friction", 0.5)
+    assert branch.special("end")[0].value == pytest.approx(0.5)
+    assert {point.branch for point in branch} == {0}
+    monkeypatch.undo()
+    whole = continuation(wheel, "friction", 0.5)
+    assert branch[-1].gait.state == pytest.approx(whole[-1].gait.state, abs=1e-9)
+
+
+def test_branch_ends_with_a_reason_where_ipopt_fails_too(wheel, monkeypatch):
+    step = Piece.step
+    monkeypatch.setattr(Piece, "step", lambda self, s, length: None if s.value > 0.42 else step(self, s, length))
+    monkeypatch.setattr("gaitopt.study.continuation.rescue.DISTANCES", ())
+    branch = continuation(wheel, "friction", 0.5)
+    assert "IPOPT" in branch.special("end")[0].reason
+    assert branch.special("end")[0].status == "guess"
