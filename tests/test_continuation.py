@@ -1,6 +1,7 @@
 """Families as a whole: nothing but the physics decides what is found on them."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
+from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
 from gaitopt.mechanics import Mode, ModeSequence
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
@@ -129,7 +130,7 @@ def test_verified_points_pass() -> None:
 
 @pytest.mark.parametrize("parameter", ["frictoin", "walker.slop", "control.hip"])
 def test_an_unknown_parameter_names_what_there_is(parameter: str) -> None:
-    with pytest.raises(UnknownNameError, match="friction|walker.slope|did you mean"):
+    with pytest.raises(UnknownNameError, match="did you mean"):
         continuation(passive(0.18), parameter, 0.1)
 
 
@@ -143,8 +144,7 @@ def test_a_target_must_differ_and_lie_within_the_bounds() -> None:
 
 
 def test_a_failed_attempt_cannot_be_continued() -> None:
-    failed = go.solve(go.load_problem("compass-passive-a").replace({"friction": 0.5}))
-    assert not failed.converged
+    failed = replace(passive(0.18), status=Status.NOT_CONVERGED, step=None)
     with pytest.raises(SolveError):
         continuation(failed, "friction", 0.1)
 

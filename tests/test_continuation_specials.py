@@ -99,7 +99,6 @@ IMPACT_CHANGES = [
     pytest.param(family("compass-pd-impact-slip", "friction", 0.37, 0.38), 0.37694520138, marks=SLOW),
     pytest.param(family("compass-torque-slip", "control.hip", None, 0.49), 0.501870492312, marks=SLOW),
     pytest.param(HIP, 0.442508614033, marks=SLOW),
-    pytest.param(family("compass-torque-slip", "friction", 0.07, 0.062), 0.063771599962, marks=SLOW),
 ]
 STABILITY = [
     (family("compass-passive-a", "friction", 0.112, 0.108), "neimark_sacker", leaves_circle, 0.110349580792),
@@ -179,7 +178,7 @@ def test_stability_is_lost_where_the_simulated_multipliers_say(
 def test_fold_is_where_a_simulated_multiplier_is_one() -> None:
     special = only(HIP, "fold", 0.42656)
     walk = simulated(special, "control.hip", special.gait.problem.sequence.impact)
-    assert special.value == pytest.approx(walk.fold(special.value, reach=1e-3), rel=0, abs=AGREEMENT)
+    assert special.value == pytest.approx(walk.fold(special.value, reach=1e-4), rel=0, abs=AGREEMENT)
     assert special.value == pytest.approx(0.426564546887, rel=0, abs=AGREEMENT)
 
 
