@@ -1,6 +1,7 @@
 """The reproduction of the paper: what is committed is what is computed, and every difference has its reason."""
 
 import json
+import signal
 from functools import cache
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from gaitopt.cli.main import main
+from gaitopt.cli.progress import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
 from gaitopt.paper import Archive, parts
@@ -127,6 +129,19 @@ def test_a_family_that_was_interrupted_is_taken_up_and_ends_the_same(tmp_path):
 def test_an_unknown_paper_or_figure_ends_with_the_names(arguments, word, capsys):
     assert main(["reproduce", *arguments]) == 2
     assert word in capsys.readouterr().err
+
+
+def test_an_interrupt_that_casadi_turns_into_another_error_is_still_an_interrupt():
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise NotImplementedError("wrong arguments") from None
+
+
+def test_an_error_without_an_interrupt_stays_what_it_is():
+    with pytest.raises(NotImplementedError), interruptible():
+        raise NotImplementedError("wrong arguments")
 
 
 def test_one_figure_alone_is_written_where_it_is_wanted(tmp_path, monkeypatch, capsys):

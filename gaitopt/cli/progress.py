@@ -40,7 +40,8 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
 def interruptible() -> Iterator[Callable[[], bool]]:
     """Remember a Ctrl-C, and give the question whether there was one.
 
-    CasADi swallows the KeyboardInterrupt and returns as if nothing had happened, so a flag is kept beside it.
+    CasADi swallows the KeyboardInterrupt and returns as if nothing had happened, or turns it into an error of its own,
+    so a flag is kept beside it.
     """
     pressed = Event()
 
@@ -51,5 +52,9 @@ def interruptible() -> Iterator[Callable[[], bool]]:
     before = signal.signal(signal.SIGINT, remember)
     try:
         yield pressed.is_set
+    except Exception as error:
+        if pressed.is_set():
+            raise KeyboardInterrupt from error
+        raise
     finally:
         signal.signal(signal.SIGINT, before)
