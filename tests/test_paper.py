@@ -131,12 +131,16 @@ def test_an_unknown_paper_or_figure_ends_with_the_names(arguments, word, capsys)
     assert word in capsys.readouterr().err
 
 
+def call_interrupted_in_casadi():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        raise NotImplementedError("wrong arguments") from None
+
+
 def test_an_interrupt_that_casadi_turns_into_another_error_is_still_an_interrupt():
     with pytest.raises(KeyboardInterrupt), interruptible():
-        try:
-            signal.raise_signal(signal.SIGINT)
-        except KeyboardInterrupt:
-            raise NotImplementedError("wrong arguments") from None
+        call_interrupted_in_casadi()
 
 
 def test_an_error_without_an_interrupt_stays_what_it_is():
