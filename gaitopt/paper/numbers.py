@@ -115,32 +115,22 @@ def _wheel() -> Iterator[Printed]:
 
 
 def _passive() -> Iterator[Printed]:
-    literal = "passive, leg as printed"
     rows = (
-        ("θ1* [rad]", "-0.149", "theta1", Reason.UNEXPLAINED),
-        ("θ̇1* [rad/s]", "0.733", "dtheta1", Reason.LEG_LENGTH),
-        ("θ̇2* [rad/s]", "-0.501", "dtheta2", Reason.LEG_LENGTH),
-        ("|λ|, no slip", "0.71", "spectral_radius", Reason.LEG_LENGTH),
+        ("IV", "θ1* [rad]", "-0.149", "theta1", Reason.UNEXPLAINED),
+        ("IV", "θ̇1* [rad/s]", "0.733", "dtheta1", Reason.LEG_LENGTH),
+        ("IV", "θ̇2* [rad/s]", "-0.501", "dtheta2", Reason.LEG_LENGTH),
+        ("IV", "|λ|, no slip", "0.71", "spectral_radius", Reason.LEG_LENGTH),
+        ("IV, Fig. 7", "μ_c", "0.175", "required_friction", Reason.LEG_LENGTH),
+        ("IV, Fig. 7", "impulse ratio", "0.145", "impulse_ratio", Reason.LEG_LENGTH),
     )
-    for quantity, printed, key, reason in rows:
-        other = {"leg as printed": scalar(literal, key)}
+    for where, quantity, printed, key, reason in rows:
         yield Printed(
-            where="IV",
+            where=where,
             quantity=quantity,
             printed=printed,
             compute=scalar("passive", key),
             reason=reason,
-            otherwise=other,
-        )
-    for quantity, printed, key in (("μ_c", "0.175", "required_friction"), ("impulse ratio", "0.145", "impulse_ratio")):
-        other = {"leg as printed": scalar(literal, key)}
-        yield Printed(
-            where="IV, Fig. 7",
-            quantity=quantity,
-            printed=printed,
-            compute=scalar("passive", key),
-            reason=Reason.LEG_LENGTH,
-            otherwise=other,
+            otherwise={"leg as printed": scalar("passive, leg as printed", key)},
         )
 
 
