@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from casadi import SX, Function, jacobian, vertcat
+from scipy.sparse import csc_matrix
 
 from gaitopt.nlp.arclength import RESIDUAL, Curve, CurvePoint
 
@@ -31,6 +32,11 @@ def planar(equation: str) -> Planar:
     )
 
 
+def curve_of(equation: str, scales: tuple[float, float, float]) -> Curve:
+    plane = planar(equation)
+    return Curve(plane, np.zeros(1), scales, lambda w, p: csc_matrix(np.asarray(plane.residual(w, p)[1])))
+
+
 def walked(curve: Curve, start: CurvePoint, length: float, count: int) -> list[CurvePoint]:
     points = [start]
     for _ in range(count):
@@ -41,7 +47,7 @@ def walked(curve: Curve, start: CurvePoint, length: float, count: int) -> list[C
 
 
 def test_a_circle_is_walked_round_through_both_of_its_folds() -> None:
-    curve = Curve(planar("circle"), np.zeros(1), (1.0, 1.0, 1.0))
+    curve = curve_of("circle", (1.0, 1.0, 1.0))
     start = curve.start(np.array([0.9, 0.3]), np.array([0.0, 1.0]))
     points = walked(curve, start, 0.05, 130)
     w = np.array([point.at.w for point in points])
@@ -52,7 +58,7 @@ def test_a_circle_is_walked_round_through_both_of_its_folds() -> None:
 
 
 def test_the_tangent_has_unit_length_and_lies_in_the_kernel() -> None:
-    curve = Curve(planar("cubic"), np.zeros(1), (2.0, 1.0, 0.5))
+    curve = curve_of("cubic", (2.0, 1.0, 0.5))
     for point in walked(curve, curve.start(np.array([1.4, 1.4**3 - 1.4]), np.array([0.0, -1.0])), 0.05, 40):
         assert np.linalg.norm(curve.coordinates(point.tangent)) == pytest.approx(1, abs=1e-14)
         assert np.abs(point.at.jacobian @ point.tangent).max() < 1e-12
@@ -60,7 +66,7 @@ def test_the_tangent_has_unit_length_and_lies_in_the_kernel() -> None:
 
 @pytest.mark.parametrize(("scale", "length", "count"), [(0.3, 0.01, 450), (1.0, 0.01, 150), (10.0, 0.01, 80)])
 def test_scales_do_not_decide_where_a_fold_is(scale: float, length: float, count: int) -> None:
-    curve = Curve(planar("cubic"), np.zeros(1), (1.0, 1.0, scale))
+    curve = curve_of("cubic", (1.0, 1.0, scale))
     start = curve.start(np.array([1.2, 1.2**3 - 1.2]), np.array([0.0, -1.0]))
     points = walked(curve, start, length, count)
     turn = next(k for k, point in enumerate(points) if point.tangent[-1] > 0)
@@ -69,7 +75,7 @@ def test_scales_do_not_decide_where_a_fold_is(scale: float, length: float, count
 
 
 def test_there_is_no_point_past_the_last_parameter() -> None:
-    curve = Curve(planar("circle"), np.zeros(1), (1.0, 1.0, 1.0))
+    curve = curve_of("circle", (1.0, 1.0, 1.0))
     start = curve.start(np.array([0.6, 0.8]), np.array([0.0, 1.0]))
     assert curve.at_parameter(start, 0.9).at.w == pytest.approx([np.sqrt(0.19), 0.9], abs=1e-12)
     assert curve.at_parameter(start, 1.1) is None

@@ -11,6 +11,7 @@ References
 H. B. Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +19,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, vstack
 from scipy.sparse.linalg import SuperLU, splu
 
-from gaitopt.nlp.newton import Linearisation, linearise
+from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.variation import Variation
 
 Array = NDArray[np.float64]
 
@@ -59,10 +61,18 @@ class Curve:
     transcription : with exactly one freed parameter.
     p : ndarray - values of the others.
     scales : scales of the section coordinates, the durations and the parameter.
+    jacobian : (w, p) -> sparse Jacobian of the equalities; by ``Variation`` unless given.
     """
 
-    def __init__(self, transcription: Transcription, p: Array, scales: Scales) -> None:
+    def __init__(
+        self,
+        transcription: Transcription,
+        p: Array,
+        scales: Scales,
+        jacobian: Callable[[Array, Array], csc_matrix] | None = None,
+    ) -> None:
         self.transcription, self.p = transcription, p
+        self._jacobian = Variation(transcription).jacobian if jacobian is None else jacobian
         section = transcription.system.section(transcription.layout.sequence.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
@@ -105,22 +115,24 @@ class Curve:
             if not np.isfinite(size):
                 return None
             if size < RESIDUAL:
-                return self._finish(w, forward, iteration)
+                return self._finish(self._linearised(w, residual), forward, iteration)
             if factor is None or size > SLOW * last:
-                factor = self._factor(linearise(self.transcription, w, self.p), normal)
+                factor = self._factor(self._linearised(w, residual), normal)
             if factor is None:
                 return None
             w = w - factor.solve(np.append(residual, offset))
             last = size
         return None
 
-    def _finish(self, w: Array, forward: Array, iterations: int) -> CurvePoint | None:
+    def _linearised(self, w: Array, residual: Array) -> Linearisation:
+        return Linearisation(w=w, p=self.p, residual=residual, jacobian=self._jacobian(w, self.p))
+
+    def _finish(self, at: Linearisation, forward: Array, iterations: int) -> CurvePoint | None:
         """Tangent and factor at a converged point."""
-        at = linearise(self.transcription, w, self.p)
         bordered = self._factor(at, forward)
         if bordered is None:
             return None
-        right = np.zeros(w.size)
+        right = np.zeros(at.w.size)
         right[-1] = 1.0
         tangent = bordered.solve(right)
         tangent /= np.linalg.norm(self.coordinates(tangent))

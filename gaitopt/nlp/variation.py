@@ -1,0 +1,169 @@
+"""Jacobian of the equalities, the steps differentiated stage by stage.
+
+    K_i = f(t + c_i h, z_i),     z_i = z + h sum_j a_ij K_j
+    dK_i = f_z dz_i + f_t dt_i + f_p dp,     dz_i = dz + h sum_j a_ij dK_j + dh sum_j a_ij K_j
+
+f and its derivatives at all stages are one compiled function; what follows is linear algebra on all intervals at once.
+Some five times as fast as differentiating the step in symbols.
+"""
+
+from functools import cached_property, lru_cache
+
+import numpy as np
+from casadi import SX, Function, cse, horzcat, jacobian, vertcat
+from numpy.typing import NDArray
+from scipy.integrate import DOP853
+from scipy.sparse import csc_matrix
+
+from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.nlp.transcription import Transcription
+
+Array = NDArray[np.float64]
+
+N_STAGES = DOP853.n_stages
+
+
+@lru_cache(maxsize=64)
+def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
+    """(z, t, h, p, r) -> for every stage f and its derivatives by z, t and the freed parameters, in columns."""
+    n_z = system.n_z
+    z, t, h = SX.sym("z", n_z), SX.sym("t"), SX.sym("h")
+    p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
+    by = vertcat(z, t, *(p[system.parameters.index(name)] for name in free))
+    f = system.flow(mode)(t, z, p, r)
+    both = Function("flow_and_derivatives", [z, t, p, r], [f, jacobian(f, by)])
+    stages: list[SX] = []
+    columns: list[SX] = []
+    for a, c in zip(DOP853.A, DOP853.C, strict=True):
+        at = z + h * sum((float(w) * k for w, k in zip(a, stages, strict=False) if w), SX.zeros(n_z))
+        rate, derivative = both(at, t + float(c) * h, p, r)
+        stages.append(rate)
+        columns += [rate, derivative]
+    return Function(f"stage_derivatives_{mode}", [z, t, h, p, r], cse([horzcat(*columns)]))
+
+
+class Variation:
+    """Sparse Jacobian of a transcription's equalities.
+
+    Parameters
+    ----------
+    transcription : whose rows and columns they are.
+    """
+
+    def __init__(self, transcription: Transcription) -> None:
+        self._t = transcription
+        self._n_z, self._n = transcription.system.n_z, transcription.layout.intervals
+        self._by_duration()
+
+    def jacobian(self, w: Array, p: Array) -> csc_matrix:
+        """d equalities / d w."""
+        tail = self._tail(w, p)
+        data = np.concatenate([np.ones(self._n * self._n_z), *self._steps(w, p), np.asarray(tail.nonzeros())])
+        return csc_matrix((data[self._order], self._rows, self._pointers), shape=self._shape)
+
+    @cached_property
+    def _tail(self) -> Function:
+        """(w, p) -> Jacobian of events and periodicity."""
+        t = self._t
+        rows = t.equalities[self._n * self._n_z :]
+        values = Function("tail", [t.w, t.parameters], [rows]).expand()
+        w, p = values.sx_in()
+        return Function("tail_jacobian", [w, p], cse([jacobian(values(w, p), w)]))
+
+    def _by_duration(self) -> None:
+        """Derivatives of start and length of every interval by the durations; both are linear in them."""
+        t = self._t
+        times, lengths = (np.zeros((self._n, t.n_phases)) for _ in range(2))
+        zero = np.array(t.layout.arc_times(np.zeros(t.n_phases)))
+        for phase in range(t.n_phases):
+            spans = np.array(t.layout.arc_times(np.eye(t.n_phases)[phase])) - zero
+            for arc, first, (start, end) in zip(t.layout.arcs, t.layout.first_nodes, spans, strict=True):
+                at = slice(first, first + arc.intervals)
+                lengths[at, phase] = (end - start) / arc.intervals
+                times[at, phase] = start + np.arange(arc.intervals) * (end - start) / arc.intervals
+        self._times, self._lengths = times, lengths
+        self._index()
+
+    def _index(self) -> None:
+        """Where the entries go, in the order in which ``jacobian`` makes them."""
+        n_z, n, t = self._n_z, self._n, self._t
+        n_w, n_tail = t.w.numel(), t.n_phases + len(t.free)
+        row = np.arange(n * n_z)
+        block = row.reshape(n, n_z, 1)
+        own = (
+            np.broadcast_to(block, (n, n_z, n_z)),
+            np.broadcast_to((n_z * np.arange(n))[:, None, None] + np.arange(n_z), (n, n_z, n_z)),
+        )
+        rest = (
+            np.broadcast_to(block, (n, n_z, n_tail)),
+            np.broadcast_to(n_w - n_tail + np.arange(n_tail), (n, n_z, n_tail)),
+        )
+        sparsity = self._tail.sparsity_out(0)
+        rows = np.concatenate([row, own[0].ravel(), rest[0].ravel(), n * n_z + np.array(sparsity.row(), dtype=int)])
+        columns = np.concatenate([row + n_z, own[1].ravel(), rest[1].ravel(), np.array(sparsity.get_col(), dtype=int)])
+        self._order = np.lexsort((rows, columns))
+        self._rows = rows[self._order]
+        self._pointers = np.searchsorted(columns[self._order], np.arange(n_w + 1))
+        self._shape = (t.equalities.numel(), n_w)
+
+    def _steps(self, w: Array, p: Array) -> tuple[Array, Array]:
+        """Minus the derivatives of all steps by their own nodes, and by durations and freed parameters."""
+        t, n_z = self._t, self._n_z
+        freed = t.unpack(w)[2]
+        rates, derivatives, lengths = self._stages(w, t.full_parameters(p, freed))
+        step = -_varied(rates, derivatives, lengths)
+        for arc, first in zip(t.layout.arcs, t.layout.first_nodes, strict=True):
+            if arc.mode is Mode.STICK:
+                step[first : first + arc.intervals, -1] = 0.0
+        by_durations = (
+            step[:, :, n_z, None] * self._times[:, None, :] + step[:, :, n_z + 1, None] * self._lengths[:, None, :]
+        )
+        by_rest = np.concatenate([by_durations, step[:, :, n_z + 2 :]], axis=2)
+        return step[:, :, :n_z].ravel(), by_rest.ravel()
+
+    def _stages(self, w: Array, p: Array) -> tuple[Array, Array, Array]:
+        """Rates (12, K, n_z), their derivatives (12, K, n_z, n_z + 1 + n_free) and lengths (K,) of all intervals."""
+        t, n_z = self._t, self._n_z
+        nodes, durations, _ = t.unpack(w)
+        lengths, found = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
+        spans = zip(t.layout.arcs, t.layout.first_nodes, t.layout.arc_times(durations), self._functions, strict=True)
+        for arc, first, (start, end), function in spans:
+            m, at = arc.intervals, slice(first, first + arc.intervals)
+            lengths[at] = h = (end - start) / m
+            values = function(nodes[:, at], start + h * np.arange(m)[None], h, p, t.system.control.data(arc.segment))
+            found[at] = np.asarray(values).reshape(n_z, m, N_STAGES, -1).transpose(1, 0, 2, 3)
+        stages = np.ascontiguousarray(found.transpose(2, 0, 1, 3))
+        return stages[..., 0], stages[..., 1:], lengths
+
+    @cached_property
+    def _functions(self) -> list[Function]:
+        """Derivatives of all stages on the intervals of every arc."""
+        t = self._t
+        return [
+            stage_derivatives(t.system, arc.mode, t.free).map("stages", "serial", arc.intervals, [2, 3, 4], [])
+            for arc in t.layout.arcs
+        ]
+
+
+def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:
+    """Derivatives of all steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free)."""
+    n, n_z, n_in = derivatives.shape[1:]
+    base = np.zeros((n, n_in, n_in + 1))
+    base[:, : n_z + 1, : n_z + 1] = np.eye(n_z + 1)
+    base[:, n_z + 1 :, n_z + 2 :] = np.eye(n_in - n_z - 1)
+    h = lengths[:, None]
+    varied = np.zeros((N_STAGES, n * n_z * (n_in + 1)))
+    flat = rates.reshape(N_STAGES, -1)
+
+    def added(weights: Array, at: Array) -> None:
+        i = weights.size
+        at[:, :n_z] += h[:, :, None] * (weights @ varied[:i]).reshape(n, n_z, n_in + 1)
+        at[:, :n_z, n_z + 1] += (weights @ flat[:i]).reshape(n, n_z)
+
+    for i, (a, c) in enumerate(zip(DOP853.A, DOP853.C, strict=True)):
+        inner = base.copy()
+        inner[:, n_z, n_z + 1] = c
+        added(a[:i], inner)
+        varied[i] = (derivatives[i] @ inner).ravel()
+    added(DOP853.B, base)
+    return base[:, :n_z]

@@ -1,0 +1,32 @@
+"""The Jacobian by variation of the steps is that of the equalities."""
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.variation import Variation
+
+
+@pytest.mark.parametrize(
+    ("name", "free"),
+    [
+        ("rimless-wheel-slip", ()),
+        ("compass-passive-a", ("friction",)),
+        ("compass-torque-impact-slip", ("control.ankle", "walker.slope")),
+        ("compass-pd-impact-slip", ("control.kp", "friction")),
+    ],
+)
+def test_it_agrees_with_that_of_the_symbols_away_from_solutions_too(name: str, free: tuple[str, ...]) -> None:
+    gait = go.solve(go.load_problem(name))
+    durations = [duration for _, duration in gait.step.phases]
+    plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints)
+    transcription = Transcription(gait.system, plan.refined(list(gait.shooting.intervals)), free)
+    values = [gait.p[gait.system.parameters.index(key)] for key in free]
+    w = transcription.pack(gait.shooting.states.T, np.array(durations), values)
+    w *= 1 + 1e-3 * np.random.default_rng(0).uniform(-1, 1, w.size)
+    symbolic = np.asarray(transcription.residual(w, gait.p)[1])
+    found = Variation(transcription).jacobian(w, gait.p)
+    assert found.shape == symbolic.shape
+    assert found.toarray() == pytest.approx(symbolic, rel=0, abs=1e-12 * np.abs(symbolic).max())
