@@ -8,6 +8,7 @@ from gaitopt.errors import StorageError
 if TYPE_CHECKING:
     from gaitopt.problem import Problem
 
+
 def holds_branch(run: str) -> bool:
     """Whether ``run`` is a folder with a branch in it."""
     from gaitopt.store import BRANCH_FILE
