@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 
 SHORT = 1e-4
 """Phases shorter than this part of the period are judged by their duration alone: the rest is rounding."""
+CLEAR = 1e-3
+"""Part of its largest clearance above which the swing foot has left the ground: next to a phase of no duration, or of
+less, the clearance that it starts from is not exactly zero."""
 OPEN = 1.0
 """Value of a monitor that is far from anything."""
 
@@ -133,6 +136,7 @@ def _second_touchdown(gait: Gait) -> float:
     """Lowest interior minimum of the touchdown margin after it was armed: below zero the foot lands earlier."""
     assert gait.step is not None
     lowest, armed = OPEN, False
+    level = CLEAR * max(float(_margins(gait, arc)[0].max()) for arc in gait.step.arcs)
     for arc in gait.step.arcs:
         if arc.duration < SHORT * abs(gait.step.period):
             continue
@@ -140,9 +144,9 @@ def _second_touchdown(gait: Gait) -> float:
         c = curves.coefficients(values)
         minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
         for s in minima:
-            if armed or (values[curves.points(values.size) < s] > 0).any():
+            if armed or (values[curves.points(values.size) < s] > level).any():
                 lowest = min(lowest, float(curves.evaluate(c, s)))
-        armed = armed or bool((values[:-1] > 0).any())
+        armed = armed or bool((values[:-1] > level).any())
     return lowest
 
 
