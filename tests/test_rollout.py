@@ -89,6 +89,14 @@ def test_feet_that_stay_together_are_no_step():
         ("rimless-wheel-stick", {"friction": 0}, "needs friction 0.9141, has 0"),
         ("compass-torque-impact-slip", {"control.hip": -1}, "from the guess, the swing foot does not come down"),
         ("compass-torque-slip", {"friction": 0.25}, "so it does not take place"),
+        (
+            "compass-torque-stick",
+            {
+                "gait.guess.state": {"theta1": -0.16967, "dtheta1": 0.6479, "dtheta2": -0.36653},
+                "gait.guess.durations": [2.1385],
+            },
+            "the swing foot lands earlier, about 1.0",
+        ),
         ("compass-passive-stick", {"walker.slope": "-1 deg"}, "the swing foot leaves the ground instead of landing"),
     ],
 )
@@ -97,3 +105,26 @@ def test_failures_are_told_in_words_of_the_walk(name, overrides, words):
     assert gait.status in (go.Status.INFEASIBLE, go.Status.NOT_CONVERGED)
     assert words in gait.message
     assert not re.search(r"t = -", gait.message)
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        (  # IPOPT cannot even begin
+            "compass-passive-stick",
+            {
+                "gait.phases": ["slip_backward", "stick"],
+                "gait.impact": "slip_backward",
+                "gait.guess.durations": [0.85, 0.39],
+                "gait.guess.state": {"theta1": 5.4, "dtheta1": -9.6, "dtheta2": -46.8, "dx": -0.48},
+            },
+        ),
+        ("compass-passive-a", {"gait.guess.state": {"theta1": -7.9, "dtheta1": 33.8, "dtheta2": -45.5}}),
+        ("compass-torque-impact-slip", {"gait.guess.state.dtheta1": -64.0, "gait.guess.state.theta1": 1.5}),
+    ],
+)
+def test_hopeless_guess_is_a_failure_and_no_error(name, overrides, capfd):
+    gait = go.solve(go.load_problem(name).replace(overrides))
+    assert not gait.converged
+    assert gait.message
+    assert capfd.readouterr() == ("", "")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin
+from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin, margin_names
 from gaitopt.nlp.transcription import Label, Transcription
 
 Array = NDArray[np.float64]
@@ -30,6 +30,10 @@ ENDLESS = {
     "cone_forward": "sticking needs no more friction than there is before touchdown, so that no slip sets in",
 }
 ENDLESS["cone_backward"] = ENDLESS["cone_forward"]
+SAMPLES = 33
+"""Points of an arc on which an early touchdown is looked for."""
+AIRBORNE = 1e-9
+"""A guard this close to zero [rad or m] is a foot on the ground, up to rounding."""
 RUNAWAY = 1e3
 """Rates of 1000 rad/s belong to no walker, and more than that to no number."""
 
@@ -58,6 +62,21 @@ def complaints(problem: Transcription, w: Array, p: Array, margins: Array, toler
         if complaint.severity > tolerance:
             worst[complaint.phase] = complaint
     return sorted(worst.values(), key=lambda c: -c.severity)
+
+
+def landing_complaint(problem: Transcription, w: Array, p: Array) -> str | None:
+    """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
+    full, armed = problem.full_parameters(p, problem.unpack(w)[2])[:, None], False
+    for index, arc in enumerate(problem.layout.arcs):
+        times, states = problem.sample(w, p, index, SAMPLES)
+        data = problem.system.control.data(arc.segment)[:, None]
+        outputs = problem.system.margins(arc.mode).map(times.size)(times[None, :], states.T, full, data)
+        heights = np.asarray(outputs)[margin_names(arc.mode).index("touchdown")]
+        for t, height in zip(times, heights, strict=True):
+            if armed and height < -AIRBORNE:
+                return f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"
+            armed = armed or height > AIRBORNE
+    return None
 
 
 def endless_complaint(sequence: ModeSequence, phase: int) -> str:

@@ -137,6 +137,7 @@ class Ipopt:
             "show_eval_warnings": False,  # a point where the motion does not exist is IPOPT's business, as is Ctrl-C
             "iteration_callback": self._watch,
             "error_on_fail": False,
+            "calc_lam_p": False,
             "jac_g": Function("jac_g", [w, p], [rows, vertcat(*(jacobian(block, w) for block in blocks))]),
             "ipopt": {
                 "print_level": 0,
@@ -176,5 +177,5 @@ class Ipopt:
             multipliers=np.asarray(solution["lam_g"]).ravel(),
             bound_multipliers=np.asarray(solution["lam_x"]).ravel(),
             objective=float(solution["f"]),
-            kkt=float(stats["iterations"]["inf_du"][-1]),
+            kkt=float(stats["iterations"]["inf_du"][-1]) if "iterations" in stats else np.inf,  # none was begun
         )

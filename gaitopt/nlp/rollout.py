@@ -124,16 +124,17 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
         return float(margins(t, state, p, segment(t))[1])
 
     upright.terminal, upright.direction = True, -1  # type: ignore[attr-defined]
+    end = max(time, time + duration)
     solution = solve_ivp(
         rate,
-        (time, time + duration),
+        (time, end),
         z,
         "DOP853",
         dense_output=True,
         events=upright,
         rtol=RTOL,
         atol=ATOL,
-        first_step=min(FIRST_STEP, duration) or None,
+        first_step=min(FIRST_STEP, end - time) or None,
     )
     return solution.sol
 

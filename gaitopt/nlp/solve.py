@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.diagnosis import complaints, endless_complaint, residual_complaint
+from gaitopt.nlp.diagnosis import complaints, endless_complaint, landing_complaint, residual_complaint
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.ipopt import IpoptResult, Progress
 from gaitopt.nlp.layout import layout
@@ -152,7 +152,7 @@ def trouble(refined: Refined) -> str | None:
         intervals = transcription.layout.intervals
         return f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
     found = complaints(transcription, at.w, at.p, _margins(transcription, at.w, at.p), RESIDUAL_TOLERANCE)
-    return "; ".join(complaint.words for complaint in found) or None
+    return "; ".join(complaint.words for complaint in found) or landing_complaint(transcription, at.w, at.p)
 
 
 def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
