@@ -14,7 +14,8 @@ from gaitopt.mechanics import Mode, ModeSequence
 from gaitopt.nlp.arclength import Scales
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.study.continuation.change import with_sequence
-from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Limits, Record
+from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Record
+from gaitopt.study.continuation.limits import Limits
 from gaitopt.study.continuation.piece import Piece, Station, piece_through
 
 Array = NDArray[np.float64]

@@ -16,6 +16,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait import BranchPoint, SpecialPoint
 from gaitopt.study.continuation.bifurcations import is_genuine
 from gaitopt.study.continuation.change import Change, find_change
+from gaitopt.study.continuation.limits import Limits
 from gaitopt.study.continuation.locate import Location, locate
 from gaitopt.study.continuation.monitors import Name
 from gaitopt.study.continuation.piece import Piece, Station
@@ -26,8 +27,7 @@ Array = NDArray[np.float64]
 Record = BranchPoint | SpecialPoint
 
 FIRST_LENGTH = 0.005
-LARGEST_LENGTH = 0.025
-"""Arclength is scaled so that the range of the parameter has length one: at least forty points for it."""
+"""Arclength of the first step; the range of the parameter has length one."""
 SMALLEST_LENGTH = 1e-9
 FEW_ITERATIONS, MANY_ITERATIONS = 5, 8
 """Newton iterations at which a step length grows, and shrinks."""
@@ -48,27 +48,6 @@ ENDS = {
 """Monitors whose loss no other mode sequence can mend."""
 TERMINAL = ("end", "lift_off", "painleve")
 """Special points at which a family ends."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """Where to stop.
-
-    Attributes
-    ----------
-    lower, upper : range of the parameter.
-    max_points : number of points of all branches together.
-    max_seconds : wall time, None without a limit.
-    verify_every : every so many points, and every special point, is confirmed by the simulator; 0 for never.
-    largest_length : longest arclength step; the range of the parameter has length one.
-    """
-
-    lower: float
-    upper: float
-    max_points: int = 2000
-    max_seconds: float | None = None
-    verify_every: int = 10
-    largest_length: float = LARGEST_LENGTH
 
 
 @dataclass(slots=True)
