@@ -3,40 +3,91 @@
 import pytest
 
 from gaitopt.errors import ProblemError
-from gaitopt.problem import load_problem
+from gaitopt.problem import load_problem, parse_problem
+from gaitopt.study import build_system, solved
 from gaitopt.study.front import design_front
 from gaitopt.study.grid import Axis
 from gaitopt.study.jobs import Workers
-from gaitopt.study.multistart import multistart
+from gaitopt.study.multistart import multistart, sampled
+
+AXIS = Axis(key="constraints.speed.min", lower=0.35, upper=0.45, count=3)
+
+
+def asked():
+    return load_problem("compass-torque-efficient").replace({"constraints": {"speed": {"min": 0.4}}})
 
 
 @pytest.fixture(scope="module")
-def front():
-    problem = load_problem("compass-torque-efficient").replace({"constraints": {"speed": {"min": 0.4}}})
-    return design_front(problem, Axis(key="constraints.speed.min", lower=0.35, upper=0.45, count=3))
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("front")
+
+
+@pytest.fixture(scope="module")
+def front(folder):
+    return design_front(asked(), AXIS, folder)
 
 
 def test_every_point_of_a_front_is_verified(front):
     assert [point.value for point in front] == pytest.approx([0.35, 0.4, 0.45])
-    assert all(point.gait.converged and point.gait.verification["passed"] for point in front)
+    assert all(point.converged and point.gait["verification"]["passed"] for point in front)
 
 
 def test_cost_rises_along_the_pareto_front(front):
-    costs = [point.gait.solver["objective"] for point in front if point.pareto]
+    costs = [point.to_record()["objective"] for point in front if point.pareto]
     assert costs == sorted(costs)
     assert len(costs) == 3
 
 
-def test_front_without_objective_is_refused():
+def test_front_goes_on_where_it_was(front, folder, monkeypatch):
+    monkeypatch.setattr(solved, "solve_job", None)  # nothing is left to do
+    again = design_front(asked(), AXIS, folder)
+    assert [point.to_record() for point in again] == [point.to_record() for point in front]
+
+
+def test_front_that_is_stopped_says_so(tmp_path):
+    assert design_front(asked(), AXIS, tmp_path, should_stop=lambda: True) is None
+
+
+def test_front_without_objective_is_refused(tmp_path):
     with pytest.raises(ProblemError, match="needs an objective"):
-        design_front(load_problem("rimless-wheel-slope"), Axis(key="friction", lower=0.3, upper=0.4, count=2))
+        design_front(load_problem("rimless-wheel-slope"), AXIS, tmp_path)
 
 
-def test_many_starts_find_one_optimum_and_depend_on_the_seed_alone():
+def test_many_starts_find_one_optimum_and_depend_on_the_seed_alone(tmp_path):
     problem = load_problem("compass-torque-efficient")
-    optima = multistart(problem, 3, seed=1, spread=0.1, workers=Workers(count=1))
-    again = multistart(problem, 3, seed=1, spread=0.1, workers=Workers(count=1))
+    here = Workers(count=1)
+    optima = multistart(problem, 3, tmp_path, seed=1, spread=0.1, workers=here)
+    again = multistart(problem, 3, tmp_path / "again", seed=1, spread=0.1, workers=here)
     assert len(optima[0].starts) >= 2
-    assert [optimum.starts for optimum in optima] == [optimum.starts for optimum in again]
-    assert optima[0].record["cost_of_transport"] == pytest.approx(0.00399805, rel=1e-4)
-    assert optima[0].record["verification"]["passed"]
+    assert [optimum.to_record() for optimum in optima] == [optimum.to_record() for optimum in again]
+    assert optima[0].objective == pytest.approx(0.00399805, rel=1e-4)
+    assert optima[0].verified
+
+
+def test_samples_of_a_free_curve_change_its_points_within_their_bound():
+    problem = load_problem("compass-pd-slippery")
+    first, second = sampled(problem, 2, seed=3, spread=0.5)
+    points = [p.control.reference.curve.points for p in (first, second)]
+    assert points[0] != points[1]
+    assert set(points[0]) == {"theta1", "theta2"}
+    assert all(abs(c) <= 0.6 for p in points for row in p.values() for c in row)
+    assert build_system(first).control.points == points[0]
+    assert [p.digest for p in sampled(problem, 2, seed=3, spread=0.5)] == [first.digest, second.digest]
+
+
+def curve_file(points):
+    text = load_problem("compass-pd-slippery").text
+    return text.replace("start: compass-passive-b", f"start: compass-passive-b, points: {points}")
+
+
+@pytest.mark.parametrize(
+    ("points", "complaint"),
+    [
+        ("{theta1: [0, 0, 0, 0, 0]}", "the tracked joints are theta1, theta2"),
+        ("{theta1: [0, 0, 0, 0, 0], theta2: [0, 0]}", "2 control points, but a curve of degree 4 has 5"),
+        ("{theta1: [0, 0, 0, 0, 0], theta2: [0, 0, 0.7, 0, 0]}", "0.7 is outside of within = 0.6"),
+    ],
+)
+def test_control_points_that_do_not_fit_are_named(points, complaint):
+    with pytest.raises(ProblemError, match=complaint):
+        parse_problem(curve_file(points))

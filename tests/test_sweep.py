@@ -10,10 +10,11 @@ from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.problem import load_problem
 from gaitopt.store import read_lines
 from gaitopt.store.lock import only_writer
-from gaitopt.study import sweep as study
+from gaitopt.study import solved as study
 from gaitopt.study.grid import Axis, Grid, check_room
 from gaitopt.study.jobs import SetAside, Workers
-from gaitopt.study.sweep import JOBS_FILE, TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
+from gaitopt.study.solved import JOBS_FILE
+from gaitopt.study.sweep import TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
 
 HERE = Workers(count=1)
 FRICTIONS = Axis(key="friction", lower=0.36, upper=0.44, count=3)

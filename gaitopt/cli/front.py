@@ -1,6 +1,7 @@
 """``gaitopt front``: what one aim costs in terms of another, as a chain of verified designs."""
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -8,8 +9,11 @@ from gaitopt.cli.grids import OverOption, grid, job_progress
 from gaitopt.cli.options import DebugOption, JsonOption, OutOption, ProblemArgument, QuietOption, SetOption
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from rich.console import Console
 
+    from gaitopt.problem import Problem
     from gaitopt.study.front import FrontPoint
 
 NOT_A_GAIT = 4
@@ -25,12 +29,14 @@ def front(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Design along one number of the problem, in both directions, and mark the Pareto front."""
+    """Design along one number of the problem, in both directions, and mark the Pareto front.
+
+    Every design is kept as soon as it is found; the same command goes on where it was.
+    """
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.progress import interruptible
     from gaitopt.cli.runs import asked
-    from gaitopt.store import check_folder, json_text, run_folder, write_whole
-    from gaitopt.store.files import make_folder
+    from gaitopt.store import begin_run, check_folder, json_text, run_folder, write_whole
     from gaitopt.study.front import design_front
 
     axes, found = grid(over).axes, asked(problem, changes)
@@ -38,37 +44,54 @@ def front(
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
     folder = output or run_folder(found)
     check_folder(folder, found)
+    begin_run(folder, found)
     with interruptible() as interrupted, job_progress(narration(quiet=quiet), "designs") as progress:
-        points = design_front(found, axes[0], progress=progress, should_stop=interrupted)
-        if interrupted():
-            raise KeyboardInterrupt
-    record = {"problem": found.name, "over": str(axes[0]), "points": [point.to_record() for point in points]}
-    make_folder(folder)
+        points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
+    if points is None:
+        raise KeyboardInterrupt
+    records = [point.to_record() for point in points]
+    record = {"problem": found.name, "over": str(axes[0]), "points": records}
     path = folder / f"front-{axes[0].key}.json"
     write_whole(path, json_text(record) + "\n")
+    figures = _draw(found, axes[0].key, records, path.with_suffix(""))
     if json:
-        print_json({**record, "file": str(path)})
+        print_json({**record, "file": str(path), "figures": figures})
     else:
         _print(results(), axes[0].key, points, str(path))
     return _exit_code(points)
 
 
+def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", stem: Path) -> list[str]:
+    """The objective over what is varied; where a bound is varied, over the scalar that it bounds."""
+    from gaitopt.figures.front import pareto_front
+    from gaitopt.figures.style import save
+
+    drawn = [point for point in points if point["objective"] is not None]
+    if not drawn:
+        return []
+    bounded = key.removeprefix("constraints.").removesuffix(".min").removesuffix(".max")
+    first = bounded if bounded in drawn[0] else "value"
+    second = next(iter(problem.objective)) if list(problem.objective.values()) == [1.0] else "objective"
+    figure = pareto_front({problem.name: drawn}, first, second if second in drawn[0] else "objective", varied=bounded)
+    return [str(path) for path in save(figure, stem)]
+
+
 def _exit_code(points: "list[FrontPoint]") -> int:
-    verifications = [point.gait.verification for point in points if point.gait.converged]
+    verifications = [point.gait["verification"] for point in points if point.converged]
     if not verifications:
         return NOT_A_GAIT
-    return 0 if all(found is not None and found["passed"] for found in verifications) else NOT_VERIFIED
+    return 0 if all(found["passed"] for found in verifications) else NOT_VERIFIED
 
 
 def _print(console: "Console", key: str, points: "list[FrontPoint]", path: str) -> None:
     for point in points:
         gait = point.gait
-        if not gait.converged:
-            console.print(f"{key} = {point.value:.6g}: {gait.status}: {gait.message}", soft_wrap=True)
+        if not point.converged:
+            console.print(f"{key} = {point.value:.6g}: {gait['status']}: {gait['message']}", soft_wrap=True)
             continue
         front = "front" if point.pareto else "beaten"
-        checked = "verified" if gait.verification and gait.verification["passed"] else "REFUTED"
-        speed, radius = gait.measures["speed"], gait.spectral_radius
-        scalars = f"objective {gait.solver['objective']:.6g}, speed {speed:.4g} m/s, radius {radius:.4g}"
+        checked = "verified" if gait["verification"]["passed"] else "REFUTED"
+        objective, speed, radius = gait["solver"]["objective"], gait["speed"], gait["spectral_radius"]
+        scalars = f"objective {objective:.6g}, speed {speed:.4g} m/s, radius {radius:.4g}"
         console.print(f"{key} = {point.value:.6g}: {scalars}, {front}, {checked}", soft_wrap=True)
     console.print(f"front: {path}", soft_wrap=True)

@@ -1,8 +1,10 @@
 """``gaitopt solve``: a problem's gait, verified and stored; and the same for commands that need a gait."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from gaitopt.cli.grids import SchedulerOption, WorkersOption
 from gaitopt.cli.options import (
     DebugOption,
     JsonOption,
@@ -11,8 +13,11 @@ from gaitopt.cli.options import (
     QuietOption,
     SetOption,
 )
+from gaitopt.cli.starts import SeedOption, SpreadOption, StartOption, StartsOption
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
     from gaitopt.gait import Gait
@@ -24,22 +29,43 @@ NOT_VERIFIED = 5
 
 def solve(
     problem: ProblemArgument,
+    start: StartOption = None,
+    starts: StartsOption = 1,
+    seed: SeedOption = 0,
+    spread: SpreadOption = 0.3,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     changes: SetOption = None,
     output: OutOption = None,
     json: JsonOption = False,
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Solve for a gait, verify it and store it."""
-    from gaitopt.cli.console import narration
-    from gaitopt.cli.runs import asked
-    from gaitopt.store import check_folder, run_folder
+    """Solve for a gait, verify it and store it.
 
+    With --starts the distinct solutions are listed and the best one is kept; what each start has found stays in the
+    run folder, so that the same command goes on where it was.
+    """
+    from gaitopt.cli.console import narration, results
+    from gaitopt.cli.runs import asked
+    from gaitopt.cli.starts import print_optima, sampled_optima, started
+    from gaitopt.store import check_folder, run_folder
+    from gaitopt.study.jobs import make_workers
+
+    console = narration(quiet=quiet)
     found = asked(problem, changes)
+    found = started(found, start, console) if start else found
     folder = output or run_folder(found)
     check_folder(folder, found)
-    gait = solve_verified(found, narration(quiet=quiet))
-    return report(gait, folder if gait.converged else None, json=json, store=True)
+    best, about = found, dict[str, Any]()
+    if starts > 1:
+        optima = sampled_optima(found, starts, folder, seed, spread, make_workers(workers, scheduler), console)
+        best = optima[0].problem if optima else found
+        about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
+        if not json:
+            print_optima(results(), optima, starts)
+    gait = replace(solve_verified(best, console), problem=found)
+    return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
 
 
 def solve_verified(problem: "Problem", console: "Console") -> "Gait":
@@ -70,12 +96,14 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
         return gait.verified(study.verify(gait).to_record())
 
 
-def report(gait: "Gait", folder: Path | None, *, json: bool, store: bool = False) -> int:
-    """Store if asked to, print a gait or what became of the attempt, and return the exit code."""
+def report(
+    gait: "Gait", folder: Path | None, *, json: bool, store: bool = False, about: "Mapping[str, Any] | None" = None
+) -> int:
+    """Store if asked to, print a gait (and what else is known about it) or the failure, and return the exit code."""
     from gaitopt.cli.console import print_json, results
     from gaitopt.cli.tables import print_gait
 
-    record = {**gait.to_record(), "run": None if folder is None else str(folder)}
+    record = {**gait.to_record(), "run": None if folder is None else str(folder), **(about or {})}
     try:
         if store and folder is not None:
             store_gait(gait, folder)

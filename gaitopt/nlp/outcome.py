@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from casadi import DM, MX, Function, fabs, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
+from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import Mode
@@ -19,8 +19,8 @@ from gaitopt.nlp.transcription import Transcription
 
 Array = NDArray[np.float64]
 
-EXTREMA = {"peak_torque": 1, "required_friction": 1, "foot_clearance": 1, "min_normal_force": -1}
-"""Scalars that are the largest (1) or smallest (-1) value of a curve."""
+EXTREMA = {"peak_torque": 1, "required_friction": 1, "impulse_ratio": 1, "foot_clearance": 1, "min_normal_force": -1}
+"""Scalars that are the largest (1) or smallest (-1) of some values: of a curve, or of a number and its negative."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +56,6 @@ class Outcome:
             "absolute_cost_of_transport": lambda: self._absolute_work() / self._weighted_length(),
             "torque_squared": lambda: self._integral(lambda s: sum1(s.torque**2)),
             "slip_distance": self._slip_distance,
-            "impulse_ratio": self._impulse_ratio,
         }
 
     def value(self, name: str) -> MX:
@@ -75,6 +74,9 @@ class Outcome:
             return vertcat(*(vec(s.force[1, :] - extremum) for s in self._samples))
         if name == "foot_clearance":
             return vertcat(*(vec(extremum - s.height) for s in self._samples))
+        if name == "impulse_ratio":  # what sticking would need, whatever the impact does
+            impulse = self._t.system.impact(Mode.STICK)(self._t.Z[:, -1], self._t.p)[1]
+            return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1)))
         sticking = [s.force for s in self._samples if s.mode is Mode.STICK]
         return vertcat(*(vec(extremum * f[1, :] - sign * f[0, :]) for f in sticking for sign in (1, -1)))
 
@@ -149,8 +151,3 @@ class Outcome:
             arc, Z, _, _ = self._t.arc(i)
             distance += arc.mode.direction * (Z[x, -1] - Z[x, 0])
         return distance
-
-    def _impulse_ratio(self) -> MX:
-        """What sticking would need, whatever the impact does."""
-        impulse = self._t.system.impact(Mode.STICK)(self._t.Z[:, -1], self._t.p)[1]
-        return fabs(impulse[0]) / impulse[1]

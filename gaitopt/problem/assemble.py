@@ -5,7 +5,7 @@ section: guess, lower and upper bound in the place of the number.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
@@ -111,7 +111,10 @@ def _read_control(
         faults.append(Fault((*path, "type"), message))
         return None
     if kind == "pd":
-        return _read_parameters(PDSpec, _with_reference(data, faults), path, free, faults)
+        law = _read_parameters(PDSpec, _with_reference(data, faults), path, free, faults)
+        if walker is not None and law is not None and isinstance(law.reference, CurveReference):
+            faults += _point_faults(law.reference.curve, walker)
+        return law
     if walker is None:
         return None
     torques = _read_parameters(torques_section(walker), data, path, free, faults)
@@ -132,6 +135,26 @@ def _with_reference(data: Mapping[str, Any], faults: list[Fault]) -> dict[str, A
     else:
         read = read_section(GaitReference, reference, path, faults)
     return {**data, "reference": read or GaitReference(gait="", beyond_end=BeyondEnd.HOLD)}
+
+
+def _point_faults(curve: Curve, walker: type[Walker]) -> Iterator[Fault]:
+    """Whether the control points are those of the walker's tracked joints, as many as the degree takes, in bounds."""
+    if curve.points is None:
+        return
+    path: Key = ("control", "reference", "curve", "points")
+    if set(curve.points) != set(walker.tracked):
+        wanted = ", ".join(walker.tracked)
+        yield Fault(path, f"are given for {', '.join(curve.points) or 'no joint'}; the tracked joints are {wanted}")
+        return
+    for name, points in curve.points.items():
+        if len(points) != curve.degree + 1:
+            message = f"{len(points)} control points, but a curve of degree {curve.degree} has {curve.degree + 1}"
+            yield Fault((*path, name), message)
+        yield from (
+            Fault((*path, name, k), f"{point:g} is outside of within = {curve.within:g}")
+            for k, point in enumerate(points)
+            if abs(point) > curve.within
+        )
 
 
 def _read_parameters(

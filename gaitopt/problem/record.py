@@ -46,7 +46,7 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
 def _control_data(control: ControlSpec) -> Mapping[str, Any]:
     if isinstance(control, ConstantTorqueSpec):
         return {"type": control.type, **control.torques}
-    return control.model_dump(mode="json")
+    return control.model_dump(mode="json", exclude_none=True)
 
 
 def _free_data(free: Free) -> dict[str, Any]:

@@ -79,6 +79,13 @@ class Curve(Section):
     duration: Annotated[
         Positive | None, Field(description="of the curves [s]; the period of the start's gait if left out")
     ] = None
+    points: Annotated[
+        dict[str, tuple[Angle, ...]] | None,
+        Field(
+            description="first guess of the degree + 1 Bezier control points of each tracked joint [rad]; "
+            "those that come closest to the start's angles if left out"
+        ),
+    ] = None
 
 
 class CurveReference(Section):

@@ -4,18 +4,21 @@ The chain is walked in both directions, because a design is a local optimum and 
 gaits for the same number the better one is kept. Its Pareto front are the points that no other one beats in both aims.
 """
 
+import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import ProblemError
-from gaitopt.gait import Gait, Status
+from gaitopt.gait import Status
 from gaitopt.problem import Problem
 from gaitopt.study.grid import Axis
-from gaitopt.study.solve import solve
-from gaitopt.study.verify import verify
+from gaitopt.study.jobs import Job, Workers
+from gaitopt.study.solved import solve_all
 
 Progress = Callable[[int, int], None]
+Record = dict[str, Any]
 TIE = 1e-9
 """Relative difference of objectives below which a gait does not beat another."""
 
@@ -27,34 +30,42 @@ class FrontPoint:
     Attributes
     ----------
     value : of the number that is varied.
-    gait : the better one of both directions, verified if it converged.
+    gait : record of the better one of both directions, verified if it converged.
     pareto : whether no other point is better in one aim and no worse in the other.
     """
 
     value: float
-    gait: Gait
+    gait: Record
     pareto: bool
 
-    def to_record(self) -> dict[str, Any]:
-        """The gait's record with ``value`` and ``pareto``."""
-        return {"value": self.value, "pareto": self.pareto, **self.gait.to_record()}
+    @property
+    def converged(self) -> bool:
+        """Whether there is a gait."""
+        return bool(self.gait["status"] == Status.CONVERGED)
+
+    def to_record(self) -> Record:
+        """The gait's record with ``value``, ``objective`` and ``pareto``."""
+        objective = _objective(self.gait) if self.converged else None
+        return {"value": self.value, "objective": objective, "pareto": self.pareto, **self.gait}
 
 
 def design_front(
     problem: Problem,
     axis: Axis,
+    folder: Path,
     *,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[FrontPoint]:
-    """Designs for every value of an axis, in its order.
+) -> list[FrontPoint] | None:
+    """Designs for every value of an axis, in its order; None if it was stopped.
 
     Parameters
     ----------
     problem : a design with an objective.
     axis : dotted key of a number of the problem, for instance ``constraints.speed.min``, and its values.
+    folder : that keeps every design as soon as it is found; the same call goes on where it was.
     progress : called with the number of designs done and their total.
-    should_stop : polled at every iteration; the points found so far are returned.
+    should_stop : looked at between designs.
 
     Raises
     ------
@@ -64,44 +75,48 @@ def design_front(
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
     problems = {float(value): problem.replace({axis.key: float(value)}) for value in axis.values}
-    best: dict[float, Gait] = {}
-    neighbour: Gait | None = None
+    best: dict[float, Record] = {}
+    neighbour: Record | None = None
     for done, value in enumerate([*problems, *reversed(problems)], start=1):
-        if should_stop is not None and should_stop():
-            break
-        found = _solve(problems[value], neighbour, should_stop)
+        found = _design(problems[value], neighbour, folder, should_stop)
+        if found is None:
+            return None
         best[value] = found if value not in best or _beats(found, best[value]) else best[value]
-        neighbour = best[value] if best[value].converged else neighbour
+        neighbour = best[value] if best[value]["status"] == Status.CONVERGED else neighbour
         if progress is not None:
             progress(done, 2 * len(problems))
-    gaits = {value: _verified(best[value]) for value in problems if value in best}
-    return [FrontPoint(value=v, gait=g, pareto=_undominated(v, g, gaits, axis.key)) for v, g in gaits.items()]
+    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
 
 
-def _solve(problem: Problem, neighbour: Gait | None, should_stop: Callable[[], bool] | None) -> Gait:
-    """From the neighbour's gait; from the guess where there is none or it leads nowhere."""
-    if neighbour is not None:
-        gait = solve(problem, start=neighbour, should_stop=should_stop)
-        if gait.converged or gait.status is Status.INTERRUPTED:
-            return gait
-    return solve(problem, should_stop=should_stop)
+def _design(
+    problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None
+) -> Record | None:
+    """From the neighbour's gait, or from the guess where there is none or it leads nowhere."""
+    parent = None if neighbour is None else neighbour["job"]
+    key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
+    job = Job(key=key, argument=problem, parent=parent)
+    known = {} if neighbour is None else {neighbour["job"]: neighbour}
+    found = solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)
+    return None if found is None else found[key]
 
 
-def _beats(gait: Gait, other: Gait) -> bool:
-    if not (gait.converged and other.converged):
-        return gait.converged
-    return gait.solver["objective"] < other.solver["objective"] - TIE * abs(other.solver["objective"])
+def _objective(gait: Record) -> float:
+    return float(gait["solver"]["objective"])
 
 
-def _verified(gait: Gait) -> Gait:
-    return gait.verified(verify(gait).to_record()) if gait.converged else gait
+def _beats(gait: Record, other: Record) -> bool:
+    if not gait["status"] == other["status"] == Status.CONVERGED:
+        return bool(gait["status"] == Status.CONVERGED)
+    return _objective(gait) < _objective(other) - TIE * abs(_objective(other))
 
 
-def _undominated(value: float, gait: Gait, gaits: dict[float, Gait], key: str) -> bool:
+def _undominated(value: float, gaits: dict[float, Record], key: str) -> bool:
     """Whether no other gait costs no more and is stricter in what is varied."""
-    if not gait.converged:
+    if gaits[value]["status"] != Status.CONVERGED:
         return False
     strictness = -1.0 if key.endswith(".max") else 1.0
-    rivals: Iterable[tuple[float, Gait]] = ((v, g) for v, g in gaits.items() if v != value and g.converged)
-    cost = gait.solver["objective"]
-    return not any(g.solver["objective"] <= cost and strictness * v > strictness * value for v, g in rivals)
+    rivals: Iterable[tuple[float, Record]] = (
+        (v, g) for v, g in gaits.items() if v != value and g["status"] == Status.CONVERGED
+    )
+    cost = _objective(gaits[value])
+    return not any(_objective(g) <= cost and strictness * v > strictness * value for v, g in rivals)

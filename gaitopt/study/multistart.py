@@ -1,22 +1,22 @@
 """Designs from many sampled guesses: which optima there are, how often each is found, and whether the best is alone.
 
-A start changes every section coordinate of the guess and the guess of every freed number at random. The starts depend
-on the seed alone, not on how many processes work on them.
+A start changes every section coordinate of the guess, the guess of every freed number and the control points of a free
+curve at random. The starts depend on the seed alone, not on how many processes work on them.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Status
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import BezierTracking, Mode
 from gaitopt.problem import Problem
-from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
-from gaitopt.study.solve import solve
-from gaitopt.study.verify import verify
+from gaitopt.study.jobs import Job, Workers
+from gaitopt.study.solved import solve_all
+from gaitopt.study.system import build_system
 
 SAME = 1e-6
 """Relative difference in objective, state and freed values within which two starts have found the same optimum."""
@@ -37,74 +37,93 @@ class Optimum:
     problem: Problem
     starts: tuple[int, ...]
 
+    @property
+    def objective(self) -> float:
+        """Its objective; 0 where nothing is minimised."""
+        return float(self.record["solver"].get("objective", 0.0))
+
+    @property
+    def verified(self) -> bool:
+        """Whether the simulator confirms it."""
+        return bool(self.record["verification"]["passed"])
+
+    def to_record(self) -> dict[str, Any]:
+        """What tells it from the other solutions."""
+        found = {key: self.record[key] for key in ("state", "parameters", "spectral_radius")}
+        kkt = self.record["solver"].get("kkt")
+        return {
+            "objective": self.objective,
+            "kkt": kkt,
+            "verified": self.verified,
+            "starts": list(self.starts),
+            **found,
+        }
+
 
 def multistart(
     problem: Problem,
     starts: int,
+    folder: Path,
     *,
     seed: int = 0,
     spread: float = 0.3,
     workers: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[Optimum]:
-    """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best first.
+) -> list[Optimum] | None:
+    """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
 
     Parameters
     ----------
     problem : a design, or a problem without unknowns (then its distinct gaits are found).
+    folder : that keeps what each start has found; the same call goes on where it was.
     seed : of the samples.
-    spread : how far a sample goes: coordinates and freed numbers by this part of themselves, within their bounds.
+    spread : how far a sample goes: coordinates and freed numbers by this part of themselves, control points of a curve
+        by this part of the curve's range, all within their bounds.
     workers : where the starts are worked on; by default all cores.
     progress : called with the number of starts done and their total.
+    should_stop : looked at all the time; when true, None is returned, and what is finished is kept.
     """
-    problems = [problem, *(_sampled(problem, spread, seed, k) for k in range(1, starts))]
-    jobs = [Job(key=f"start-{k}-{p.hash8}", argument=p) for k, p in enumerate(problems)]
-    numbers = {job.key: k for k, job in enumerate(jobs)}
-    records: dict[int, dict[str, Any]] = {}
-    for key, result in run_jobs(_attempt, jobs, workers or Workers(), should_stop=should_stop):
-        if not isinstance(result, SetAside) and result is not None:
-            records[numbers[key]] = result
-        if progress is not None:
-            progress(len(records), starts)
-    return _distinct(problems, dict(sorted(records.items())))
+    problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
+    jobs = [Job(key=p.digest, argument=p) for p in problems]
+    found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
+    return None if found is None else _distinct(problems, [found[job.key] for job in jobs])
 
 
-def _sampled(problem: Problem, spread: float, seed: int, number: int) -> Problem:
-    rng = np.random.default_rng([seed, number])
+def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[Problem]:
+    """The problem with ``count`` other guesses."""
+    control = build_system(problem).control
+    curves = control.points if isinstance(control, BezierTracking) else {}
     names = problem.walker.section_names(slipping=problem.sequence.impact is not Mode.STICK)
-    changes: dict[str, object] = {
-        f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names
-    }
-    for key, free in problem.free.items():
-        size = abs(free.guess) or free.upper - free.lower
-        guess = float(np.clip(free.guess + spread * size * rng.uniform(-1, 1), free.lower, free.upper))
-        changes[key] = {"free": [free.lower, free.upper], "guess": guess}
-    return problem.replace(changes)
+    problems = []
+    for number in range(1, count + 1):
+        rng = np.random.default_rng([seed, number])
+        changes: dict[str, object] = {
+            f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names
+        }
+        for key, free in problem.free.items():
+            size = abs(free.guess) or free.upper - free.lower
+            guess = float(np.clip(free.guess + spread * size * rng.uniform(-1, 1), free.lower, free.upper))
+            changes[key] = {"free": [free.lower, free.upper], "guess": guess}
+        for name, points in curves.items():
+            row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
+            within = control.unknowns[f"reference.{name}.0"]
+            changes[f"control.reference.curve.points.{name}"] = np.clip(row, *within).tolist()
+        problems.append(problem.replace(changes))
+    return problems
 
 
-def _attempt(problem: Problem, _: None = None) -> dict[str, Any] | None:
-    """The record of a verified gait, None where there is none."""
-    try:
-        gait = solve(problem)
-    except (SolveError, ProblemError):
-        return None
-    if gait.status is not Status.CONVERGED:
-        return None
-    return gait.verified(verify(gait).to_record()).to_record()
-
-
-def _distinct(problems: list[Problem], records: dict[int, dict[str, Any]]) -> list[Optimum]:
+def _distinct(problems: list[Problem], records: list[dict[str, Any]]) -> list[Optimum]:
     groups: list[list[int]] = []
-    for k, record in records.items():
+    for k, record in enumerate(records):
+        if record["status"] != Status.CONVERGED:
+            continue
         group = next((g for g in groups if _same(records[g[0]], record)), None)
         groups.append([k]) if group is None else group.append(k)
     optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
-    return sorted(optima, key=lambda optimum: optimum.record["solver"].get("objective", 0.0))
+    return sorted(optima, key=lambda optimum: (not optimum.verified, optimum.objective))
 
 
 def _same(first: dict[str, Any], second: dict[str, Any]) -> bool:
-    if first["phases"] and [p["mode"] for p in first["phases"]] != [p["mode"] for p in second["phases"]]:
-        return False
     values = [np.array([*record["state"].values(), *record["parameters"].values()]) for record in (first, second)]
     return bool(np.all(np.abs(values[0] - values[1]) <= SAME * (1 + np.abs(values[0]))))

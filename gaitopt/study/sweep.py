@@ -1,13 +1,9 @@
-"""A grid of problems, each solved and verified: what a gait becomes over one or several parameters.
-
-A job is named by the hash of its resolved problem. Its result is on disk before the next one is taken in, in a file
-that all sweeps of a problem share, so that nothing is solved twice, whatever happens in between.
-"""
+"""A grid of problems, each solved and verified: what a gait becomes over one or several parameters."""
 
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,20 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait import Status
+from gaitopt.errors import ProblemError
 from gaitopt.problem import Problem
-from gaitopt.store import LineWriter, Table, csv_text, read_lines, write_whole
+from gaitopt.store import Table, csv_text, write_whole
 from gaitopt.store.files import make_folder
-from gaitopt.store.lock import only_writer
 from gaitopt.study.grid import Grid, check_room
-from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
-from gaitopt.study.solve import solve
-from gaitopt.study.verify import verify
+from gaitopt.study.jobs import Job, Workers
+from gaitopt.study.solved import SET_ASIDE, solve_all
 
-JOBS_FILE, TABLE_FILE = "jobs.jsonl", "table.csv"
-SET_ASIDE = "set_aside"
-"""Status of a job that has no result."""
+TABLE_FILE = "table.csv"
 POINT_BYTES_DISK = 6_000
 """Of the record of one gait, as JSON and in the table."""
 POINT_BYTES_MEMORY = 40_000
@@ -141,49 +132,13 @@ def run_sweep(
     StorageError
         If the disk is full, or another process sweeps the same problem; finished jobs are kept.
     """
-    make_folder(sweep.place)
-    path = sweep.folder / JOBS_FILE
-    with only_writer(path):
-        wanted = {job.key for job in sweep.jobs}
-        records = {r["job"]: r for r in read_lines(path) if r["job"] in wanted} if path.exists() else {}
-        missing = [job for job in {job.key: job for job in sweep.jobs}.values() if job.key not in records]
-        with LineWriter(path) as log:
-            for key, result in run_jobs(solve_job, missing, workers, done=records, should_stop=should_stop):
-                if isinstance(result, SetAside):
-                    records[key] = {"status": SET_ASIDE, "message": result.reason}
-                else:
-                    records[key] = {"job": key, **result}
-                    log.append(records[key])
-                if progress is not None:
-                    progress(len(records), len(wanted))
-    if len(records) < len(wanted):
+    records = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
+    if records is None:
         return None
     found = [{**records[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
+    make_folder(sweep.place)
     write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, found)))
     return found
-
-
-def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The record of a problem's gait with its verification, in whatever process."""
-    for start, candidate in _starts(problem, neighbour):
-        try:
-            gait = solve(candidate)
-        except SolveError as error:
-            return {"status": str(Status.NOT_CONVERGED), "message": str(error), "start": start}
-        if gait.converged:
-            gait = gait.verified(verify(gait).to_record())
-            break
-    return {**gait.to_record(), "start": start}
-
-
-def _starts(problem: Problem, neighbour: Mapping[str, Any] | None) -> Iterable[tuple[str, Problem]]:
-    """The problem with the neighbour's gait as its guess, if there is one; then as it is."""
-    if neighbour is not None and neighbour["status"] == Status.CONVERGED:
-        names = problem.walker.section_names(slipping=problem.sequence.impact != "stick")
-        state = {name: neighbour["state"][name] for name in names}
-        durations = [phase["duration"] for phase in neighbour["phases"]]
-        yield "warm", problem.replace({"gait.guess.state": state, "gait.guess.durations": durations})
-    yield "cold", problem
 
 
 def sweep_table(grid: Grid, records: list[dict[str, Any]]) -> Table:

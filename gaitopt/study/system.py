@@ -99,20 +99,26 @@ def _reference_gait(problem: Problem, should_stop: Callable[[], bool] | None) ->
 
 
 def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start: Gait) -> BezierTracking:
-    """Curves of the wanted degree that come closest to the start's joint angles, control points within their bound."""
+    """Curves through the guessed control points, or as close to the start's joint angles as their degree allows."""
     assert start.step is not None, "only a converged gait can be a start"
-    period = start.step.period
-    phases = np.linspace(0, 1, FITTED_POINTS)
-    angles, _ = gait_reference(start, BeyondEnd.HOLD)(phases * period)
-    points = np.clip(control_points(phases, angles, curve.degree), -curve.curve.within, curve.curve.within)
+    points = curve.curve.points or _fitted_points(problem, curve, start)
     return BezierTracking(
         kp=spec.kp,
         kd=spec.kd,
-        points={name: tuple(map(float, row)) for name, row in zip(problem.walker.tracked, points, strict=True)},
-        duration=curve.curve.duration or period,
+        points={name: points[name] for name in problem.walker.tracked},
+        duration=curve.curve.duration or start.step.period,
         beyond_end=BeyondEnd(curve.beyond_end),
         within=curve.curve.within,
     )
+
+
+def _fitted_points(problem: Problem, curve: CurveReference, start: Gait) -> dict[str, tuple[float, ...]]:
+    """Control points within their bound of the curves that come closest to the start's joint angles."""
+    assert start.step is not None
+    phases = np.linspace(0, 1, FITTED_POINTS)
+    angles, _ = gait_reference(start, BeyondEnd.HOLD)(phases * start.step.period)
+    points = np.clip(control_points(phases, angles, curve.degree), -curve.curve.within, curve.curve.within)
+    return {name: tuple(map(float, row)) for name, row in zip(problem.walker.tracked, points, strict=True)}
 
 
 def _piece(gait: Gait, arc: Arc, tracked: list[int]) -> Piece:

@@ -1,0 +1,90 @@
+"""``gaitopt solve`` from known gaits and from sampled guesses."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gaitopt.cli.main import main
+from gaitopt.problem import load_problem
+from gaitopt.study import solved
+
+WHEEL = "rimless-wheel-slip"
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*argv):
+        code = main(argv)
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+def test_starts_are_counted_and_the_best_gait_is_stored_as_that_of_the_problem(run):
+    code, out, _ = run("solve", WHEEL, "--starts", "4", "--workers", "1", "--spread", "0.05", "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert record["starts"] == 4
+    assert sum(len(optimum["starts"]) for optimum in record["optima"]) == 4
+    assert record["run"] == f"results/{WHEEL}-{load_problem(WHEEL).hash8}"
+    assert json.loads((Path(record["run"]) / "gait.json").read_text())["status"] == "converged"
+
+
+def test_starts_that_are_done_are_not_done_again(run, monkeypatch):
+    words = ("solve", WHEEL, "--starts", "3", "--workers", "1", "--spread", "0.05")
+    _, before, _ = run(*words)
+    assert "3 starts: 3 found a gait, 1 of them distinct" in before
+    monkeypatch.setattr(solved, "solve_job", None)
+    assert run(*words)[1] == before
+
+
+def test_starts_that_find_nothing_are_not_converged(run):
+    code, out, _ = run("solve", "rimless-wheel-stick", "--set", "friction=0.5", "--starts", "2", "--workers", "1")
+    assert code == 4
+    assert "2 starts: 0 found a gait" in out
+
+
+def test_gait_of_a_run_is_the_guess(run):
+    _, out, _ = run("solve", WHEEL, "--json")
+    folder = json.loads(out)["run"]
+    code, out, _ = run("solve", "rimless-wheel-slope", "--start", folder, "--json")
+    assert code == 0
+    assert json.loads(out)["speed"] == pytest.approx(0.8, abs=1e-9)
+
+
+def test_point_of_a_branch_is_the_guess(run):
+    _, out, _ = run("continue", WHEEL, "--param", "walker.slope", "--to", "0.235", "--json")
+    point = [json.loads(line) for line in out.splitlines()][-2]
+    (folder,) = (path.parent for path in Path().rglob("branch.jsonl"))
+    place = f"{folder}@{point['branch']}.{point['index']}"
+    code, out, _ = run("solve", "rimless-wheel-slope", "--start", place, "--json")
+    assert code == 0
+    assert json.loads(out)["parameters"]["walker.slope"] == pytest.approx(0.23577, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("start", "code", "words"),
+    [
+        ("compass-passive-stick", 3, "a gait of compass_biped, but rimless-wheel-slip asks for rimless_wheel"),
+        ("no-such-problem", 2, "no-such-problem"),
+        ("nowhere@0.1", 6, "nowhere holds no branch"),
+    ],
+)
+def test_start_that_is_none_is_named(run, start, code, words):
+    found, _, err = run("solve", WHEEL, "--start", start, "--quiet")
+    assert (found, words in err) == (code, True), err
+
+
+def test_point_that_a_branch_lacks_is_named(run):
+    run("continue", WHEEL, "--param", "friction", "--to", "0.41")
+    (folder,) = (path.parent for path in Path().rglob("branch.jsonl"))
+    code, _, err = run("solve", WHEEL, "--start", f"{folder}@7.7")
+    assert code == 6
+    assert "the branch has no point 7.7; its points are 0.0 to" in err
