@@ -60,6 +60,18 @@ def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
     np.testing.assert_allclose(*jacobians, rtol=1e-8, atol=1e-9)
 
 
+def test_multiplier_of_the_wheel_is_beta_squared_to_thirteen_digits():
+    """beta = (cos(2 pi / spokes) + kappa) / (1 + kappa), Gamus & Or (2013), section III."""
+    problem = load_problem("rimless-wheel-stick")
+    system = build_system(problem)
+    p = system.values(problem.parameters)
+    mapped = ReturnMap(Simulator(system, p, stepper=HeyokaStepper(system, p)), Mode.STICK)
+    point = mapped.fixed_point(np.array([problem.guess.state["dtheta"]]))
+    kappa = problem.walker.inertia_ratio
+    beta = (np.cos(2 * np.pi / problem.walker.spokes) + kappa) / (1 + kappa)
+    assert point.jacobian == pytest.approx(np.array([[beta**2]]), abs=1e-13)
+
+
 def test_gait_is_verified_on_heyoka():
     gait = solve(load_problem("compass-passive-a"))
     assert verify(gait, engine="heyoka").passed

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, Step
 from gaitopt.mechanics import Mode
-from gaitopt.orbit.variational import return_map_jacobian
+from gaitopt.orbit.variational import StepVariation
 from gaitopt.simulation import Simulator
 
 Array = NDArray[np.float64]
@@ -69,6 +69,7 @@ class ReturnMap:
         self.simulator, self.section_mode = simulator, section_mode
         self._system, self._p = simulator.system, simulator.p
         self._indices = simulator.system.section(section_mode)
+        self._variation = StepVariation(self._system, self._p, section_mode, simulator.stepper)
 
     def __call__(self, xi: Array) -> Return:
         """Simulate one step from section coordinates ``xi``."""
@@ -85,7 +86,7 @@ class ReturnMap:
 
     def jacobian(self, step: Step) -> Array:
         """Derivative of the map along one of its steps; shape (n_xi, n_xi)."""
-        return return_map_jacobian(self._system, self._p, step, self.section_mode, self.simulator.stepper)
+        return self._variation.jacobian(step)
 
     def fixed_point(self, xi: Array) -> FixedPoint:
         """Newton's method from ``xi`` until Pi(xi) = xi up to rounding."""

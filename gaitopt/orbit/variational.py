@@ -7,23 +7,25 @@ impact, the same for every neighbouring motion, so that it leaves deviations as 
 """
 
 import numpy as np
+from casadi import Function
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.mechanics.saltation import projection, saltation
 from gaitopt.simulation import Stepper
+from gaitopt.simulation.buffered import Buffered
 
 Array = NDArray[np.float64]
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # an event that is grazed has no rate, and its map no derivative
-def return_map_jacobian(system: HybridSystem, p: Array, step: Step, section_mode: Mode, stepper: Stepper) -> Array:
-    """Derivative of the return map along one complete step, shape (n_xi, n_xi); not finite if it grazes an event.
+class StepVariation:
+    """How small deviations on the section pass one step of a system at fixed parameters.
 
     Parameters
     ----------
-    step : a complete step that starts and ends on the section of ``section_mode``.
+    system : the walker under its control law.
+    p : ndarray, shape (n_p,) - parameters.
     section_mode : mode of the impact whose section coordinates are used.
     stepper : what integrates the variational equations.
 
@@ -31,27 +33,47 @@ def return_map_jacobian(system: HybridSystem, p: Array, step: Step, section_mode
     ----------
     Gamus & Or (2013), section II.C.
     """
-    indices = system.section(section_mode)
-    xi = step.arcs[0].states[0][system.section(Mode.SLIP_FORWARD)]
-    deviations = np.asarray(system.lift_jacobian(xi, p))[:, : indices.size]
-    for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
-        data, ends = system.control.data(arc.segment), arc.times[[0, -1]]
-        deviations = stepper.transport(arc.mode, data, arc.states[0], deviations, ends)
-        deviations = _across(system, p, arc, after) @ deviations
-    assert step.impact is not None, "only a complete step returns to the section"
-    reset = np.asarray(system.impact_jacobian(step.impact.mode)(step.arcs[-1].states[-1], p))
-    return (reset @ deviations)[indices]
 
+    def __init__(self, system: HybridSystem, p: Array, section_mode: Mode, stepper: Stepper) -> None:
+        self._system, self._p, self._stepper = system, p, stepper
+        self._indices, self._lifted = system.section(section_mode), system.section(Mode.SLIP_FORWARD)
+        self._buffered: dict[str, Buffered] = {}
 
-def _across(system: HybridSystem, p: Array, arc: Arc, after: Arc | None) -> Array:
-    """What the event at the end of an arc does to deviations."""
-    if after is not None and after.segment != arc.segment:
-        return np.eye(system.n_z)
-    z, data = arc.states[-1], system.control.data(arc.segment)
-    flow, _, gradients = (np.asarray(m) for m in system.linearisation(arc.mode)(arc.end, z, p, data))
-    row = margin_names(arc.mode).index(ending_margin(arc.mode, None if after is None else after.mode))
-    rate = float(system.events(arc.mode)(arc.end, z, p, data)[1][row])
-    if after is None:
-        return projection(flow.ravel(), gradients[row], rate)
-    flow_after = np.asarray(system.flow(after.mode)(after.start, after.states[0], p, data)).ravel()
-    return saltation(flow.ravel(), flow_after, gradients[row], rate)
+    @np.errstate(divide="ignore", invalid="ignore")  # an event that is grazed has no rate, and its map no derivative
+    def jacobian(self, step: Step) -> Array:
+        """Derivative of the return map along a complete step that starts and ends on the section, shape (n_xi, n_xi).
+
+        It is not finite if the step grazes an event.
+        """
+        system, start = self._system, step.arcs[0].states[0]
+        deviations = self._matrix(system.lift_jacobian, start[self._lifted], self._p)[:, : self._indices.size]
+        for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
+            data, ends = system.control.data(arc.segment), arc.times[[0, -1]]
+            deviations = self._stepper.transport(arc.mode, data, arc.states[0], deviations, ends)
+            if after is None or after.segment == arc.segment:
+                deviations = self._event(arc, after, data) @ deviations
+        assert step.impact is not None, "only a complete step returns to the section"
+        reset = self._matrix(system.impact_jacobian(step.impact.mode), step.arcs[-1].states[-1], self._p)
+        return (reset @ deviations)[self._indices]
+
+    def _event(self, arc: Arc, after: Arc | None, data: Array) -> Array:
+        """What the event at the end of an arc does to deviations; shape (n_z, n_z)."""
+        system, z = self._system, arc.states[-1]
+        row = margin_names(arc.mode).index(ending_margin(arc.mode, None if after is None else after.mode))
+        flow, _, gradients = self._call(system.linearisation(arc.mode), arc.end, z, self._p, data)
+        gradient = gradients.reshape((system.n_z, -1))[:, row]
+        rate = float(self._call(system.events(arc.mode), arc.end, z, self._p, data)[1][row])
+        if after is None:
+            return projection(flow, gradient, rate)
+        (flow_after,) = self._call(system.flow(after.mode), after.start, after.states[0], self._p, data)
+        return saltation(flow, flow_after, gradient, rate)
+
+    def _matrix(self, function: Function, *values: Array) -> Array:
+        """The one output of a function as a matrix; columns lie one after the other in the buffer."""
+        return self._call(function, *values)[0].reshape(function.size_out(0), order="F")
+
+    def _call(self, function: Function, *values: float | Array) -> tuple[Array, ...]:
+        """The outputs of a function, valid until it is called again."""
+        if function.name() not in self._buffered:
+            self._buffered[function.name()] = Buffered(function)
+        return self._buffered[function.name()](*values)
