@@ -130,13 +130,14 @@ class _Design:
             missed = touches(gait, TOUCHED)
             measured = offsets + _scalars(gait, program.names) - program.values(result.w, offsets)
             settled = np.abs(measured - offsets) <= SETTLED * np.maximum(1.0, np.abs(measured))
-            if settled.all() and not missed:
+            wrong, finer = trouble(refined), refined.transcription.layout
+            if settled.all() and not missed and (wrong is None or program.transcription.layout == finer):
                 break
             offsets, x = measured, result.w
-            if missed:
+            if missed or wrong is not None:  # a margin at its edge, where the coarse mesh is a little off
                 held = [*held, *missed]
-                program, x = self._program(_warm(gait, self.free), held), None
-        wrong = trouble(refined)
+                plan = program.transcription.layout if wrong is None else finer
+                program, x = self._program(_warm(gait, self.free), held, plan=plan), None
         if wrong is not None:
             return self._failed(Status.NOT_CONVERGED, wrong, solver)
         return replace(gait, message=_verdict(gait))
@@ -153,9 +154,11 @@ class _Design:
             start = self._moved(program, result.w)
         return conflicts(self._problem, program, result, offsets)
 
-    def _program(self, start: Start, held: list[Touch], *, elastic: bool = False) -> Program:
-        """The NLP with its nodes on the starting motion."""
-        plan = self._layout(start.durations)
+    def _program(
+        self, start: Start, held: list[Touch], *, elastic: bool = False, plan: Layout | None = None
+    ) -> Program:
+        """The NLP with its nodes on the starting motion, on a coarse mesh unless a plan is given."""
+        plan = plan or self._layout(start.durations)
         transcription = Transcription(self._system, plan, self.free)
         times = plan.node_times(start.durations)
         w = transcription.pack(start.states(times), start.durations, np.clip(start.freed, *self._bounds))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity, jacobian, nlpsol, nlpsol_out, vertcat
+from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait import Status
@@ -19,6 +19,8 @@ Progress = Callable[[int, float], None]
 
 TOLERANCE = 1e-10
 """Well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
+EXACT = 1e-11
+"""Violation of the constraints of a design; margins at their edge are to keep nine digits once the nodes are polished."""
 OPTIMALITY = 1e-8
 """Scaled KKT residual of a design."""
 HISTORY = 20
@@ -116,6 +118,7 @@ class Ipopt:
     g : the constraints, perhaps in blocks of like sparsity: each has a Jacobian of its own, so that a row that depends
         on
         everything does not make those of the others dense to compute.
+    scale : ndarray, shape (n_w,) - typical sizes of the unknowns; the secants of a design learn best where all are one.
     progress, should_stop : called at every iteration.
     """
 
@@ -125,12 +128,17 @@ class Ipopt:
         w: MX,
         p: MX,
         g: MX | Sequence[MX],
+        scale: Array | float = 1.0,
         objective: MX | None = None,
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
         blocks = [g] if isinstance(g, MX) else list(g)
-        rows = vertcat(*blocks)
+        self._scale = np.broadcast_to(scale, w.numel())
+        x, unscaled = MX.sym("x", w.numel()), DM(self._scale)
+        value = Function("value", [w, p], [MX(0) if objective is None else objective, vertcat(*blocks)])
+        slope = Function("slope", [w, p], [vertcat(*(jacobian(block, w) for block in blocks))])
+        f, rows = value(unscaled * x, p)
         self._watch = _Watch(w.numel(), rows.numel(), p.numel(), progress, should_stop)
         options: dict[str, Any] = {
             "print_time": False,
@@ -138,12 +146,12 @@ class Ipopt:
             "iteration_callback": self._watch,
             "error_on_fail": False,
             "calc_lam_p": False,
-            "jac_g": Function("jac_g", [w, p], [rows, vertcat(*(jacobian(block, w) for block in blocks))]),
+            "jac_g": Function("jac_g", [x, p], [rows, slope(unscaled * x, p) @ diag(unscaled)]),
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
                 "tol": TOLERANCE if objective is None else OPTIMALITY,
-                "constr_viol_tol": TOLERANCE,
+                "constr_viol_tol": TOLERANCE if objective is None else EXACT,
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
                 "max_iter": MAX_ITERATIONS,
@@ -152,8 +160,7 @@ class Ipopt:
                 "limited_memory_max_history": HISTORY,
             },
         }
-        nlp: dict[str, Any] = {"x": w, "p": p, "g": rows, "f": MX(0) if objective is None else objective}
-        self._solver = nlpsol("gait", "ipopt", nlp, options)
+        self._solver = nlpsol("gait", "ipopt", {"x": x, "p": p, "g": rows, "f": f}, options)
 
     def solve(self, w: Array, p: Array, bounds_w: tuple[Array, Array], bounds_g: tuple[Array, Array]) -> IpoptResult:
         """Solve from ``w`` for parameters ``p`` within bounds on w and g.
@@ -164,18 +171,19 @@ class Ipopt:
             If IPOPT ends in a way that only a broken installation or a bug can cause.
         """
         self._watch.begin(*bounds_g)
-        solution = self._solver(x0=w, p=p, lbx=bounds_w[0], ubx=bounds_w[1], lbg=bounds_g[0], ubg=bounds_g[1])
+        x, lower, upper = (values / self._scale for values in (w, *bounds_w))
+        solution = self._solver(x0=x, p=p, lbx=lower, ubx=upper, lbg=bounds_g[0], ubg=bounds_g[1])
         stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
         status, words = ENDINGS[stats["return_status"]]
         return IpoptResult(
-            w=np.asarray(solution["x"]).ravel(),
+            w=np.asarray(solution["x"]).ravel() * self._scale,
             status=status,
             words=words,
             iterations=int(stats["iter_count"]),
             multipliers=np.asarray(solution["lam_g"]).ravel(),
-            bound_multipliers=np.asarray(solution["lam_x"]).ravel(),
+            bound_multipliers=np.asarray(solution["lam_x"]).ravel() / self._scale,
             objective=float(solution["f"]),
             kkt=float(stats["iterations"]["inf_du"][-1]) if "iterations" in stats else np.inf,  # none was begun
         )

@@ -33,6 +33,8 @@ NEAR = 1e-6
 """Part of the reach within which a solution counts as kept by it."""
 SMALL = 1e-3
 """Bounds closer to zero than this do not scale the slack of their constraint."""
+SMALLEST_PART = 0.02
+"""Typical size of a freed parameter is at least this part of the range of its bounds."""
 SMOOTHING = 1e-3
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 
@@ -81,16 +83,21 @@ class Program:
         self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
         self._start = [w, *(np.array([self._extremum(name, w)]) for name in self._extrema)]
-        nodes, durations, _ = transcription.unpack(w)
-        reach = self._reach(nodes, durations)
+        self._start.append(np.ones(self._slack.numel()))
+        nodes, durations, freed = transcription.unpack(w)
+        sizes = self._sizes(nodes, durations)
+        reach = REACH * sizes
+        reach[transcription.system.n_shape] = np.inf
+        reach = np.tile(reach, transcription.n_nodes)
         longest = np.full(transcription.n_phases, LONGEST * durations.sum())
         unbounded = np.full(len(self._extrema), np.inf)
-        self._start.append(np.ones(self._slack.numel()))
         self._n_nodes = nodes.size
         self._lower = np.concatenate([w[: nodes.size] - reach, np.zeros(durations.size), bounds[0], -unbounded])
         self._upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], unbounded])
         self._lower = np.append(self._lower, np.zeros(self._slack.numel()))
         self._upper = np.append(self._upper, np.full(self._slack.numel(), np.inf))
+        scale = [np.tile(sizes, transcription.n_nodes), np.full(durations.size, durations.sum())]
+        scale += [_freed_sizes(freed, *bounds), *(np.maximum(np.abs(value), SMALL) for value in self._start[1:])]
         self.rows = [*self._physics(held), *self._extremal(w), *self._asked()]
         unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
         parameters = vertcat(transcription.parameters, self._offsets)
@@ -99,6 +106,7 @@ class Program:
             w=unknowns,
             p=parameters,
             g=[rows.expression for rows in self.rows],
+            scale=np.concatenate(scale),
             objective=self._objective(),
             progress=progress,
             should_stop=should_stop,
@@ -159,14 +167,13 @@ class Program:
             return f"the impact ({name})"
         return f"phase {label.phase + 1} ({self.transcription.layout.sequence.phases[label.phase]}: {name})"
 
-    def _reach(self, nodes: Array, durations: Array) -> Array:
-        """How far each node's state may go in one search, so that it keeps clear of motions that are no walk."""
+    def _sizes(self, nodes: Array, durations: Array) -> Array:
+        """Largest angle, position, rate and slip velocity of the step, as sizes of the states; shape (n_z,)."""
         t, n = self.transcription, self.transcription.system.n_shape
-        length = float(t.system.impact(t.layout.sequence.impact)(nodes[:, -1], self._p)[0][n])
+        length = abs(float(t.system.impact(t.layout.sequence.impact)(nodes[:, -1], self._p)[0][n]))
         sizes = np.abs(nodes).max(axis=1)
-        speed = max(sizes[-1], abs(length) / durations.sum())
-        scale = np.concatenate([np.full(n, sizes[:n].max()), [np.inf], np.full(n, sizes[n + 1 : -1].max()), [speed]])
-        return np.tile(REACH * scale, t.n_nodes)
+        slip = max(sizes[-1], length / durations.sum())
+        return np.concatenate([np.full(n, sizes[:n].max()), [length], np.full(n, sizes[n + 1 : -1].max()), [slip]])
 
     def _physics(self, held: list[Touch]) -> list[Rows]:
         t = self.transcription
@@ -219,6 +226,11 @@ class Program:
         if not self._problem.objective:
             return None
         return sum((weight * self.scalar(name) for name, weight in self._problem.objective.items()), MX(0))
+
+
+def _freed_sizes(freed: Array, lower: Array, upper: Array) -> Array:
+    """Typical sizes of unknown parameters: those that they start with, within reason."""
+    return np.clip(np.abs(freed), SMALLEST_PART * (upper - lower), upper - lower)
 
 
 def _size(span: Range) -> float:

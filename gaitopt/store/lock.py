@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from gaitopt.errors import StorageError
@@ -23,12 +23,13 @@ def only_writer(path: Path) -> Iterator[None]:
         return
     import fcntl
 
-    lock = path.with_name(f".{path.name}.lock")
-    try:
-        with lock.open("w") as file:
+    with ExitStack() as held:
+        try:
+            file = held.enter_context(path.with_name(f".{path.name}.lock").open("w"))
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield
-    except BlockingIOError as error:
-        raise StorageError(f"another process is writing {path}; wait for it, or name another folder with -o") from error
-    except OSError as error:
-        raise StorageError(f"cannot lock {path}: {reason(error)}") from error
+        except BlockingIOError as error:
+            remedy = "wait for it, or name another folder with -o"
+            raise StorageError(f"another process is writing {path}; {remedy}") from error
+        except OSError as error:
+            raise StorageError(f"cannot lock {path}: {reason(error)}") from error
+        yield
