@@ -21,7 +21,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.variation import Variation
+from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class Curve:
         jacobian: Callable[[Array, Array], csc_matrix] | None = None,
     ) -> None:
         self.transcription, self.p = transcription, p
-        self._jacobian = Variation(transcription).jacobian if jacobian is None else jacobian
+        self._jacobian = variation(transcription).jacobian if jacobian is None else jacobian
         section = transcription.system.section(transcription.layout.sequence.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])

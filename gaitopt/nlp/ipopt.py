@@ -20,7 +20,7 @@ Progress = Callable[[int, float], None]
 TOLERANCE = 1e-10
 """Well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
 EXACT = 1e-11
-"""Violation of the constraints of a design; margins at their edge are to keep nine digits once the nodes are polished."""
+"""Violation of the constraints of a design: a margin at its edge is to stay there when the nodes are polished."""
 OPTIMALITY = 1e-8
 """Scaled KKT residual of a design."""
 HISTORY = 20

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from casadi import DM
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
 
@@ -62,8 +62,8 @@ class Polished:
 
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
-    residual, jacobian = problem.residual(w, p)
-    return Linearisation(w=w, p=p, residual=np.asarray(residual).ravel(), jacobian=_sparse(jacobian))
+    residual = np.asarray(problem.violation(w, p)).ravel()
+    return Linearisation(w=w, p=p, residual=residual, jacobian=variation(problem).jacobian(w, p))
 
 
 def polish(problem: Transcription, w: Array, p: Array) -> Polished:
@@ -134,8 +134,3 @@ def section_response(problem: Transcription, at: Linearisation) -> tuple[Array, 
         return np.asarray(factor.solve(end, trans="T"))
 
     return response, reset @ response[last], adjoint
-
-
-def _sparse(matrix: DM) -> csc_matrix:
-    sparsity = matrix.sparsity()
-    return csc_matrix((matrix.nonzeros(), sparsity.row(), sparsity.colind()), shape=matrix.shape)

@@ -18,6 +18,7 @@ Vandewalle & Diehl (2009), in discrete time. Its gradient, with the adjoints X o
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ class _Radius(Callback):
 
     def __init__(self, transcription: Transcription) -> None:
         super().__init__()
-        self._t = transcription
+        self._t, self._answers = transcription, _Answers(transcription)
         self._gradient: _Gradient | None = None
         self.construct("radius", {})
 
@@ -66,8 +67,8 @@ class _Radius(Callback):
         return Sparsity.dense((self._t.w, self._t.parameters)[i].numel(), 1)
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
-        answer = _response(self._t, *(np.asarray(value).ravel() for value in arg))
-        return [DM(np.nan if answer is None else smoothed_radius(answer[1])[0])]
+        answer = self._answers.at(*(np.asarray(value).ravel() for value in arg))
+        return [DM(np.nan if answer is None else answer.radius)]
 
     def has_jacobian(self) -> bool:
         return True
@@ -75,16 +76,19 @@ class _Radius(Callback):
     def get_jacobian(
         self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Any]
     ) -> Function:
-        self._gradient = _Gradient(self._t, name, opts)
+        self._gradient = _Gradient(self._t, self._answers, name, opts)
         return self._gradient
 
 
 class _Gradient(Callback):
     """(w, p, rho) -> d rho / dw and, never used, zero for d rho / dp."""
 
-    def __init__(self, transcription: Transcription, name: str, options: Mapping[str, Any]) -> None:
+    def __init__(
+        self, transcription: Transcription, answers: "_Answers", name: str, options: Mapping[str, Any]
+    ) -> None:
         super().__init__()
-        self._t = t = transcription
+        self._t, self._answers = transcription, answers
+        t = transcription
         system, n_z = t.system, t.system.n_z
         section = [int(i) for i in system.section(t.layout.sequence.impact)]
         n = t.equalities.numel()
@@ -114,22 +118,48 @@ class _Gradient(Callback):
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
         w, p, _ = (np.asarray(value).ravel() for value in arg)
-        answer = _response(self._t, w, p)
+        answer = self._answers.at(w, p)
         if answer is None:
             return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
-        V, M, adjoint = answer
-        G = radius_gradient(M, *smoothed_radius(M))
-        return [self._product(w, p, V, adjoint(G), G).T, DM(1, p.size)]
+        G = radius_gradient(answer.M, answer.radius, answer.P)
+        return [self._product(w, p, answer.V, answer.adjoint(G), G).T, DM(1, p.size)]
 
 
-def _response(t: Transcription, w: Array, p: Array) -> tuple[Array, Array, Callable[[Array], Array]] | None:
-    """How the step answers to a deviation, or None where it has no definite answer."""
-    if not np.isfinite(w).all():
-        return None
-    try:
-        return section_response(t, linearise(t, w, p))
-    except RuntimeError:  # singular
-        return None
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Answer:
+    """Deviations V of the step, M of the return map, M's certified radius with P, and the adjoint of V's equations."""
+
+    V: Array
+    M: Array
+    adjoint: Callable[[Array], Array]
+    radius: float
+    P: Array
+
+
+class _Answers:
+    """How the step answers to deviations; the last answer is kept, for IPOPT asks for value and slope in turn."""
+
+    def __init__(self, transcription: Transcription) -> None:
+        self._t = transcription
+        self._asked: tuple[bytes, bytes] | None = None
+        self._answer: _Answer | None = None
+
+    def at(self, w: Array, p: Array) -> _Answer | None:
+        """The answer, or None where it is not definite."""
+        asked = (w.tobytes(), p.tobytes())
+        if asked != self._asked:
+            self._asked, self._answer = asked, self._found(w, p)
+        return self._answer
+
+    def _found(self, w: Array, p: Array) -> _Answer | None:
+        if not np.isfinite(w).all():
+            return None
+        try:
+            V, M, adjoint = section_response(self._t, linearise(self._t, w, p))
+        except RuntimeError:  # singular
+            return None
+        radius, P = smoothed_radius(M)
+        return _Answer(V=V, M=M, adjoint=adjoint, radius=radius, P=P)
 
 
 def smoothed_radius(M: Array) -> tuple[float, Array]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from casadi import MX, Function, horzcat, jacobian, repmat, vec, vertcat
+from casadi import MX, Function, horzcat, repmat, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait.curves import points
@@ -96,11 +96,6 @@ class Transcription:
             rows.append(expression)
             labels.append(label)
         return vertcat(*rows), tuple(labels)
-
-    @cached_property
-    def residual(self) -> Function:
-        """(w, p) -> equalities and their sparse Jacobian in w."""
-        return Function("residual", [self.w, self.parameters], [self.equalities, jacobian(self.equalities, self.w)])
 
     @cached_property
     def violation(self) -> Function:

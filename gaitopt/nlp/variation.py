@@ -145,6 +145,12 @@ class Variation:
         ]
 
 
+@lru_cache(maxsize=8)
+def variation(transcription: Transcription) -> Variation:
+    """The variation of a transcription, made once."""
+    return Variation(transcription)
+
+
 def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:
     """Derivatives of all steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free)."""
     n, n_z, n_in = derivatives.shape[1:]
