@@ -3,15 +3,24 @@
 import os
 import random
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
 from pathlib import Path
 
+import psutil
 import pytest
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.study.jobs import ALLOWED_DEATHS, Job, SetAside, Workers, run_jobs
+from gaitopt.problem import load_problem
+from gaitopt.store import read_lines
+from gaitopt.study.cluster import ALLOWED_DEATHS
+from gaitopt.study.grid import Axis, Grid
+from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
+from gaitopt.study.solved import JOBS_FILE
+from gaitopt.study.sweep import TABLE_FILE, Sweep, run_sweep
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kills processes by signals")
 
@@ -37,48 +46,97 @@ def diary_entries(diary):
 
 
 class Killer(threading.Thread):
-    """Kills workers that have written in the diary, one after the other at random moments."""
+    """Kills processes one after the other at random moments, chosen from those that are at work."""
 
-    def __init__(self, diary, victims, seed=1):
+    def __init__(self, at_work, victims, seed=1):
         super().__init__(daemon=True)
-        self.diary, self.victims, self.random = diary, victims, random.Random(seed)
+        self.at_work, self.victims, self.random = at_work, victims, random.Random(seed)
         self.killed = []
         self.over = threading.Event()
 
     def run(self):
         while len(self.killed) < self.victims and not self.over.wait(self.random.uniform(0.1, 0.4)):
-            alive = (
-                {pid for _, pid in diary_entries(self.diary)[-20:]} - set(self.killed) if self.diary.exists() else ()
-            )
-            if alive:
-                victim = self.random.choice(sorted(alive))
-                self.killed.append(victim)
-                os.kill(victim, signal.SIGKILL)
+            candidates = sorted(self.at_work() - set(self.killed))
+            if candidates:
+                self.killed.append(self.random.choice(candidates))
+                os.kill(self.killed[-1], signal.SIGKILL)
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *_):
+        self.over.set()
+        self.join()
 
 
 def walk_through_kills(tmp_path, count, workers, victims):
     diary = tmp_path / "diary"
     jobs = [Job(key=f"job-{k}", argument=(k, str(diary), False)) for k in range(count)]
-    killer = Killer(diary, victims)
-    killer.start()
-    try:
+
+    def at_work():
+        return {pid for _, pid in diary_entries(diary)[-20:]} if diary.exists() else set()
+
+    with Killer(at_work, victims) as killer:
         results = list(run_jobs(work, jobs, Workers(count=workers)))
-    finally:
-        killer.over.set()
-        killer.join()
     return results, killer.killed, Counter(number for number, _ in diary_entries(diary))
 
 
 @pytest.mark.parametrize(
-    ("count", "victims"), [(150, 2), pytest.param(1000, 5, marks=pytest.mark.slow)], ids=["small", "full"]
+    ("count", "workers", "victims"),
+    [(150, 2, 2), pytest.param(1000, 10, 3, marks=pytest.mark.slow)],  # 3 of the 13 that there will have been
+    ids=["small", "full"],
 )
-def test_every_job_is_done_and_none_twice_though_workers_are_killed(tmp_path, count, victims):
-    results, killed, begun = walk_through_kills(tmp_path, count, workers=2, victims=victims)
+def test_every_job_is_done_and_none_twice_though_workers_are_killed(tmp_path, count, workers, victims):
+    results, killed, begun = walk_through_kills(tmp_path, count, workers, victims)
     assert dict(results) == {f"job-{k}": k**2 for k in range(count)}
     assert len(results) == count
-    assert killed
-    # a death costs the job at hand, and the one before it if its result was still on the way
-    assert sum(begun.values()) - count <= 2 * len(killed)
+    assert len(killed) == victims
+    assert sum(begun.values()) - count <= len(killed)  # a death costs the job at hand
+
+
+@pytest.mark.slow
+def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
+    """One of five workers, at a random moment."""
+    frictions = Axis(key="friction", lower=0.34, upper=0.46, count=60)
+
+    def sweep(folder):
+        return Sweep(problem=load_problem("rimless-wheel-slip"), grid=Grid((frictions,)), warm=False, folder=folder)
+
+    def at_work():
+        lines = tmp_path / "killed" / JOBS_FILE
+        children = psutil.Process().children() if lines.exists() and lines.read_text().count("\n") > 20 else []
+        return {child.pid for child in children if any("spawn_main" in word for word in child.cmdline())}
+
+    undisturbed = sweep(tmp_path / "undisturbed")
+    run_sweep(undisturbed, Workers(count=2))
+    killed = sweep(tmp_path / "killed")
+    with Killer(at_work, victims=1) as killer:
+        run_sweep(killed, Workers(count=5))
+    assert len(killer.killed) == 1
+    assert (killed.place / TABLE_FILE).read_text() == (undisturbed.place / TABLE_FILE).read_text()
+    keys = [record["job"] for record in read_lines(killed.folder / JOBS_FILE)]
+    assert sorted(keys) == sorted({job.key for job in killed.jobs})
+
+
+def test_interrupted_workers_end_soon_in_silence_and_what_is_finished_is_kept(tmp_path):
+    """Ctrl-C of a terminal goes to all processes of the command."""
+    command = ["sweep", "rimless-wheel-slip", "--over", "friction=0.3:0.5:500", "--workers", "2", "-o", str(tmp_path)]
+    sweep = subprocess.Popen(
+        [sys.executable, "-m", "gaitopt", *command], start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
+    lines = tmp_path / JOBS_FILE
+    until = time.monotonic() + 60
+    while not (lines.exists() and lines.read_text()) and time.monotonic() < until:
+        time.sleep(0.05)
+    os.killpg(sweep.pid, signal.SIGINT)
+    began = time.monotonic()
+    words = sweep.communicate(timeout=30)[1]
+    assert sweep.returncode == 130
+    assert time.monotonic() - began < 10  # a second where the machine is free
+    assert words.splitlines()[-1] == "gaitopt: interrupted"
+    assert "Traceback" not in words
+    assert list(read_lines(lines))
 
 
 def test_job_that_kills_its_workers_is_set_aside_and_the_others_are_done(tmp_path):
@@ -112,7 +170,7 @@ def test_stopped_jobs_keep_what_is_finished(tmp_path):
 
 
 def test_scheduler_that_does_not_answer_is_named(monkeypatch):
-    monkeypatch.setattr("gaitopt.study.jobs.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr("gaitopt.study.cluster.CONNECT_TIMEOUT", 0.5)
     with pytest.raises(UnknownNameError, match=r"scheduler tcp://127.0.0.1:9 does not answer"):
         list(run_jobs(work, [Job(key="a", argument=None)], Workers(scheduler="tcp://127.0.0.1:9")))
 

@@ -1,33 +1,22 @@
 """Many independent jobs on Dask: processes of this machine, or the workers of a cluster.
 
-Every job has a key and is submitted once. Results are handed over one by one as they finish, so that whoever started
-the jobs can keep each at once. A worker that dies costs the job it was at (and the one before, if its result was still
-on the way); a job that takes three workers with it is set aside.
+Every job has a key and is submitted once. A result lies with the scheduler before its job counts as finished, and is
+handed over from there, so that whoever started the jobs can keep each at once. A worker that dies costs the job it was
+at and no other; a job that takes three workers with it is set aside.
 """
 
-import logging
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from queue import Empty, Queue
 from typing import Any
 
-from gaitopt.errors import UnknownNameError
+from gaitopt.study.cluster import ALLOWED_DEATHS, connected
 
-ALLOWED_DEATHS = 2
-"""A job may take so many workers with it by bad luck; with the next it is set aside."""
 AHEAD = 4
 """Jobs submitted per worker beyond the one at hand, so that no worker waits for us."""
 PATIENCE = 0.1
 """Time between two looks at whether to stop [s]."""
-CONNECT_TIMEOUT = 10
-"""A scheduler that has not answered by then [s] is not there."""
-SETTINGS = {
-    "distributed.scheduler.worker-saturation": 1.0,  # a worker holds the one job that it is at, and loses no other
-    "distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
-    "distributed.admin.low-level-log-length": 0,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +81,7 @@ def run_jobs(
     if workers.scheduler is None and workers.count == 1:
         yield from _run_here(task, jobs, dict(done or {}), should_stop)
     elif jobs:
-        with _client(workers) as client:
+        with connected(workers.count, workers.scheduler) as client:
             yield from _Run(client, task, jobs, dict(done or {})).results(should_stop)
 
 
@@ -128,7 +117,7 @@ class _Run:
                 key, future = self._finished.get(timeout=PATIENCE)
             except Empty:
                 continue
-            result = _result(future)
+            result = self._result(future)
             del self._running[key]
             self._parents[key] = None if isinstance(result, SetAside) else result
             self._ready += self._children.pop(key, [])
@@ -141,46 +130,33 @@ class _Run:
         while self._ready and len(self._running) < max(room, 1):
             job = self._ready.pop()
             parent = self._parents.get(job.parent) if job.parent else None
-            future = self._client.submit(self._task, job.argument, parent, key=f"gaitopt-{job.key}", pure=False)
+            key = f"gaitopt-{job.key}"
+            future = self._client.submit(perform, self._task, key, job.argument, parent, key=key, pure=False)
             self._running[job.key] = future
             future.add_done_callback(lambda future, key=job.key: self._finished.put((key, future)))
 
+    def _result(self, future: Any) -> Any:
+        from distributed import KilledWorker
+        from distributed.protocol.pickle import loads
 
-def _result(future: Any) -> Any:
-    from distributed import KilledWorker
-
-    error = future.exception() if future.status != "cancelled" else None
-    if isinstance(error, KilledWorker):
-        return SetAside(reason=f"it took {ALLOWED_DEATHS + 1} workers with it")
-    if error is not None:
-        return SetAside(reason=f"{type(error).__name__}: {error}")
-    return future.result()
+        error = future.exception() if future.status != "cancelled" else None
+        if isinstance(error, KilledWorker):
+            return SetAside(reason=f"it took {ALLOWED_DEATHS + 1} workers with it")
+        if error is not None:
+            return SetAside(reason=f"{type(error).__name__}: {error}")
+        return loads(self._client.get_metadata([future.key]))
 
 
-@contextmanager
-def _client(workers: Workers) -> Iterator[Any]:
-    import dask
-    from distributed import Client, LocalCluster
+def perform(task: Callable[[Any, Any], Any], key: str, argument: Any, parent: Any) -> None:
+    """Do a job in a worker and leave its result with the scheduler, which forgets it together with the job.
 
-    if workers.scheduler is not None:
-        try:
-            client = Client(workers.scheduler, timeout=CONNECT_TIMEOUT)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise UnknownNameError(
-                f"the scheduler {workers.scheduler} does not answer: {error}; "
-                "start one with `dask scheduler`, or leave --scheduler out to use this machine"
-            ) from error
-        with client:
-            yield client
-        return
-    with (
-        dask.config.set(SETTINGS),
-        LocalCluster(
-            n_workers=workers.count,
-            threads_per_worker=1,
-            dashboard_address="127.0.0.1:0",  # any free port: None would insist on 8787
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
+    A worker that dies after that, but before the scheduler has learnt that it is finished, lets another one begin the
+    job again: there the result is, and nothing remains to be done.
+    """
+    from distributed import get_worker
+    from distributed.protocol.pickle import dumps
+    from distributed.utils import sync
+
+    loop, scheduler = get_worker().loop, get_worker().scheduler
+    if sync(loop, scheduler.get_metadata, keys=[key], default=None) is None:
+        sync(loop, scheduler.set_metadata, keys=[key], value=dumps(task(argument, parent)))
