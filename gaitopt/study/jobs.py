@@ -6,6 +6,7 @@ at and no other; a job that takes three workers with it is set aside.
 """
 
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from queue import Empty, Queue
@@ -17,6 +18,8 @@ AHEAD = 4
 """Jobs submitted per worker beyond the one at hand, so that no worker waits for us."""
 PATIENCE = 0.1
 """Time between two looks at whether to stop [s]."""
+RECOUNT = 1.0
+"""Time after which the workers are counted again [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +111,7 @@ class _Run:
                 self._children.setdefault(job.parent or "", []).append(job)
         self._finished: Queue[tuple[str, Any]] = Queue()
         self._running: dict[str, Any] = {}
+        self._threads, self._counted = 0, -RECOUNT
 
     def results(self, should_stop: Callable[[], bool] | None) -> Iterator[tuple[str, Any]]:
         """Keys and results as they finish."""
@@ -119,15 +123,16 @@ class _Run:
                 continue
             result = self._result(future)
             del self._running[key]
-            self._parents[key] = None if isinstance(result, SetAside) else result
-            self._ready += self._children.pop(key, [])
+            children = self._children.pop(key, [])
+            if children and not isinstance(result, SetAside):  # no other result need be held
+                self._parents[key] = result
+            self._ready += children
             self._submit()
             yield key, result
         self._client.cancel(list(self._running.values()), force=True)
 
     def _submit(self) -> None:
-        room = sum(self._client.nthreads().values()) * (1 + AHEAD) if self._ready else 0
-        while self._ready and len(self._running) < max(room, 1):
+        while self._ready and len(self._running) < self._room():
             job = self._ready.pop()
             parent = self._parents.get(job.parent) if job.parent else None
             key = f"gaitopt-{job.key}"
@@ -135,16 +140,23 @@ class _Run:
             self._running[job.key] = future
             future.add_done_callback(lambda future, key=job.key: self._finished.put((key, future)))
 
+    def _room(self) -> int:
+        """How many jobs may be on their way; workers of a cluster come and go."""
+        if time.monotonic() > self._counted + RECOUNT:
+            self._threads, self._counted = sum(self._client.nthreads().values()), time.monotonic()
+        return max(self._threads * (1 + AHEAD), 1)
+
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
         from distributed.protocol.pickle import loads
 
-        error = future.exception() if future.status != "cancelled" else None
+        error = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):
             return SetAside(reason=f"it took {ALLOWED_DEATHS + 1} workers with it")
         if error is not None:
             return SetAside(reason=f"{type(error).__name__}: {error}")
-        return loads(self._client.get_metadata([future.key]))
+        kept = self._client.get_metadata([future.key], default=None)
+        return SetAside(reason="the scheduler dropped it") if kept is None else loads(kept)
 
 
 def perform(task: Callable[[Any, Any], Any], key: str, argument: Any, parent: Any) -> None:
