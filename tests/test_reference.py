@@ -70,13 +70,15 @@ def test_segment_data_say_the_same_in_symbols_as_the_curve_in_numbers(pieces: li
     for beyond_end in (BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF):
         reference = continued(pieces, END, beyond_end)
         data, t = SX.sym("data", reference.data(0).size), SX.sym("t")
-        function = Function("reference", [data, t], list(evaluate(data, t, 2, reference.degree)))
+        sums = [evaluate(data, t, 2, reference.degree, weights) for weights in ((1, 0), (0, 1), (2, 3))]
+        function = Function("reference", [data, t], [*(values for values, _ in sums), sums[0][1]])
         for segment, times in enumerate(([0.0, 0.29], [0.3, 0.6], [END, 1.3])):
             for time in times:
-                angles, rates, active = (np.asarray(x) for x in function(reference.data(segment), time))
+                angles, rates, both, active = (np.asarray(x) for x in function(reference.data(segment), time))
                 wanted = reference([time])
                 np.testing.assert_allclose(angles, wanted[0], atol=1e-13)
                 np.testing.assert_allclose(rates, wanted[1], atol=1e-13)
+                np.testing.assert_allclose(both, 2 * wanted[0] + 3 * wanted[1], atol=1e-12)
                 assert bool(active.item()) is reference.pieces[segment].active
 
 

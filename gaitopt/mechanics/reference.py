@@ -9,11 +9,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from casadi import SX, vertcat
+from casadi import SX, horzsplit, reshape, vertcat, vertsplit
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+BLOCK = 6
+"""Terms of a series that are summed directly; about the root of their number, which is 33 for a phase of walking."""
 
 
 class BeyondEnd(StrEnum):
@@ -82,13 +85,16 @@ class Reference:
         return angles, rates
 
 
-def evaluate(data: SX, t: SX, n_tracked: int, degree: int) -> tuple[SX, SX, SX]:
-    """Angles, rates and activity at time ``t`` from the layout of ``Reference.data``, in symbols."""
+def evaluate(data: SX, t: SX, n_tracked: int, degree: int, weights: tuple[SX, SX]) -> tuple[SX, SX]:
+    """Weighted sums of angle and rate of every joint, and the activity, from the layout of ``Reference.data``.
+
+    The series are added before they are evaluated, as half as many remain.
+    """
     s = 2 * (t - data[0]) / (data[1] - data[0]) - 1
-    width = degree + 1
-    rows = [data[3 + k * width : 3 + (k + 1) * width] for k in range(2 * n_tracked)]
-    values = [_clenshaw(row, s) for row in rows]
-    return vertcat(*values[:n_tracked]), vertcat(*values[n_tracked:]), data[2]
+    angles, rates = (reshape(rows, degree + 1, n_tracked) for rows in vertsplit(data[3:], (degree + 1) * n_tracked))
+    powers = _chebyshev(s)
+    sums = horzsplit(weights[0] * angles + weights[1] * rates)
+    return vertcat(*(_sum(vertsplit(c), powers) for c in sums)), data[2]
 
 
 def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd) -> Reference:
@@ -111,9 +117,28 @@ def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd) -> Ref
     return Reference(pieces=(*pieces, tail))
 
 
-def _clenshaw(c: SX, s: SX) -> SX:
-    """Chebyshev series sum_k c_k T_k(s) by Clenshaw's recurrence."""
+def _chebyshev(s: SX) -> list[SX]:
+    """T_0, ..., T_BLOCK at ``s``, by T_2k = 2 T_k^2 - 1 and T_2k+1 = 2 T_k T_k+1 - T_1."""
+    values = [SX(1), s]
+    for k in range(2, BLOCK + 1):
+        values.append(2 * values[k // 2] * values[(k + 1) // 2] - values[k % 2])
+    return values
+
+
+def _sum(c: list[SX], T: list[SX]) -> SX:
+    """Chebyshev series sum_k c_k T_k from T_0, ..., T_m: blocks of m terms, and Clenshaw's recurrence over T_jm.
+
+    With T_jm+k = 2 T_jm T_k - T_jm-k the series is sum_j q_j T_jm, where q_j is a sum over T_0, ..., T_m-1 and T_jm is
+    T_j(T_m). It takes a product of variables per block instead of one per term: those are what a Taylor series of the
+    motion spends its time on.
+    """
+    m, c = len(T) - 1, list(c)
+    for n in reversed(range(m + 1, len(c))):
+        if n % m:
+            c[n - 2 * (n % m)] -= c[n]
+            c[n] = 2 * c[n]
+    blocks = [sum(a * b for a, b in zip(c[j : j + m], T, strict=False)) for j in range(0, len(c), m)]
     b1, b2 = SX(0), SX(0)
-    for k in reversed(range(1, c.numel())):
-        b1, b2 = c[k] + 2 * s * b1 - b2, b1
-    return c[0] + s * b1 - b2
+    for q in reversed(blocks[1:]):
+        b1, b2 = q + 2 * T[m] * b1 - b2, b1
+    return blocks[0] + T[m] * b1 - b2

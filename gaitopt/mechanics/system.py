@@ -77,6 +77,7 @@ class HybridSystem:
         self._scalars = SX.sym("c", 1 + len(control.parameters))
         self._motions: dict[Mode, Motion] = {}
         self._functions: dict[str, Function] = {}
+        self._data: dict[int, NDArray[np.float64]] = {}
 
     def flow(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt."""
@@ -180,6 +181,12 @@ class HybridSystem:
         """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
         known = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
         return np.array([float(known[name]) for name in self.parameters])
+
+    def data(self, segment: int) -> NDArray[np.float64]:
+        """Segment data of the control, shape (n_r,); not to be written to."""
+        if segment not in self._data:
+            self._data[segment] = self.control.data(segment)
+        return self._data[segment]
 
     @property
     def _friction(self) -> SX:

@@ -48,7 +48,7 @@ class StepVariation:
         system, start = self._system, step.arcs[0].states[0]
         deviations = self._matrix(system.lift_jacobian, start[self._lifted], self._p)[:, : self._indices.size]
         for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
-            data, ends = system.control.data(arc.segment), arc.times[[0, -1]]
+            data, ends = system.data(arc.segment), arc.times[[0, -1]]
             deviations = self._stepper.transport(arc.mode, data, arc.states[0], deviations, ends)
             if after is None or after.segment == arc.segment:
                 deviations = self._event(arc, after, data) @ deviations

@@ -59,10 +59,12 @@ class Conversion:
     ----------
     outputs : for each output one heyoka expression per entry, columns one after the other.
     constants : CasADi function from the constant inputs to the values of ``par[0], par[1], ...``, shape (n_par,).
+    operations : how many instructions are left for heyoka.
     """
 
     outputs: tuple[tuple[Any, ...], ...]
     constants: Function
+    operations: int
 
 
 def convert(function: Function, inputs: Mapping[int, list[Any]]) -> Conversion:
@@ -100,6 +102,7 @@ class _Replay:
         }
         self._work: dict[int, Any] = {}
         self._hoisted: list[SX] = []
+        self._operations = 0
 
     def run(self) -> Conversion:
         f = self._function
@@ -113,7 +116,7 @@ class _Replay:
             else:
                 self._work[results[0]] = self._value(k, f.instruction_id(k), operands)
         constants = Function("constants", list(self._symbols.values()), [ca.vertcat(*self._hoisted)])
-        return Conversion(outputs=tuple(map(tuple, outputs)), constants=constants)
+        return Conversion(outputs=tuple(map(tuple, outputs)), constants=constants, operations=self._operations)
 
     def _value(self, k: int, operation: int, operands: list[int]) -> Any:
         if operation == ca.OP_CONST:
@@ -137,6 +140,7 @@ class _Replay:
                 f"{self._function.name()}: CasADi's operation {operation} has no Taylor series; "
                 "state the walker and its control without kinks, or use the engine scipy"
             )
+        self._operations += 1
         return table[operation](*operands)
 
     def _expression(self, value: Any) -> Any:

@@ -55,7 +55,7 @@ class HeyokaBatch:
         self._system, self._p = system, np.array(p)
         self._events = {mode: CompiledRows(system.events(mode), {2: self._p}) for mode in Mode}
         self._constants: dict[Mode, Array] = {}
-        self.data = np.array([system.control.data(k) for k in range(len(system.control.breakpoints) + 1)])
+        self.data = np.array([system.data(k) for k in range(len(system.control.breakpoints) + 1)])
 
     def advance(self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array) -> Arrivals:
         """Integrate arcs in one mode to their first events or time limits.

@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 LANES = 8
 """States that a batch integrator advances at once: the doubles of one AVX-512 register, or of two of AVX2. It is the
 same on every machine, because the order of roundings depends on it."""
-LONGEST_UNROLLED = 500
-"""Instructions up to which the series are unrolled: three times faster, but the compiler's time grows faster than
-their number (three seconds here); beyond it heyoka's compact mode makes loops of them."""
+LONGEST_UNROLLED = 450
+"""Operations up to which the series are unrolled: two to three times faster, but the compiler's time grows faster than
+their number (four seconds for 250, six for 420); beyond it heyoka's compact mode makes loops of them."""
 VARIATIONAL_TOLERANCE = 1e-12
 """Of a step with deviations: order 15 instead of 20 takes two thirds of the time, and they are still right to 1e-14,
 because heyoka's choice of the step length leaves two digits."""
@@ -110,7 +110,7 @@ def _compiled(
     rates, margins = conversion.outputs[0][:n], conversion.outputs[0][n:]
     zeros: Any = np.zeros((max(n, conversion.constants.numel_out(0)), lanes), dtype=precision).squeeze()
     event = hy.t_event if lanes == 1 else hy.t_event_batch
-    compact = not unrolled or function.n_instructions() > LONGEST_UNROLLED
+    compact = not unrolled or conversion.operations > LONGEST_UNROLLED
     options = {"fp_type": precision, "tol": precision(tolerance), "compact_mode": compact}
     build: Callable[..., Any] = hy.taylor_adaptive if lanes == 1 else hy.taylor_adaptive_batch
     taylor = build(

@@ -168,23 +168,23 @@ class Simulator:
         return Mode.slip(slip_velocity) if slip_velocity != 0 else self._mode_at_rest(moment)
 
     def _mode_at_rest(self, moment: _Moment) -> Mode | Refusal:
-        return self._decisions.at_rest(moment.time, moment.state, self.system.control.data(moment.segment))
+        return self._decisions.at_rest(moment.time, moment.state, self.system.data(moment.segment))
 
     def _lands(self, mode: Mode, moment: _Moment) -> bool:
         """Whether touchdown falls on a breakpoint of the control; the arc that would follow could not see it."""
-        return self._decisions.lands(mode, moment.time, moment.state, self.system.control.data(moment.segment))
+        return self._decisions.lands(mode, moment.time, moment.state, self.system.data(moment.segment))
 
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
         end = (*self._breakpoints, self._limit)[moment.segment]
-        data = self.system.control.data(moment.segment)
+        data = self.system.data(moment.segment)
         arrival = self.stepper.advance(mode, data, moment.time, moment.state, end)
         return replace(arrival, state=_at_rest(arrival.state)) if arrival.event == "slip_velocity" else arrival
 
     def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
         times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
         if dense:
-            data = self.system.control.data(moment.segment)
+            data = self.system.data(moment.segment)
             times, states = sample(self.stepper, mode, data, moment.time, arrival.time, moment.state)
             states[-1] = arrival.state
         return Arc(mode=mode, segment=moment.segment, times=times, states=states)
