@@ -15,9 +15,10 @@ from gaitopt.problem import load_problem
 from gaitopt.simulation import Engine, Simulator
 from gaitopt.simulation.batch_steps import ENDINGS
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.store import begin_run
 from gaitopt.study import basin_run, solve
 from gaitopt.study.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
-from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
+from gaitopt.study.basin_run import BasinPlan, check_basin, read_basin, walk_basin
 from gaitopt.study.batch import Returns, step_map
 from gaitopt.study.grid import Axis, Grid
 from gaitopt.study.jobs import Workers
@@ -169,7 +170,7 @@ def test_grid_that_does_not_fit_is_refused_before_it_starts(gait, tmp_path):
         check_basin(plan_in(tmp_path, gait, grid=huge))
 
 
-def test_command_prints_one_object_and_draws(tmp_path, monkeypatch, capsys):
+def test_command_prints_one_object_and_draws_now_and_later(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     over = ["--over", "dtheta1=0.69:0.73:4", "--over", "dtheta2=-0.55:-0.48:3"]
     assert main(["basin", "compass-passive-a", *over, "--workers", "1", "--json", "--quiet"]) == 0
@@ -177,3 +178,16 @@ def test_command_prints_one_object_and_draws(tmp_path, monkeypatch, capsys):
     assert record["states"] == 12
     assert record["gaits"][0]["kind"] == "stick-slip"
     assert all((tmp_path / figure).stat().st_size > 1000 for figure in record["figures"])
+    drawn = [(tmp_path / figure).read_bytes() for figure in record["figures"]]
+    assert main(["plot", record["run"], "-o", "again"]) == 0
+    assert [(tmp_path / "again" / figure.rpartition("/")[2]).read_bytes() for figure in record["figures"]] == drawn
+    assert main(["plot", record["run"], "--what", "speed"]) == 2
+
+
+def test_basin_is_the_same_when_it_is_read_again(gait, basin, tmp_path):
+    plan = plan_in(tmp_path, gait)
+    begin_run(tmp_path, gait.problem)
+    walk_basin(plan, HERE)
+    again = read_basin(plan.place)
+    assert again.to_record() == basin.to_record()
+    np.testing.assert_array_equal(again.labels, basin.labels)

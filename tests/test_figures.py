@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from pictured import SEQUENCES, TORSO, branch, gait
 
 from gaitopt.figures.branches import UNSTABLE, over_parameter
@@ -15,8 +16,10 @@ from gaitopt.figures.front import pareto_front
 from gaitopt.figures.labels import label, symbol
 from gaitopt.figures.motion import motion_from_record, motion_of
 from gaitopt.figures.style import SLIP_DASHES, save
+from gaitopt.figures.sweep import sweep
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import Mode
+from gaitopt.study.grid import Axis, Grid
 
 
 def figures():
@@ -159,3 +162,41 @@ def test_symbols_and_units_are_those_of_the_textbook():
 def test_figures_need_neither_pyplot_nor_a_screen():
     program = "import sys, gaitopt.figures.catalogue; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def grid_records(values):
+    """Records of a sweep over a grid, with the spectral radius of each point, or None where there is no gait."""
+    return [{"status": "not_converged" if v is None else "converged", "spectral_radius": v} for v in values]
+
+
+def heat_map(rows):
+    """The sweep's figure; rows are friction, columns are slope."""
+    axes = (Axis(key="friction", lower=0.1, upper=0.3, count=len(rows)),)
+    axes += (Axis(key="walker.slope", lower=0.0, upper=0.02, count=len(rows[0])),)
+    return sweep(Grid(axes), grid_records([v for row in rows for v in row]), "spectral_radius")
+
+
+def test_line_where_stability_is_lost_runs_between_the_cells_and_not_along_what_has_no_gait():
+    figure = heat_map([[0.5, 0.6, None], [0.7, 1.2, 1.3], [0.8, None, 1.4]])
+    (line,) = [found for found in figure.axes[0].collections if isinstance(found, LineCollection)]
+    found = {tuple(map(tuple, np.round(segment, 6))) for segment in line.get_segments()}
+    assert found == {((0.15, 0.005), (0.15, 0.015)), ((0.15, 0.005), (0.25, 0.005))}
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["no gait", "stability lost"]
+
+
+def test_one_gait_of_another_branch_does_not_stretch_the_colours():
+    values = [[0.6 + 0.001 * (9 * row + column) for column in range(9)] for row in range(9)]
+    smooth, outlying = heat_map(values), heat_map([[50.0, *values[0][1:]], *values[1:]])
+    assert smooth.axes[0].collections[0].get_clim() == pytest.approx((0.6, 0.68))
+    low, high = outlying.axes[0].collections[0].get_clim()
+    assert low == pytest.approx(0.601)
+    assert high < 0.8
+
+
+def test_rounding_of_a_constant_is_not_spread_over_all_colours():
+    low, high = heat_map([[0.7, 0.7 + 1e-16], [0.7 - 1e-16, 0.7]]).axes[0].collections[0].get_clim()
+    assert high - low > 0.01
+
+
+def test_sweep_without_any_gait_is_drawn():
+    assert heat_map([[None, None], [None, None]]).legends

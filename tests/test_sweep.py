@@ -153,3 +153,21 @@ def test_command_prints_one_object_and_draws(tmp_path, monkeypatch, capsys):
     record = json.loads(capsys.readouterr().out)
     assert (record["jobs"], record["statuses"], record["verified"]) == (2, {"converged": 2}, 2)
     assert all((tmp_path / figure).stat().st_size > 1000 for figure in record["figures"])
+
+
+def test_finished_sweep_is_drawn_again_from_its_folder_unless_it_is_broken(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    asked = ["sweep", "rimless-wheel-slip", "--over", "friction=0.38:0.4:2", "--over", "walker.slope=13deg:13.1deg:2"]
+    assert main([*asked, "--workers", "1", "--json", "--quiet"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    drawn = [(tmp_path / figure).read_bytes() for figure in record["figures"]]
+    assert main(["plot", record["run"], "-o", "again"]) == 0
+    assert [(tmp_path / "again" / figure.rpartition("/")[2]).read_bytes() for figure in record["figures"]] == drawn
+    assert main(["plot", record["run"], "--what", "speed", "--format", "pdf"]) == 0
+    assert (tmp_path / record["run"] / "speed.pdf").read_bytes().startswith(b"%PDF")
+    assert main(["plot", record["run"], "--what", "friction"]) == 2
+    assert "choose from period" in capsys.readouterr().err
+    lines = (tmp_path / record["table"]).read_text().splitlines()
+    (tmp_path / record["table"]).write_text("\n".join(lines[:-1]) + "\n")
+    assert main(["plot", record["run"]]) == 6
+    assert "has 3 rows for 4 points" in capsys.readouterr().err

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid, job_progress
+from gaitopt.cli.maps import DEFAULT_FORMATS, draw_basin
 from gaitopt.cli.options import DebugOption, EngineOption, JsonOption, OutOption, QuietOption, RunArgument, SetOption
 
 if TYPE_CHECKING:
@@ -51,10 +52,7 @@ def basin(
         raise KeyboardInterrupt
     record = {**found.to_record(), "run": str(plan.place)}
     if len(points.axes) == 2:
-        from gaitopt.figures.basin import basin as picture
-        from gaitopt.figures.style import save
-
-        record["figures"] = [str(path) for path in save(picture(found), plan.place / "basin")]
+        record["figures"] = [str(path) for path in draw_basin(found, DEFAULT_FORMATS, plan.place)]
     if json:
         print_json(record)
     else:

@@ -24,21 +24,12 @@ def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
     StorageError
         If the folder is not a run, is broken or newer, or its branch has no point.
     """
-    import json
-    from dataclasses import replace
-
-    from gaitopt.problem import restore_problem
-    from gaitopt.store import BRANCH_FILE, read_lines, read_manifest
+    from gaitopt.store import BRANCH_FILE, read_lines, read_problem
 
     folder = Path(run)
-    read_manifest(folder)
-    try:
-        resolved = json.loads((folder / "resolved.json").read_text(encoding="utf-8"))
-        text = (folder / "problem.yaml").read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise StorageError(f"{folder} is broken ({error}); it was left alone") from error
+    problem = read_problem(folder)
     records = list(read_lines(folder / BRANCH_FILE))
     parameters = {record["parameter"] for record in records if "parameter" in record}
     if len(parameters) != 1 or not any(record.get("record") == "point" for record in records):
         raise StorageError(f"{folder / BRANCH_FILE} holds no branch yet; `gaitopt continue` writes one")
-    return replace(restore_problem(resolved), text=text), parameters.pop(), records
+    return problem, parameters.pop(), records

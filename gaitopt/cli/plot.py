@@ -1,11 +1,11 @@
-"""``gaitopt plot``: figures of a gait or a branch, and the moving walker."""
+"""``gaitopt plot``: figures of a gait, a branch, a basin or a sweep, and the moving walker."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitopt.cli.maps import DEFAULT_FORMATS, Format, check_words, draw_again, map_in
 from gaitopt.cli.options import DebugOption, QuietOption, SetOption
 from gaitopt.cli.solve import NOT_A_GAIT
 
@@ -18,17 +18,6 @@ FIGURES = "figures"
 """Folder of the figures within a run folder."""
 ANIMATION = "animation"
 
-
-class Format(StrEnum):
-    """Formats of a figure."""
-
-    SVG = "svg"
-    PNG = "png"
-    PDF = "pdf"
-
-
-DEFAULT_FORMATS = (Format.SVG, Format.PNG)
-
 RunArguments = Annotated[list[str], typer.Argument(metavar="RUN...", help="Run folders, or PROBLEMs.")]
 WhatOption = Annotated[
     list[str] | None,
@@ -39,7 +28,13 @@ WhatOption = Annotated[
 FormatOption = Annotated[list[Format] | None, typer.Option("--format", help="svg and png if not given.")]
 FolderOption = Annotated[
     Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Where to; by default RUN/figures.", show_default=False),
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Where to; by default RUN/figures, and of a basin or a sweep its own folder.",
+        show_default=False,
+    ),
 ]
 
 
@@ -52,16 +47,20 @@ def plot(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Draw figures of a gait, of several gaits in one picture, or of a branch.
+    """Draw figures of a gait, of several gaits in one picture, of a branch, a basin or a sweep.
 
     Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
-    Of a branch: multipliers, or any scalar of the result, spectral_radius for instance.
+    Of a branch: multipliers, or any scalar of the result, spectral_radius for instance. Of a sweep, whose own folder
+    is given as RUN: any scalar of the result.
     """
     from gaitopt.cli.branches import holds_branch
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.gaits import stored_gaits
 
-    if len(runs) == 1 and holds_branch(runs[0]):
+    kind = map_in(runs[0]) if len(runs) == 1 else None
+    if kind is not None:
+        written = draw_again(kind, Path(runs[0]), what, formats or DEFAULT_FORMATS, output or Path(runs[0]))
+    elif len(runs) == 1 and holds_branch(runs[0]):
         written = _plot_branch(runs[0], what, formats or DEFAULT_FORMATS, output or Path(runs[0]) / FIGURES)
     else:
         gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
@@ -84,7 +83,7 @@ def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Seque
     from gaitopt.store.files import make_folder
 
     words = what or [*telling(gaits), *([ANIMATION] if len(gaits) == 1 else [])]
-    _check(words, (*GAIT_FIGURES, ANIMATION))
+    check_words(words, (*GAIT_FIGURES, ANIMATION))
     alone = [word for word in words if word in ("roads", ANIMATION) and len(gaits) > 1]
     if alone:
         raise typer.BadParameter(f"--what {alone[0]} shows one gait, not {len(gaits)}")
@@ -106,14 +105,8 @@ def _plot_branch(run: str, what: list[str] | None, formats: "Sequence[str]", fol
     from gaitopt.store.files import make_folder
 
     words = what or list(USUAL_BRANCH_FIGURES)
-    _check(words, BRANCH_FIGURES)
+    check_words(words, BRANCH_FIGURES)
     problem, parameter, records = stored_branch(run)
     make_folder(folder)
     drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
     return [path for paths in drawn for path in paths]
-
-
-def _check(words: list[str], known: "Sequence[str]") -> None:
-    unknown = [word for word in words if word not in known]
-    if unknown:
-        raise typer.BadParameter(f"--what {unknown[0]}: choose from {', '.join(known)}")

@@ -5,12 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid, job_progress
+from gaitopt.cli.maps import DEFAULT_FORMATS, draw_sweep
 from gaitopt.cli.options import DebugOption, JsonOption, OutOption, ProblemArgument, QuietOption, SetOption
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-    from gaitopt.study.sweep import Sweep
 
 WarmOption = Annotated[
     bool, typer.Option("--warm", help="Start from the neighbour's gait; from the guess where that fails.")
@@ -42,7 +41,7 @@ def sweep(
     from gaitopt.errors import UnknownNameError
     from gaitopt.store import begin_run, check_folder, run_folder
     from gaitopt.study.jobs import make_workers
-    from gaitopt.study.sweep import SCALARS, Sweep, check_sweep, run_sweep, sweep_record
+    from gaitopt.study.sweep import SCALARS, TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
@@ -56,21 +55,15 @@ def sweep(
         records = run_sweep(asked_for, make_workers(workers, scheduler), progress=progress)
     if records is None:
         raise KeyboardInterrupt
-    record = sweep_record(asked_for, records)
+    place = asked_for.place
+    record = sweep_record(asked_for, records) | {"table": str(place / TABLE_FILE), "run": str(place)}
     if len(points.axes) <= 2:
-        record["figures"] = _draw(asked_for, records, what)
+        record["figures"] = [str(path) for path in draw_sweep(points, records, [what], DEFAULT_FORMATS, place)]
     if json:
         print_json(record)
     else:
         _print(results(), record)
     return 0
-
-
-def _draw(asked_for: "Sweep", records: list[dict[str, Any]], what: str) -> list[str]:
-    from gaitopt.figures.style import save
-    from gaitopt.figures.sweep import sweep as picture
-
-    return [str(path) for path in save(picture(asked_for.grid, records, what), asked_for.place / what)]
 
 
 def _print(console: "Console", record: dict[str, Any]) -> None:

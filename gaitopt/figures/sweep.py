@@ -6,14 +6,25 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
 from gaitopt.study.grid import Grid
 
-MISSING = "#e4e4e4"
-"""Where there is no gait."""
+Array = NDArray[np.float64]
+Segment = tuple[tuple[float, float], tuple[float, float]]
+
+MISSING, EDGE = "#e4e4e4", "#8c8c8c"
+"""Where there is no gait; and around a sample of that."""
+LOST = "#d55e00"
+"""Of the line where stability is lost; it stands out from all colours of the map."""
+OUTLYING = 2
+"""Percentile beyond which values may be outliers: of another branch, most often."""
+ROUNDING, AROUND = 1e-9, 0.01
+"""Relative spread below which all values are one, and how far the scale then reaches around it."""
 BOUNDARY = 1.0
 """Modulus of the largest multiplier at which stability is lost."""
 
@@ -42,19 +53,56 @@ def sweep(grid: Grid, records: Sequence[Mapping[str, Any]], scalar: str) -> Figu
     return figure
 
 
-def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Any, scalar: str) -> None:
+def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, scalar: str) -> None:
     first, second = (axis.values for axis in grid.axes)
+    low, high = _limits(values)
     axes.set_facecolor(MISSING)
     axes.grid(visible=False)
-    drawn = axes.pcolormesh(first, second, values.T, shading="nearest", cmap="viridis", rasterized=True)
-    figure.colorbar(drawn, ax=axes, label=str(label(scalar)))
-    handles = [entry("no gait", marker="s", linestyle="", color=MISSING)] if np.isnan(values).any() else []
-    crosses = np.nanmin(values, initial=np.inf) < BOUNDARY < np.nanmax(values, initial=-np.inf)
-    if scalar == "spectral_radius" and crosses and min(values.shape) > 1:
-        axes.contour(first, second, values.T, levels=[BOUNDARY], colors="white", linewidths=1.5)
-        handles.append(entry("stability lost", color="#a0a0a0"))
+    drawn = axes.pcolormesh(
+        first, second, values.T, shading="nearest", cmap="viridis", vmin=low, vmax=high, rasterized=True
+    )
+    beyond = (bool((values < low).any()), bool((values > high).any()))
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
+    figure.colorbar(drawn, ax=axes, label=str(label(scalar)), extend=extend)
+    square = entry("no gait", marker="s", linestyle="", color=MISSING, markeredgecolor=EDGE)
+    handles = [square] if np.isnan(values).any() else []
+    border = _border(first, second, values) if scalar == "spectral_radius" else []
+    if border:
+        axes.add_collection(LineCollection(border, colors=LOST, linewidths=2, capstyle="projecting"))
+        handles.append(entry("stability lost", color=LOST, linewidth=2))
     if handles:
         legend_below(figure, handles)
+
+
+def _limits(values: Array) -> tuple[float, float]:
+    """Ends of the colour scale: those of the values, but that a few far away from all others do not stretch it."""
+    known = values[np.isfinite(values)]
+    if not known.size or np.ptp(known) <= ROUNDING * np.abs(known).max():
+        middle = float(known.mean()) if known.size else 0.0
+        half = AROUND * abs(middle) or 1.0
+        return middle - half, middle + half
+    low, high = np.percentile(known, OUTLYING), np.percentile(known, 100 - OUTLYING)
+    return float(max(known.min(), 2 * low - high)), float(min(known.max(), 2 * high - low))
+
+
+def _border(first: Array, second: Array, values: Array) -> list[Segment]:
+    """Edges between a cell with a stable gait and one with an unstable gait.
+
+    Neighbours may be on different branches, so that nothing is interpolated between them.
+    """
+    x, y = _edges(first), _edges(second)
+    stable, known = values < BOUNDARY, np.isfinite(values)
+    across = (stable[1:] != stable[:-1]) & known[1:] & known[:-1]
+    along = (stable[:, 1:] != stable[:, :-1]) & known[:, 1:] & known[:, :-1]
+    upright = [((x[i + 1], y[j]), (x[i + 1], y[j + 1])) for i, j in np.argwhere(across)]
+    level = [((x[i], y[j + 1]), (x[i + 1], y[j + 1])) for i, j in np.argwhere(along)]
+    return upright + level
+
+
+def _edges(centres: Array) -> Array:
+    """Where the cells around equidistant values begin and end."""
+    half = (centres[-1] - centres[0]) / max(2 * (centres.size - 1), 1)
+    return np.linspace(centres[0] - half, centres[-1] + half, centres.size + 1)
 
 
 def _value(record: Mapping[str, Any], scalar: str) -> float:

@@ -7,12 +7,12 @@ complete. A run that was killed in between is simply written again.
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import StorageError
-from gaitopt.problem import Problem
+from gaitopt.problem import Problem, restore_problem
 from gaitopt.store.files import TEMPORARY_SUFFIX, make_folder, read_text, reason, write_whole
 from gaitopt.store.manifest import MANIFEST_FILE, Manifest, new_manifest, read_manifest
 from gaitopt.store.text import Table, csv_text, json_text, parse_csv
@@ -131,10 +131,40 @@ def read_run(folder: Path) -> Run:
         folder=folder,
         manifest=manifest,
         problem_text=read_text(folder / PROBLEM_FILE),
-        resolved=_read_object(folder / RESOLVED_FILE),
-        gait=_read_object(folder / GAIT_FILE),
+        resolved=read_object(folder / RESOLVED_FILE),
+        gait=read_object(folder / GAIT_FILE),
         trajectory=trajectory,
     )
+
+
+def read_problem(folder: Path) -> Problem:
+    """The problem of a run folder, whatever else it holds.
+
+    Raises
+    ------
+    StorageError
+        If the folder is not a run, broken or newer.
+    """
+    read_manifest(folder)
+    resolved, text = read_object(folder / RESOLVED_FILE), read_text(folder / PROBLEM_FILE)
+    return replace(restore_problem(resolved), text=text)
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Read a file that is one JSON object.
+
+    Raises
+    ------
+    StorageError
+        If it is missing, unreadable or anything else.
+    """
+    try:
+        record = json.loads(read_text(path))
+    except ValueError as error:
+        raise StorageError(f"{path} is not JSON ({error}); the run is broken and was left alone") from error
+    if not isinstance(record, dict):
+        raise StorageError(f"{path} is not a JSON object; the run is broken and was left alone")
+    return record
 
 
 def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:
@@ -159,13 +189,3 @@ def _entries(folder: Path) -> list[str]:
     except OSError as error:
         raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another with -o") from error
     return [name for name in names if not (name.startswith(".") and name.endswith(TEMPORARY_SUFFIX))]
-
-
-def _read_object(path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(read_text(path))
-    except ValueError as error:
-        raise StorageError(f"{path} is not JSON ({error}); the run is broken and was left alone") from error
-    if not isinstance(record, dict):
-        raise StorageError(f"{path} is not a JSON object; the run is broken and was left alone")
-    return record

@@ -15,11 +15,11 @@ from gaitopt.errors import SolveError
 from gaitopt.gait import Gait
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, choose_engine
-from gaitopt.store import has_tile, json_text, read_tile, write_tile, write_whole
+from gaitopt.store import has_tile, json_text, read_object, read_problem, read_tile, write_tile, write_whole
 from gaitopt.store.files import make_folder
 from gaitopt.study.basin import Attractor, Attractors, Fates, follow, outcome_counts
 from gaitopt.study.batch import section_states, step_map
-from gaitopt.study.grid import Grid, check_room
+from gaitopt.study.grid import Axis, Grid, check_room
 from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
 
 Labels = NDArray[np.int32]
@@ -30,7 +30,7 @@ STATE_BYTES_DISK = 48
 """Of the fate of one state, compressed."""
 STATE_BYTES_MEMORY = 16
 """Of the labels and step counts that are held of the whole grid at once."""
-BASIN_FILE, LABELS_FILE = "basin.json", "labels.npz"
+BASIN_FILE = "basin.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,7 +190,24 @@ def walk_basin(
         done += 1
         if progress is not None:
             progress(done, total)
-    return _assembled(plan) if done == total else None
+    if done < total:
+        return None
+    basin = _assembled(plan.place, plan.problem, plan.grid, plan.base)
+    write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
+    return basin
+
+
+def read_basin(place: Path) -> Basin:
+    """The basin in its own folder, which lies in the run folder of its problem.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds no finished basin, or is broken.
+    """
+    record = read_object(place / BASIN_FILE)
+    grid = Grid(tuple(Axis(**axis) for axis in record["over"]))
+    return _assembled(place, read_problem(place.parent), grid, record["base"])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,18 +232,17 @@ def walk_tile(argument: tuple[TileTask, int], _: None = None) -> Fates:
     return follow(step_map(task.problem, task.p, task.engine), section_states(task.problem, xi), task.max_steps)
 
 
-def _assembled(plan: BasinPlan) -> Basin:
+def _assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
     """The whole basin from its tiles, one after the other."""
     attractors = Attractors()
-    labels, endings, steps = np.zeros((3, plan.grid.size), dtype=np.int32)
-    for tile in plan.tiles:
-        fates = Fates(**read_tile(plan.place, tile))
-        rows = slice(tile * TILE, tile * TILE + len(fates.steps))
+    labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
+    done, tile = 0, 0
+    while done < grid.size:
+        fates = Fates(**read_tile(place, tile))
+        rows = slice(done, done + len(fates.steps))
         labels[rows], endings[rows], steps[rows] = attractors.add(fates), fates.endings, fates.steps
-    shape = plan.grid.shape
-    basin = Basin(
-        problem=plan.problem, grid=plan.grid, base=plan.base, attractors=attractors.found,
-        labels=labels.reshape(shape), endings=endings.reshape(shape), steps=steps.reshape(shape),
+        done, tile = rows.stop, tile + 1
+    return Basin(
+        problem=problem, grid=grid, base=base, attractors=attractors.found,
+        labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
     )  # fmt: skip
-    write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
-    return basin

@@ -1,5 +1,6 @@
 """A grid of problems, each solved and verified: what a gait becomes over one or several parameters."""
 
+import csv
 import hashlib
 import json
 import shutil
@@ -11,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.errors import ProblemError
+from gaitopt.errors import ProblemError, StorageError
 from gaitopt.problem import Problem
-from gaitopt.store import Table, csv_text, write_whole
-from gaitopt.store.files import make_folder
-from gaitopt.study.grid import Grid, check_room
+from gaitopt.store import Table, csv_text, json_text, read_object, write_whole
+from gaitopt.store.files import make_folder, read_text
+from gaitopt.study.grid import Axis, Grid, check_room
 from gaitopt.study.jobs import Job, Workers
 from gaitopt.study.solved import SET_ASIDE, solve_all
 
-TABLE_FILE = "table.csv"
+TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
 POINT_BYTES_DISK = 6_000
 """Of the record of one gait, as JSON and in the table."""
 POINT_BYTES_MEMORY = 40_000
@@ -138,7 +139,24 @@ def run_sweep(
     found = [{**records[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
     make_folder(sweep.place)
     write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, found)))
+    write_whole(sweep.place / SWEEP_FILE, json_text(sweep_record(sweep, found), indent=2) + "\n")
     return found
+
+
+def read_sweep(place: Path) -> tuple[Grid, list[dict[str, Any]]]:
+    """Grid, and the status and the scalars of every point in its order, of the sweep in its own folder.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds no finished sweep, or is broken.
+    """
+    grid = Grid(tuple(Axis(**axis) for axis in read_object(place / SWEEP_FILE)["over"]))
+    rows = list(csv.DictReader(read_text(place / TABLE_FILE).splitlines()))
+    if len(rows) != grid.size:
+        raise StorageError(f"{place / TABLE_FILE} has {len(rows)} rows for {grid.size} points; it was left alone")
+    known = [name for name in SCALARS if name in rows[0]]
+    return grid, [{"status": row["status"], **{name: float(row[name] or "nan") for name in known}} for row in rows]
 
 
 def sweep_table(grid: Grid, records: list[dict[str, Any]]) -> Table:
@@ -172,6 +190,4 @@ def sweep_record(sweep: Sweep, records: list[dict[str, Any]]) -> dict[str, Any]:
         "set_aside": [
             {"at": record["at"], "reason": record["message"]} for record in records if record["status"] == SET_ASIDE
         ],
-        "table": str(sweep.place / TABLE_FILE),
-        "run": str(sweep.place),
     }

@@ -1,0 +1,96 @@
+"""Pictures of basins and sweeps: as soon as they are finished, and once more from their folders."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from gaitopt.study.basin_run import Basin
+    from gaitopt.study.grid import Grid
+
+BASIN = "basin"
+USUAL_SCALAR = "spectral_radius"
+"""What is drawn of a sweep unless the user says otherwise."""
+
+
+class Format(StrEnum):
+    """Formats of a figure."""
+
+    SVG = "svg"
+    PNG = "png"
+    PDF = "pdf"
+
+
+DEFAULT_FORMATS = (Format.SVG, Format.PNG)
+
+
+def draw_basin(found: "Basin", formats: "Sequence[str]", folder: Path) -> list[Path]:
+    """Draw a basin over two coordinates into a folder; the files."""
+    from gaitopt.figures.basin import basin
+    from gaitopt.figures.style import save
+
+    return save(basin(found), folder / BASIN, formats)
+
+
+def draw_sweep(
+    grid: "Grid", records: list[dict[str, Any]], scalars: "Sequence[str]", formats: "Sequence[str]", folder: Path
+) -> list[Path]:
+    """Draw scalars of a sweep over one or two parameters into a folder; the files."""
+    from gaitopt.figures.style import save
+    from gaitopt.figures.sweep import sweep
+
+    drawn = [save(sweep(grid, records, scalar), folder / scalar, formats) for scalar in scalars]
+    return [path for paths in drawn for path in paths]
+
+
+def map_in(run: str) -> str | None:
+    """Whether ``run`` is the folder of a ``basin`` or of a ``sweep``, by the word that its name begins with."""
+    from gaitopt.store.manifest import MANIFEST_FILE
+
+    folder = Path(run)
+    kind = folder.name.partition("-")[0]
+    own = kind in (BASIN, "sweep") and folder.is_dir() and not (folder / MANIFEST_FILE).exists()
+    return kind if own else None
+
+
+def draw_again(kind: str, folder: Path, what: list[str] | None, formats: "Sequence[str]", output: Path) -> list[Path]:
+    """Draw what a finished basin or sweep has left in its folder; the files.
+
+    Raises
+    ------
+    StorageError
+        If it is not finished, or broken.
+    typer.BadParameter
+        If it has no such figure.
+    """
+    from gaitopt.store.files import make_folder
+    from gaitopt.study.basin_run import read_basin
+    from gaitopt.study.sweep import SCALARS, read_sweep
+
+    if kind == BASIN:
+        check_words(what or [], (BASIN,))
+        basin = read_basin(folder)
+        _check_axes(basin.grid, folder, (2,))
+        make_folder(output)
+        return draw_basin(basin, formats, output)
+    check_words(what or [], SCALARS)
+    grid, records = read_sweep(folder)
+    _check_axes(grid, folder, (1, 2))
+    make_folder(output)
+    return draw_sweep(grid, records, what or [USUAL_SCALAR], formats, output)
+
+
+def check_words(words: list[str], known: "Sequence[str]") -> None:
+    """Refuse a ``--what`` that is none of ``known``."""
+    unknown = [word for word in words if word not in known]
+    if unknown:
+        raise typer.BadParameter(f"--what {unknown[0]}: choose from {', '.join(known)}")
+
+
+def _check_axes(grid: "Grid", folder: Path, drawn: tuple[int, ...]) -> None:
+    if len(grid.axes) not in drawn:
+        raise typer.BadParameter(f"{folder} is over {len(grid.axes)} keys; a picture is drawn over {drawn[-1]}")
