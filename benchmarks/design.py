@@ -63,7 +63,9 @@ def main() -> None:
     rows = [*map(design_row, TARGETS), *start_rows(os.cpu_count() or 1)]
     table = Table("what", "way", "seconds", "ratio", "", box=None)
     for row in rows:
-        table.add_row(row.what, row.way, f"{row.seconds:.1f}", "" if row.ratio is None else f"{row.ratio:.2f}", row.note)
+        table.add_row(
+            row.what, row.way, f"{row.seconds:.1f}", "" if row.ratio is None else f"{row.ratio:.2f}", row.note
+        )
     Console(width=150).print(table)
     if asked.json is not None:
         asked.json.write_text(json.dumps([row.to_record() for row in rows], indent=2) + "\n", encoding="utf-8")

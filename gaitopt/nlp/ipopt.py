@@ -23,9 +23,9 @@ EXACT = 1e-11
 """Violation of the constraints of a design: a margin at its edge is to stay there when the nodes are polished."""
 OPTIMALITY = 1e-8
 """Scaled KKT residual of a design."""
-HISTORY = 20
-"""Secant pairs: as many as there are free directions in a large design."""
-MAX_ITERATIONS = 300
+HISTORY = 40
+"""Secant pairs: twice as many as there are free directions in a large design."""
+MAX_ITERATIONS = 600
 
 ENDINGS: dict[str, tuple[Status, str]] = {
     "Solve_Succeeded": (Status.CONVERGED, "solved"),

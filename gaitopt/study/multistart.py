@@ -18,8 +18,9 @@ from gaitopt.study.jobs import Job, Workers
 from gaitopt.study.solved import solve_all
 from gaitopt.study.system import build_system
 
-SAME = 1e-6
-"""Relative difference in objective, state and freed values within which two starts have found the same optimum."""
+SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
+"""Relative differences of the objective, and of state and freed values, within which two starts have found the same
+optimum: where it is flat, places differ by the root of what objectives do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,4 +127,6 @@ def _distinct(problems: list[Problem], records: list[dict[str, Any]]) -> list[Op
 
 def _same(first: dict[str, Any], second: dict[str, Any]) -> bool:
     values = [np.array([*record["state"].values(), *record["parameters"].values()]) for record in (first, second)]
-    return bool(np.all(np.abs(values[0] - values[1]) <= SAME * (1 + np.abs(values[0]))))
+    objectives = [record["solver"].get("objective", 0.0) for record in (first, second)]
+    near = bool(np.all(np.abs(values[0] - values[1]) <= SAME_PLACE * (1 + np.abs(values[0]))))
+    return near and abs(objectives[0] - objectives[1]) <= SAME_OBJECTIVE * abs(objectives[0])
