@@ -19,20 +19,19 @@ def busy(argument: float, parent: object) -> float:
 
 
 def rows(jobs: int, workers: int) -> list[Row]:
-    """Overhead of a sweep of small jobs, and its gain from workers."""
-    found, alone = [], 0.0
-    for count in (1, workers):
-        todo = [Job(key=f"{count}-{k}", argument=JOB_SECONDS) for k in range(jobs)]
+    """Overhead of a sweep of small jobs, and its gain from workers; the process itself does a tenth of them."""
+    ways = {"1 worker, this process": (1, max(jobs // 10, 1)), f"{workers} workers": (workers, jobs)}
+    found: list[Row] = []
+    for way, (count, number) in ways.items():
+        todo = [Job(key=f"{count}-{k}", argument=JOB_SECONDS) for k in range(number)]
         began, first, spent = time.perf_counter(), 0.0, 0.0
         for _, seconds in run_jobs(busy, todo, Workers(count=count)):
             first = first or time.perf_counter() - began
             spent += seconds
         took = time.perf_counter() - began
-        alone = alone or took
-        overhead = took * count / spent - 1
         start = max(first - JOB_SECONDS, 0.0)
-        going = (took - start) * count / spent - 1
-        note = f"{overhead:.1%} beyond the jobs, {going:.1%} without the start of {start:.1f} s"
-        way = f"{count} worker{'s' if count > 1 else ', this process'}"
-        found.append(Row(what=f"{jobs} jobs of {JOB_SECONDS} s", way=way, seconds=took, ratio=alone / took, note=note))
+        beyond, going = took * count / spent - 1, (took - start) * count / spent - 1
+        note = f"{number} of them, {beyond:.1%} beyond the jobs, {going:.1%} without the start of {start:.1f} s"
+        ratio = found[0].seconds * number / took if found else 1.0
+        found.append(Row(what=f"a job of {JOB_SECONDS} s", way=way, seconds=took / number, ratio=ratio, note=note))
     return found

@@ -1,9 +1,16 @@
-"""What a measurement is: the best of several calls, and a row of the table."""
+"""What a measurement is: the best of several calls, a row of the table, and the memory at its fullest."""
 
+import threading
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
 from typing import Any
+
+import psutil
+
+LOOK_EVERY = 0.2
+"""Time between two looks at the memory [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,3 +63,35 @@ def compared(
         Row(what=what, way=way, seconds=shortest[way], ratio=first / shortest[way], note=note)
         for way, (_, note) in ways.items()
     ]
+
+
+@dataclass(slots=True)
+class Memory:
+    """Largest memory [bytes] that was seen of this process with its workers, and of one of them."""
+
+    together: int = 0
+    largest: int = 0
+    over: threading.Event = field(default_factory=threading.Event)
+
+    def watch(self) -> None:
+        """Look until it is over."""
+        this = psutil.Process()
+        while not self.over.wait(LOOK_EVERY):
+            sizes = []
+            for process in (this, *this.children(recursive=True)):
+                with suppress(psutil.NoSuchProcess):
+                    sizes.append(process.memory_info().rss)
+            self.together, self.largest = max(self.together, sum(sizes)), max(self.largest, *sizes)
+
+
+@contextmanager
+def watched_memory() -> Iterator[Memory]:
+    """The memory that is in use during the block."""
+    memory = Memory()
+    watcher = threading.Thread(target=memory.watch, daemon=True)
+    watcher.start()
+    try:
+        yield memory
+    finally:
+        memory.over.set()
+        watcher.join()

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 from plain import PlainCompass
-from timing import Row, compared
+from timing import Row, compared, watched_memory
 
 from gaitopt import load_problem, return_map, solve
 from gaitopt.gait import Gait
@@ -92,11 +92,13 @@ def million_rows(gait: Gait, count: int, workers: int) -> list[Row]:
     centre = gait.state[gait.system.section(Mode.STICK)]
     xi = centre * (1 + rng.uniform(-0.5, 0.5, (count, centre.size)))
     return_map(problem, xi[:64], engine="heyoka")
-    began = time.perf_counter()
-    returned = return_map(problem, xi, engine="heyoka", workers=workers)
-    seconds = time.perf_counter() - began
-    walked = f"{returned.completed.mean():.0%} completed their step, {workers} workers, their start included"
-    return [Row(what=f"{count:,} states of a basin, one step each", way="heyoka, batch", seconds=seconds, note=walked)]
+    with watched_memory() as memory:
+        began = time.perf_counter()
+        returned = return_map(problem, xi, engine="heyoka", workers=workers)
+        seconds = time.perf_counter() - began
+    note = f"{returned.completed.mean():.0%} completed their step; at most {memory.together / 1e9:.2f} GB in all"
+    way = f"heyoka, batch, {workers} worker{'s, their start included' if workers > 1 else ''}"
+    return [Row(what=f"{count:,} states of a basin, one step each", way=way, seconds=seconds, note=note)]
 
 
 def rows(count: int, workers: int) -> list[Row]:
