@@ -16,7 +16,7 @@ import pytest
 from gaitopt.errors import UnknownNameError
 from gaitopt.problem import load_problem
 from gaitopt.store import read_lines
-from gaitopt.study.cluster import ALLOWED_DEATHS
+from gaitopt.study.cluster import ALLOWED_DEATHS, uninterrupted
 from gaitopt.study.grid import Axis, Grid
 from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
 from gaitopt.study.solved import JOBS_FILE
@@ -137,6 +137,22 @@ def test_interrupted_workers_end_soon_in_silence_and_what_is_finished_is_kept(tm
     assert words.splitlines()[-1] == "gaitopt: interrupted"
     assert "Traceback" not in words
     assert list(read_lines(lines))
+
+
+def test_interrupt_waits_while_workers_start():
+    seen, handler = [], signal.getsignal(signal.SIGINT)
+
+    def start():
+        with uninterrupted():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.05)
+            seen.append("the end of the block")
+
+    with pytest.raises(KeyboardInterrupt):
+        start()
+    assert seen
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_job_that_kills_its_workers_is_set_aside_and_the_others_are_done(tmp_path):

@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 from typing import Any
 
@@ -48,27 +48,26 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
         with client:
             yield client
         return
-    with dask.config.set(SETTINGS):
-        with _uninterrupted():
-            cluster = LocalCluster(
-                n_workers=count,
-                threads_per_worker=1,
-                dashboard_address="127.0.0.1:0",  # any free port: None would insist on 8787
-                silence_logs=logging.CRITICAL,
+    with dask.config.set(SETTINGS), ExitStack() as stack:
+        with uninterrupted():
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=count,
+                    threads_per_worker=1,
+                    dashboard_address="127.0.0.1:0",  # any free port: None would insist on 8787
+                    silence_logs=logging.CRITICAL,
+                )
             )
-        with cluster, Client(cluster) as client:
-            try:
-                yield client
-            finally:
-                cluster.sync(_dismiss, list(cluster.workers.values()))
+            stack.callback(cluster.sync, _dismiss, cluster)
+        yield stack.enter_context(Client(cluster))
 
 
-async def _dismiss(nannies: list[Any]) -> None:
-    await asyncio.gather(*(nanny.close(timeout=FAREWELL) for nanny in nannies))
+async def _dismiss(cluster: Any) -> None:
+    await asyncio.gather(*(nanny.close(timeout=FAREWELL) for nanny in cluster.workers.values()))
 
 
 @contextmanager
-def _uninterrupted() -> Iterator[None]:
+def uninterrupted() -> Iterator[None]:
     """Ctrl-C waits for the end of the block; no thread or process that is started in it ever hears of one.
 
     A terminal sends it to all processes, and a worker would answer with a traceback.
