@@ -118,7 +118,8 @@ class Ipopt:
     g : the constraints, perhaps in blocks of like sparsity: each has a Jacobian of its own, so that a row that depends
         on
         everything does not make those of the others dense to compute.
-    scale : ndarray, shape (n_w,) - typical sizes of the unknowns; the secants of a design learn best where all are one.
+    scale, objective_size : typical sizes of the unknowns, shape (n_w,), and of the objective; secants learn best where
+        all are one.
     progress, should_stop : called at every iteration.
     """
 
@@ -130,6 +131,7 @@ class Ipopt:
         g: MX | Sequence[MX],
         scale: Array | float = 1.0,
         objective: MX | None = None,
+        objective_size: float = 1.0,
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
@@ -154,6 +156,7 @@ class Ipopt:
                 "constr_viol_tol": TOLERANCE if objective is None else EXACT,
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
+                "obj_scaling_factor": 1 / objective_size,
                 "max_iter": MAX_ITERATIONS,
                 # the free directions are few, and secants learn them in fewer seconds than one exact Hessian takes
                 "hessian_approximation": "limited-memory",

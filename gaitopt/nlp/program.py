@@ -32,7 +32,7 @@ LONGEST = 3.0
 NEAR = 1e-6
 """Part of the reach within which a solution counts as kept by it."""
 SMALL = 1e-3
-"""Bounds closer to zero than this do not scale the slack of their constraint."""
+"""Bounds, extrema and objectives closer to zero than this do not set a scale."""
 SMALLEST_PART = 0.02
 """Typical size of a freed parameter is at least this part of the range of its bounds."""
 SMOOTHING = 1e-3
@@ -102,12 +102,14 @@ class Program:
         unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
         parameters = vertcat(transcription.parameters, self._offsets)
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
+        objective = self._objective()
         self._solver = Ipopt(
             w=unknowns,
             p=parameters,
             g=[rows.expression for rows in self.rows],
             scale=np.concatenate(scale),
-            objective=self._objective(),
+            objective=objective,
+            objective_size=1.0 if objective is None else self._size_at_start(objective, unknowns, parameters),
             progress=progress,
             should_stop=should_stop,
         )
@@ -219,6 +221,11 @@ class Program:
             rows.append(Rows(name=name, expression=scalar + slack, lower=low, upper=open_end))
             rows.append(Rows(name=name, expression=scalar - slack, lower=-open_end, upper=high))
         return rows
+
+    def _size_at_start(self, objective: MX, unknowns: MX, parameters: MX) -> float:
+        function = Function("objective", [unknowns, parameters], [objective])
+        found = float(function(np.concatenate(self._start), np.concatenate([self._p, np.zeros(len(self.names))])))
+        return max(abs(found), SMALL) if np.isfinite(found) else 1.0
 
     def _objective(self) -> MX | None:
         if self._slack.numel():
