@@ -21,8 +21,8 @@ TOLERANCE = 1e-10
 """Well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
 EXACT = 1e-11
 """Violation of the constraints of a design: a margin at its edge is to stay there when the nodes are polished."""
-OPTIMALITY = 1e-8
-"""Scaled KKT residual of a design."""
+OPTIMALITY = 1e-6
+"""KKT residual of a design, in the sizes of its objective and unknowns."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
 MAX_ITERATIONS = 600

@@ -35,7 +35,7 @@ SMALL = 1e-3
 """Bounds, extrema and objectives closer to zero than this do not set a scale."""
 SMALLEST_PART = 0.02
 """Typical size of a freed parameter is at least this part of the range of its bounds."""
-SMOOTHING = 1e-3
+SMOOTHING = 3e-4
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 
 
