@@ -71,7 +71,7 @@ def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", s
         return []
     bounded = key.removeprefix("constraints.").removesuffix(".min").removesuffix(".max")
     first = bounded if bounded in drawn[0] else "value"
-    second = next(iter(problem.objective)) if list(problem.objective.values()) == [1.0] else "objective"
+    second = next(iter(problem.objective)) if len(problem.objective) == 1 else "objective"
     figure = pareto_front({problem.name: drawn}, first, second if second in drawn[0] else "objective", varied=bounded)
     return [str(path) for path in save(figure, stem)]
 
