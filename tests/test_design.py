@@ -76,6 +76,23 @@ def test_margins_hold_between_the_nodes():
     assert not touches(gait, 1e-8)
 
 
+@pytest.mark.parametrize("speed", [0.45, 0.46])
+def test_design_at_the_edge_of_the_cone_is_walked_by_the_simulator(speed):
+    gait = solve(load_problem("compass-torque-efficient").replace({"constraints": {"speed": {"min": speed}}}))
+    assert gait.converged, gait.message
+    assert gait.measures["required_friction"] == pytest.approx(0.12, abs=1e-8)
+    assert verify(gait).passed
+
+
+def test_gains_of_a_reference_are_unknowns_like_any_other():
+    free = {f"control.{key}": {"free": [1, 100], "guess": 15} for key in ("kp", "kd")}
+    asked = {"objective": "absolute_cost_of_transport", "constraints": {"state.dx": {"min": 0.2}}}
+    gait = solve(load_problem("compass-pd-impact-slip").replace(free | asked))
+    assert gait.converged, gait.message
+    assert gait.measures["absolute_cost_of_transport"] < 0.01085  # gait III: 0.01475
+    assert verify(gait).passed
+
+
 def test_slope_for_a_given_speed_is_the_one_that_has_it():
     gait = solve(load_problem("rimless-wheel-slope"))
     fixed = solve(load_problem("rimless-wheel-slip").replace({"walker.slope": gait.freed["walker.slope"]}))

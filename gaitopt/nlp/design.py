@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 MAX_ROUNDS = 12
 SETTLED = 1e-8
 """Change of every scalar's offset from round to round, relative to the scalar or to one."""
-TOUCHED = 1e-9
-"""A margin below minus this between the nodes is held there in the next round; verification grants ten times more."""
+TOUCHED = 1e-11
+"""A margin below minus this between the nodes is held there in the next round; it is well above rounding."""
 CREDITED = 1.2
 """Ratio of absolute to net cost above which a design is said to live on credited negative work."""
 

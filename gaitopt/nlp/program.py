@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gaitopt.nlp.between import Touch, touched_margins
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.outcome import EXTREMA, Outcome
+from gaitopt.nlp.search import SMALL, search
 from gaitopt.nlp.stability import certified_radius
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem, Range
@@ -25,16 +26,9 @@ from gaitopt.problem import Problem, Range
 Array = NDArray[np.float64]
 
 RADIUS = "spectral_radius"
-REACH = 1.0
-"""In one search angles, rates and slip velocity at a node change by no more than their largest value in the step."""
-LONGEST = 3.0
-"""No phase grows longer in one search than so many periods."""
-NEAR = 1e-6
-"""Part of the reach within which a solution counts as kept by it."""
-SMALL = 1e-3
-"""Bounds, extrema and objectives closer to zero than this do not set a scale."""
-SMALLEST_PART = 0.02
-"""Typical size of a freed parameter is at least this part of the range of its bounds."""
+CLEARANCE = 1e-8
+"""Force [N] or impulse [N s] that a design keeps from the edge of the friction cone, where optima like to lie: more
+than the rounding that would decide there, and less than anyone could measure."""
 SMOOTHING = 3e-4
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 
@@ -82,22 +76,8 @@ class Program:
         self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA}
         self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
-        self._start = [w, *(np.array([self._extremum(name, w)]) for name in self._extrema)]
-        self._start.append(np.ones(self._slack.numel()))
-        nodes, durations, freed = transcription.unpack(w)
-        sizes = self._sizes(nodes, durations)
-        reach = REACH * sizes
-        reach[transcription.system.n_shape] = np.inf
-        reach = np.tile(reach, transcription.n_nodes)
-        longest = np.full(transcription.n_phases, LONGEST * durations.sum())
-        unbounded = np.full(len(self._extrema), np.inf)
-        self._n_nodes = nodes.size
-        self._lower = np.concatenate([w[: nodes.size] - reach, np.zeros(durations.size), bounds[0], -unbounded])
-        self._upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], unbounded])
-        self._lower = np.append(self._lower, np.zeros(self._slack.numel()))
-        self._upper = np.append(self._upper, np.full(self._slack.numel(), np.inf))
-        scale = [np.tile(sizes, transcription.n_nodes), np.full(durations.size, durations.sum())]
-        scale += [_freed_sizes(freed, *bounds), *(np.maximum(np.abs(value), SMALL) for value in self._start[1:])]
+        extrema = np.array([self._extremum(name, w) for name in self._extrema])
+        self._search = search(transcription, w, p, bounds, extrema, self._slack.numel())
         self.rows = [*self._physics(held), *self._extremal(w), *self._asked()]
         unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
         parameters = vertcat(transcription.parameters, self._offsets)
@@ -107,7 +87,7 @@ class Program:
             w=unknowns,
             p=parameters,
             g=[rows.expression for rows in self.rows],
-            scale=np.concatenate(scale),
+            scale=self._search.sizes,
             objective=objective,
             objective_size=1.0 if objective is None else self._size_at_start(objective, unknowns, parameters),
             progress=progress,
@@ -118,8 +98,8 @@ class Program:
         """Run IPOPT from ``start``, all unknowns, or from where the motion is known."""
         lower = np.concatenate([rows.lower for rows in self.rows])
         upper = np.concatenate([rows.upper for rows in self.rows])
-        x = np.concatenate(self._start) if start is None else start
-        return self._solver.solve(x, np.concatenate([self._p, offsets]), (self._lower, self._upper), (lower, upper))
+        x, box = self._search.start if start is None else start, (self._search.lower, self._search.upper)
+        return self._solver.solve(x, np.concatenate([self._p, offsets]), box, (lower, upper))
 
     def motion(self, x: Array) -> Array:
         """Nodes, durations and freed parameters among all unknowns."""
@@ -139,9 +119,7 @@ class Program:
 
     def at_reach(self, x: Array) -> bool:
         """Whether a solution has been kept by the reach of the search, and wants to go on."""
-        nodes = slice(0, self._n_nodes)
-        room = np.minimum(x - self._lower, self._upper - x)[nodes]
-        return bool(np.any(room < NEAR * (self._upper - self._lower)[nodes]))
+        return self._search.at_reach(x)
 
     def pressed_bounds(self, result: IpoptResult) -> dict[str, tuple[float, float]]:
         """Multiplier of the bounds of every freed parameter, positive at the upper one, and the bound nearest."""
@@ -150,7 +128,7 @@ class Program:
         pressed = {}
         for k, name in zip(range(n - len(free), n), free, strict=True):
             pressure = float(result.bound_multipliers[k])
-            pressed[name] = pressure, float(self._upper[k] if pressure > 0 else self._lower[k])
+            pressed[name] = pressure, float((self._search.upper if pressure > 0 else self._search.lower)[k])
         return pressed
 
     def by_rows(self, result: IpoptResult) -> list[tuple[Rows, Array]]:
@@ -169,18 +147,14 @@ class Program:
             return f"the impact ({name})"
         return f"phase {label.phase + 1} ({self.transcription.layout.sequence.phases[label.phase]}: {name})"
 
-    def _sizes(self, nodes: Array, durations: Array) -> Array:
-        """Largest angle, position, rate and slip velocity of the step, as sizes of the states; shape (n_z,)."""
-        t, n = self.transcription, self.transcription.system.n_shape
-        length = abs(float(t.system.impact(t.layout.sequence.impact)(nodes[:, -1], self._p)[0][n]))
-        sizes = np.abs(nodes).max(axis=1)
-        slip = max(sizes[-1], length / durations.sum())
-        return np.concatenate([np.full(n, sizes[:n].max()), [length], np.full(n, sizes[n + 1 : -1].max()), [slip]])
-
     def _physics(self, held: list[Touch]) -> list[Rows]:
         t = self.transcription
+        names = [*(label.name for label in t.inequalities[1]), *(point.name for point in held)]
         margins = vertcat(t.inequalities[0], touched_margins(t, held))
-        return [_zero("gait", t.equalities), _positive("margins", margins)]
+        return [
+            _zero("gait", t.equalities),
+            _positive("margins", margins, np.array([CLEARANCE if "cone" in name else 0.0 for name in names])),
+        ]
 
     def _extremal(self, w: Array) -> list[Rows]:
         rows = []
@@ -224,7 +198,7 @@ class Program:
 
     def _size_at_start(self, objective: MX, unknowns: MX, parameters: MX) -> float:
         function = Function("objective", [unknowns, parameters], [objective])
-        found = float(function(np.concatenate(self._start), np.concatenate([self._p, np.zeros(len(self.names))])))
+        found = float(function(self._search.start, np.concatenate([self._p, np.zeros(len(self.names))])))
         return max(abs(found), SMALL) if np.isfinite(found) else 1.0
 
     def _objective(self) -> MX | None:
@@ -233,11 +207,6 @@ class Program:
         if not self._problem.objective:
             return None
         return sum((weight * self.scalar(name) for name, weight in self._problem.objective.items()), MX(0))
-
-
-def _freed_sizes(freed: Array, lower: Array, upper: Array) -> Array:
-    """Typical sizes of unknown parameters: those that they start with, within reason."""
-    return np.clip(np.abs(freed), SMALLEST_PART * (upper - lower), upper - lower)
 
 
 def _size(span: Range) -> float:
@@ -250,6 +219,6 @@ def _zero(name: str, expression: MX) -> Rows:
     )
 
 
-def _positive(name: str, expression: MX) -> Rows:
+def _positive(name: str, expression: MX, least: Array | float = 0.0) -> Rows:
     n = expression.numel()
-    return Rows(name=name, expression=expression, lower=np.zeros(n), upper=np.full(n, np.inf))
+    return Rows(name=name, expression=expression, lower=least + np.zeros(n), upper=np.full(n, np.inf))
