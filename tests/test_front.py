@@ -54,11 +54,11 @@ def test_front_without_objective_is_refused(tmp_path):
 
 
 def test_many_starts_find_one_optimum_and_depend_on_the_seed_alone(tmp_path):
-    problem = load_problem("compass-torque-efficient")
+    problem = asked()
     here = Workers(count=1)
-    optima = multistart(problem, 3, tmp_path, seed=1, spread=0.1, workers=here)
-    again = multistart(problem, 3, tmp_path / "again", seed=1, spread=0.1, workers=here)
-    assert len(optima[0].starts) >= 2
+    optima = multistart(problem, 2, tmp_path, seed=1, spread=0.1, workers=here)
+    again = multistart(problem, 2, tmp_path / "again", seed=1, spread=0.1, workers=here)
+    assert optima[0].starts == (0, 1)
     assert [optimum.to_record() for optimum in optima] == [optimum.to_record() for optimum in again]
     assert optima[0].objective == pytest.approx(0.00399805, rel=1e-4)
     assert optima[0].verified

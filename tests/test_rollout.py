@@ -119,8 +119,16 @@ def test_failures_are_told_in_words_of_the_walk(name, overrides, words):
                 "gait.guess.state": {"theta1": 5.4, "dtheta1": -9.6, "dtheta2": -46.8, "dx": -0.48},
             },
         ),
-        ("compass-passive-a", {"gait.guess.state": {"theta1": -7.9, "dtheta1": 33.8, "dtheta2": -45.5}}),
-        ("compass-torque-impact-slip", {"gait.guess.state.dtheta1": -64.0, "gait.guess.state.theta1": 1.5}),
+        pytest.param(
+            "compass-passive-a",
+            {"gait.guess.state": {"theta1": -7.9, "dtheta1": 33.8, "dtheta2": -45.5}},
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "compass-torque-impact-slip",
+            {"gait.guess.state.dtheta1": -64.0, "gait.guess.state.theta1": 1.5},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_hopeless_guess_is_a_failure_and_no_error(name, overrides, capfd):

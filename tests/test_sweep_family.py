@@ -55,6 +55,6 @@ def test_problem_of_another_kind_is_no_member():
 
 
 def test_failed_attempt_begins_no_family():
-    problem = load_problem("compass-passive-a").replace({"friction": 0.5})
+    problem = load_problem("rimless-wheel-stick").replace({"friction": 0.5})
     with pytest.raises(ValueError, match="a family begins with a converged gait"):
         Family(solve(problem))

@@ -25,7 +25,8 @@ OPTIMALITY = 1e-6
 """KKT residual of a design, in the sizes of its objective and unknowns."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
-MAX_ITERATIONS = 600
+MAX_ITERATIONS, MAX_DESIGN_ITERATIONS = 300, 600
+"""Of a search for a motion, which takes ten when it succeeds, and of a design."""
 
 ENDINGS: dict[str, tuple[Status, str]] = {
     "Solve_Succeeded": (Status.CONVERGED, "solved"),
@@ -35,7 +36,7 @@ ENDINGS: dict[str, tuple[Status, str]] = {
     "Search_Direction_Becomes_Too_Small": (Status.NOT_CONVERGED, "stalled: the steps became too small"),
     "Diverging_Iterates": (Status.NOT_CONVERGED, "the iterates diverge"),
     "User_Requested_Stop": (Status.INTERRUPTED, "interrupted"),
-    "Maximum_Iterations_Exceeded": (Status.NOT_CONVERGED, f"no convergence in {MAX_ITERATIONS} iterations"),
+    "Maximum_Iterations_Exceeded": (Status.NOT_CONVERGED, "no convergence, the iterations ran out"),
     "Maximum_CpuTime_Exceeded": (Status.NOT_CONVERGED, "out of processor time"),
     "Maximum_WallTime_Exceeded": (Status.NOT_CONVERGED, "out of time"),
     "Restoration_Failed": (Status.INFEASIBLE, "no point that satisfies the constraints was found near the guess"),
@@ -157,7 +158,7 @@ class Ipopt:
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
                 "obj_scaling_factor": 1 / objective_size,
-                "max_iter": MAX_ITERATIONS,
+                "max_iter": MAX_ITERATIONS if objective is None else MAX_DESIGN_ITERATIONS,
                 # the free directions are few, and secants learn them in fewer seconds than one exact Hessian takes
                 "hessian_approximation": "limited-memory",
                 "limited_memory_max_history": HISTORY,
