@@ -4,7 +4,6 @@ The chain is walked in both directions, because a design is a local optimum and 
 gaits for the same number the better one is kept. Its Pareto front are the points that no other one beats in both aims.
 """
 
-import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,8 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait import Status
 from gaitopt.problem import Problem
 from gaitopt.study.grid import Axis
-from gaitopt.study.jobs import Job, Workers
-from gaitopt.study.solved import solve_all
+from gaitopt.study.jobs import Workers
+from gaitopt.study.solved import problem_job, solve_all
 
 Progress = Callable[[int, int], None]
 Record = dict[str, Any]
@@ -92,12 +91,10 @@ def _design(
     problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None
 ) -> Record | None:
     """From the neighbour's gait, or from the guess where there is none or it leads nowhere."""
-    parent = None if neighbour is None else neighbour["job"]
-    key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
-    job = Job(key=key, argument=problem, parent=parent)
+    job = problem_job(problem, None if neighbour is None else neighbour["job"])
     known = {} if neighbour is None else {neighbour["job"]: neighbour}
     found = solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)
-    return None if found is None else found[key]
+    return None if found is None else found[job.key]
 
 
 def _objective(gait: Record) -> float:

@@ -14,8 +14,8 @@ import numpy as np
 from gaitopt.gait import Status
 from gaitopt.mechanics import BezierTracking, Mode
 from gaitopt.problem import Problem
-from gaitopt.study.jobs import Job, Workers
-from gaitopt.study.solved import solve_all
+from gaitopt.study.jobs import Workers
+from gaitopt.study.solved import problem_job, solve_all
 from gaitopt.study.system import build_system
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
@@ -86,7 +86,7 @@ def multistart(
     should_stop : looked at all the time; when true, None is returned, and what is finished is kept.
     """
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
-    jobs = [Job(key=p.digest, argument=p) for p in problems]
+    jobs = [problem_job(p) for p in problems]
     found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
     return None if found is None else _distinct(problems, [found[job.key] for job in jobs])
 

@@ -4,6 +4,7 @@ A job is named by the hash of its resolved problem. Its result is on disk before
 that all sweeps and starts of a problem share, so that nothing is solved twice, whatever happens in between.
 """
 
+import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,12 @@ from gaitopt.study.warm import guessed_from
 JOBS_FILE = "jobs.jsonl"
 SET_ASIDE = "set_aside"
 """Status of a job that has no result."""
+
+
+def problem_job(problem: Problem, parent: str | None = None) -> Job:
+    """The job of a problem that starts cold, or from the gait of the job ``parent``."""
+    key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
+    return Job(key=key, argument=problem, parent=parent)
 
 
 def solve_all(

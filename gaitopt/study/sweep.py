@@ -18,7 +18,7 @@ from gaitopt.store import Table, csv_text, json_text, read_object, write_whole
 from gaitopt.store.files import make_folder, read_text
 from gaitopt.study.grid import Axis, Grid, check_room
 from gaitopt.study.jobs import Job, Workers
-from gaitopt.study.solved import SET_ASIDE, solve_all
+from gaitopt.study.solved import SET_ASIDE, problem_job, solve_all
 
 TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
 POINT_BYTES_DISK = 6_000
@@ -64,9 +64,7 @@ class Sweep:
         for number in range(self.grid.size):
             problem = self._at(number)
             neighbour = self._neighbour(number) if self.warm else None
-            parent = None if neighbour is None else jobs[neighbour].key
-            key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
-            jobs.append(Job(key=key, argument=problem, parent=parent))
+            jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key))
         return jobs
 
     @cached_property
