@@ -12,26 +12,12 @@ import pytest
 
 from gaitopt import cli, study
 from gaitopt.cli import progress as cli_progress
-from gaitopt.cli.main import main
 from gaitopt.study import Claim, Verification
 
 PROBLEM = "rimless-wheel-stick"
 INFEASIBLE = (PROBLEM, "--set", "friction=0.5")  # it needs 0.914 to stick
 
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture
-def run(capsys):
-    def call(*argv):
-        code = main(argv)
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
 def files() -> list[str]:

@@ -6,27 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt.cli.main import main
 from gaitopt.errors import StorageError
 from gaitopt.store import BRANCH_FILE, LineWriter
 from gaitopt.study.continuation.follow import Follower
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
 
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture
-def run(capsys):
-    def call(*argv):
-        code = main(argv)
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
 def records(out):

@@ -5,26 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt.cli.main import main
 from gaitopt.problem import load_problem
 from gaitopt.study import solved
 
 WHEEL = "rimless-wheel-slip"
 
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture
-def run(capsys):
-    def call(*argv):
-        code = main(argv)
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
 def test_starts_are_counted_and_the_best_gait_is_stored_as_that_of_the_problem(run):
