@@ -6,7 +6,8 @@ from gaitopt.mechanics.control import ConstantTorque, Control, NoControl, Propor
 from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
 from gaitopt.mechanics.rimless_wheel import RimlessWheel
-from gaitopt.mechanics.system import HybridSystem, ending_margin, margin_names
+from gaitopt.mechanics.scales import Scales
+from gaitopt.mechanics.system import HybridSystem, ending_margin, margin_names, margin_scales
 from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, registered_walkers
 
 __all__ = [
@@ -26,10 +27,12 @@ __all__ = [
     "ProportionalDerivative",
     "Reference",
     "RimlessWheel",
+    "Scales",
     "Walker",
     "control_points",
     "ending_margin",
     "find_walker",
     "margin_names",
+    "margin_scales",
     "registered_walkers",
 ]

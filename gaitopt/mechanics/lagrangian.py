@@ -9,7 +9,7 @@ Everything is stated on the ground: y = dy = 0.
 from dataclasses import dataclass
 from types import SimpleNamespace
 
-from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, substitute, sum1, vertcat
+from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
 
 from gaitopt.mechanics.walker import Mechanism, Walker
 
@@ -29,7 +29,9 @@ class EquationsOfMotion:
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
     energy : SX - kinetic plus potential energy [J].
-    weight : SX - total weight [N].
+    mass : SX - total mass [kg].
+    gravity : SX - acceleration of gravity [m/s^2].
+    length : SX - distance of the farthest body from the stance foot where all shape coordinates are zero [m].
     mechanism : the walker's mechanism, on the ground.
     """
 
@@ -44,7 +46,9 @@ class EquationsOfMotion:
     E: SX
     W_swing: SX
     energy: SX
-    weight: SX
+    mass: SX
+    gravity: SX
+    length: SX
     mechanism: Mechanism
 
 
@@ -80,8 +84,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     momentum = gradient(kinetic, dq)
     B = jtimes(momentum, q, dq) - gradient(kinetic, q)
     angles = vertcat(*mechanism.motors) if mechanism.motors else SX(0, 1)
-    mass = sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies)))
-    gravity = dot(mechanism.gravity, mechanism.gravity).sqrt()
+    straight = substitute(vertcat(*(norm_2(body.position) for body in mechanism.bodies)), q, SX.zeros(q.numel()))
 
     def grounded(expression: SX) -> SX:
         return substitute(expression, vertcat(q[-1], dq[-1]), SX.zeros(2))
@@ -98,7 +101,9 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         E=grounded(jacobian(angles, q).T),
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
         energy=grounded(kinetic + potential),
-        weight=mass * gravity,
+        mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
+        gravity=norm_2(mechanism.gravity),
+        length=mmax(straight),
         mechanism=Mechanism(
             bodies=mechanism.bodies,
             gravity=mechanism.gravity,

@@ -21,6 +21,7 @@ from gaitopt.mechanics.control import Control
 from gaitopt.mechanics.impact import impact
 from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
 from gaitopt.mechanics.modes import ImpactLaw, Mode
+from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.walker import Walker
 
 STICK_MARGINS = ("touchdown", "upright", "normal_force", "cone_forward", "cone_backward")
@@ -34,6 +35,12 @@ def margin_names(mode: Mode) -> tuple[str, ...]:
     forward, ``cone_backward`` mu f_n - f_t; ``slip_velocity`` is the speed in the mode's direction.
     """
     return STICK_MARGINS if mode is Mode.STICK else SLIP_MARGINS
+
+
+def margin_scales(mode: Mode, scales: Scales) -> NDArray[np.float64]:
+    """Natural unit of every margin of a mode, in the order of ``margin_names``."""
+    units = {"touchdown": 1.0, "upright": 1.0, "slip_velocity": scales.speed, "painleve": scales.mass}
+    return np.array([units.get(name, scales.force) for name in margin_names(mode)])
 
 
 def ending_margin(mode: Mode, after: Mode | None) -> str:
@@ -148,7 +155,22 @@ class HybridSystem:
     @cached_property
     def weight(self) -> Function:
         """p -> total weight [N]."""
-        return Function("weight", [self._p], [self._eom.weight])
+        return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
+
+    def scales(self, p: NDArray[np.float64]) -> Scales:
+        """Natural units of the walker at parameters ``p`` of shape (n_p,)."""
+        length, gravity, mass = (float(value) for value in self._scale_function(p))
+        return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
+
+    def state_scales(self, scales: Scales) -> NDArray[np.float64]:
+        """Natural unit of every entry of ``z``, shape (n_z,): angles 1, rates 1 / time, x and dx by length."""
+        shape = np.ones(self.n_shape)
+        return np.array([*shape, scales.length, *(shape / scales.time), scales.speed])
+
+    @cached_property
+    def _scale_function(self) -> Function:
+        eom = self._eom
+        return Function("scales", [self._p], [eom.length, eom.gravity, eom.mass])
 
     @cached_property
     def lift(self) -> Function:
