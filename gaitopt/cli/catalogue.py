@@ -12,10 +12,9 @@ def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
     if json:
         print_json({"problems": [{"name": problem.name, "about": problem.about} for problem in problems]})
         return 0
-    from gaitopt.cli.quantities import number
-    from gaitopt.cli.tables import table
+    from gaitopt.cli.tables import friction, table
 
-    rows = ((p.name, number(p.friction), str(p.sequence), p.about) for p in problems)
+    rows = ((p.name, friction(p), str(p.sequence), p.about) for p in problems)
     results().print(table(("problem", "friction", "phases; impact", "about"), rows, numbers=(1,)))
     return 0
 

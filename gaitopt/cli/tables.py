@@ -10,6 +10,7 @@ from rich.table import Table
 from gaitopt.cli.quantities import CONTROL_UNITS, QUANTITIES, number, state_unit, with_degrees
 from gaitopt.problem import PDSpec, Problem
 
+FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
 STABILITY = {True: "stable", False: "unstable"}
 
 
@@ -114,6 +115,11 @@ def _verdict(claim: Mapping[str, Any]) -> str:
     return "ok" if claim["passed"] else "FAILED"
 
 
+def friction(problem: Problem) -> str:
+    """The coefficient of friction, or static and kinetic coefficient."""
+    return " / ".join(number(problem.parameters[key]) for key in FRICTION_KEYS if key in problem.parameters)
+
+
 def _walker(problem: Problem) -> Iterable[tuple[str, str, str, str]]:
     for name, field in type(problem.walker).model_fields.items():
         value = getattr(problem.walker, name)
@@ -122,7 +128,9 @@ def _walker(problem: Problem) -> Iterable[tuple[str, str, str, str]]:
 
 
 def _contact(problem: Problem) -> Iterable[tuple[str, str, str]]:
-    yield "friction", number(problem.friction), ""
+    for key, value in problem.parameters.items():
+        if key.partition(".")[0] == "friction":
+            yield key, number(value), "N s/m" if key.endswith("viscous") else ""
     yield "impact_law", str(problem.impact_law), ""
     yield "control", problem.control.type, ""
     for key, value in problem.parameters.items():

@@ -42,8 +42,8 @@ class Motion:
 
     @property
     def friction(self) -> float:
-        """Coefficient of friction."""
-        return self.parameter("friction")
+        """Coefficient of static friction, the edge of the cone."""
+        return float(self.system.static_friction(self.p))
 
     def parameter(self, key: str) -> float:
         """Value of the parameter with this dotted key."""

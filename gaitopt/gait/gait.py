@@ -110,7 +110,7 @@ class Gait:
             "problem": self.problem.name,
             "status": str(self.status),
             "message": self.message,
-            "friction": float(self.p[self.system.parameters.index("friction")]),
+            "friction": self._friction_record(),
             **self._motion_record(),
             **{name: self.measures.get(name) for name in MEASURES},
             "multipliers": [{"re": float(m.real), "im": float(m.imag)} for m in self.multipliers],
@@ -119,6 +119,12 @@ class Gait:
             "solver": dict(self.solver),
             "verification": self.verification,
         }
+
+    def _friction_record(self) -> float | Mapping[str, float]:
+        """The coefficient, or all numbers of the friction law by name where there are several."""
+        values = dict(zip(self.system.parameters, map(float, self.p), strict=True))
+        numbers = {key.removeprefix("friction."): values[key] for key in self.system.friction.parameters}
+        return numbers.get("friction", numbers)
 
     def _motion_record(self) -> dict[str, Any]:
         sequence = self.problem.sequence

@@ -3,6 +3,7 @@
 from gaitopt.mechanics.bezier_tracking import BezierTracking, control_points
 from gaitopt.mechanics.compass_biped import CompassBiped
 from gaitopt.mechanics.control import ConstantTorque, Control, NoControl, ProportionalDerivative
+from gaitopt.mechanics.friction import CoulombFriction, Friction, StaticKineticFriction
 from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
 from gaitopt.mechanics.rimless_wheel import RimlessWheel
@@ -17,6 +18,8 @@ __all__ = [
     "CompassBiped",
     "ConstantTorque",
     "Control",
+    "CoulombFriction",
+    "Friction",
     "HybridSystem",
     "ImpactLaw",
     "Mechanism",
@@ -28,6 +31,7 @@ __all__ = [
     "Reference",
     "RimlessWheel",
     "Scales",
+    "StaticKineticFriction",
     "Walker",
     "control_points",
     "ending_margin",

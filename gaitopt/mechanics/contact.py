@@ -4,9 +4,10 @@ Eliminating the shape accelerations from eq. (2) leaves, at the foot, with ddy =
 
     f = f_stick + C (ddx, 0)'         C = (W M^-1 W')^-1, the apparent mass of the foot
 
-so that f_stick is the force of eq. (3), which holds the foot still, and with f_t = -mu s f_n (eq. (5), s = sgn dx)
+so that f_stick is the force of eq. (3), which holds the foot still, and with f_t = -mu s f_n - d (eq. (5), s = sgn dx,
+mu the kinetic coefficient and d the drag of the friction law)
 
-    ddx = -(f_t + mu s f_n)_stick / (C_tt + mu s C_nt)
+    ddx = -((f_t + mu s f_n)_stick + d) / (C_tt + mu s C_nt)
 
 The denominator is det(C) w_n' M^-1 Gamma of eq. (6): where it loses its sign, the slip has no unique
 solution (the paradox of Painleve).  Gamus & Or (2013), eqs (2)-(6).
@@ -52,12 +53,13 @@ def solve_spd(A: SX, b: SX) -> SX:
     return y
 
 
-def motion(eom: EquationsOfMotion, mode: Mode, friction: SX, torque: SX) -> Motion:
+def motion(eom: EquationsOfMotion, mode: Mode, *, kinetic: SX, drag: SX, torque: SX) -> Motion:
     """Motion of the walker while its stance foot is in ``mode``.
 
     Parameters
     ----------
-    friction : SX - Coulomb's coefficient mu.
+    kinetic : SX - coefficient mu of a slipping foot.
+    drag : SX - force against the slip besides mu f_n, zero at rest [N].
     torque : SX, shape (n_u,) - actuator torques u [N m].
     """
     n = len(eom.walker.shape)
@@ -71,8 +73,8 @@ def motion(eom: EquationsOfMotion, mode: Mode, friction: SX, torque: SX) -> Moti
         ddx, painleve = SX(0), C[0, 0]
     else:
         s = mode.direction
-        painleve = C[0, 0] + friction * s * C[1, 0]
-        ddx = -(stick_force[0] + friction * s * stick_force[1]) / painleve
+        painleve = C[0, 0] + kinetic * s * C[1, 0]
+        ddx = -(stick_force[0] + kinetic * s * stick_force[1] + drag) / painleve
     acceleration = rigid - response[:, 0] * ddx
     velocity = eom.z[n + 1 :]
     if mode is Mode.STICK:

@@ -45,7 +45,7 @@ class Impact:
     painleve: SX
 
 
-def impact(eom: EquationsOfMotion, mode: Mode, law: ImpactLaw, friction: SX) -> Impact:
+def impact(eom: EquationsOfMotion, mode: Mode, law: ImpactLaw, kinetic: SX) -> Impact:
     """The impact after which the colliding foot is in ``mode``; whether that is consistent is not decided here."""
     n = len(eom.walker.shape)
     reach = eom.W_swing[:, :n]  # the swing foot is the stance foot plus a function of the shape
@@ -56,7 +56,7 @@ def impact(eom: EquationsOfMotion, mode: Mode, law: ImpactLaw, friction: SX) -> 
     C = foot_mass - coupling @ response
 
     v_minus = eom.W_swing @ eom.dq
-    mu = friction if law is ImpactLaw.COULOMB else SX(0)
+    mu = kinetic if law is ImpactLaw.COULOMB else SX(0)
     s = mode.direction
     painleve = C[0, 0] + mu * s * C[1, 0]
     dv_n = -v_minus[1]

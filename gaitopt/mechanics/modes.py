@@ -64,15 +64,20 @@ class ModeSequence:
                 f"the first phase must be {self.impact}, not {self.phases[0]}"
             )
 
-    def onset_order(self, phase: int) -> int:
+    def onset_order(self, phase: int, *, jump: bool = False) -> int:
         """Order of the zero that the slip velocity has where a slip phase starts.
 
         0 where the foot slips already, 1 where it leaves rest with an acceleration (just after a sticking impact, or
-        in a reversal), 2 at the edge of the friction cone after a stick, where velocity and acceleration are zero.
+        in a reversal), 2 at the edge of the friction cone after a stick, where velocity and acceleration are zero;
+        1 there as well where friction drops at the onset of slip (``jump``).
         """
         if phase == 0:
             return int(self.impact is Mode.STICK)
-        return 2 if self.phases[phase - 1] is Mode.STICK else 1
+        return 2 if self.phases[phase - 1] is Mode.STICK and not jump else 1
+
+    def starts_from_rest(self, phase: int) -> bool:
+        """Whether a slip phase starts from rest at a force beyond the friction cone: after an impact, or reversed."""
+        return self.phases[phase] is not Mode.STICK and self.onset_order(phase, jump=False) == 1
 
     def __str__(self) -> str:
         return f"{', '.join(self.phases)}; {self.impact}"

@@ -11,6 +11,7 @@ can be varied, freed or continued without building anything anew. Both roads (nl
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
@@ -18,12 +19,14 @@ from numpy.typing import NDArray
 
 from gaitopt.mechanics.contact import Motion, motion
 from gaitopt.mechanics.control import Control
+from gaitopt.mechanics.friction import CoulombFriction, Friction
 from gaitopt.mechanics.impact import impact
 from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.walker import Walker
 
+COULOMB = CoulombFriction()
 STICK_MARGINS = ("touchdown", "upright", "normal_force", "cone_forward", "cone_backward")
 SLIP_MARGINS = ("touchdown", "upright", "normal_force", "slip_velocity", "painleve")
 
@@ -60,18 +63,26 @@ class HybridSystem:
     walker : the walker's class.
     control : the control law; its current scalars do not matter here, only its structure and segment data.
     law : tangential law of slipping impacts.
+    friction : friction law of the feet; its numbers are entries of ``p``.
 
     Attributes
     ----------
     parameters : dotted keys of ``p`` in order: walker, friction, control.
+    friction : as given.
     state_names : names of ``z`` in order.
     """
 
-    def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw = ImpactLaw.COULOMB) -> None:
-        self.walker, self.control, self.law = walker, control, law
+    def __init__(
+        self,
+        walker: type[Walker],
+        control: Control,
+        law: ImpactLaw = ImpactLaw.COULOMB,
+        friction: Friction = COULOMB,
+    ) -> None:
+        self.walker, self.control, self.law, self.friction = walker, control, law, friction
         self.parameters = (
             *(f"walker.{name}" for name in walker.model_fields),
-            "friction",
+            *friction.parameters,
             *(f"control.{name}" for name in control.parameters),
         )
         self.state_names = walker.state_names()
@@ -81,7 +92,10 @@ class HybridSystem:
         self._eom = _equations_of_motion(walker)
         self._t = SX.sym("t")
         self._r = SX.sym("r", self.n_r)
-        self._scalars = SX.sym("c", 1 + len(control.parameters))
+        n_walker, n_friction = len(walker.model_fields), len(friction.parameters)
+        self._friction_entries = slice(n_walker, n_walker + n_friction)
+        self._coefficients = SX.sym("c", n_friction)
+        self._scalars = SX.sym("k", len(control.parameters))
         self._motions: dict[Mode, Motion] = {}
         self._functions: dict[str, Function] = {}
         self._data: dict[int, NDArray[np.float64]] = {}
@@ -139,7 +153,7 @@ class HybridSystem:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
 
         def outputs() -> list[SX]:
-            result = impact(self._eom, mode, self.law, self._friction)
+            result = impact(self._eom, mode, self.law, self._kinetic)
             return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
 
         return self._build(f"impact_{mode}", outputs, inputs=[self._eom.z, self._p])
@@ -148,7 +162,7 @@ class HybridSystem:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
 
         def outputs() -> list[SX]:
-            return [jacobian(impact(self._eom, mode, self.law, self._friction).z_plus, self._eom.z)]
+            return [jacobian(impact(self._eom, mode, self.law, self._kinetic).z_plus, self._eom.z)]
 
         return self._build(f"impact_jacobian_{mode}", outputs, inputs=[self._eom.z, self._p])
 
@@ -210,23 +224,36 @@ class HybridSystem:
             self._data[segment] = self.control.data(segment)
         return self._data[segment]
 
+    def static_friction(self, p: Any) -> Any:
+        """Coefficient that bounds |f_t| / f_n of a sticking foot, from parameters as numbers or symbols."""
+        return self.friction.static(p[self._friction_entries])
+
+    def kinetic_friction(self, p: Any) -> Any:
+        """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
+        return self.friction.kinetic(p[self._friction_entries])
+
+    def friction_drops(self, p: NDArray[np.float64]) -> bool:
+        """Whether friction drops when a foot begins to slip: static above kinetic at parameters ``p``."""
+        return bool(self.static_friction(p) > self.kinetic_friction(p))
+
     @property
-    def _friction(self) -> SX:
-        return self._scalars[0]
+    def _kinetic(self) -> SX:
+        return self.friction.kinetic(self._coefficients)
 
     @property
     def _p(self) -> SX:
-        return vertcat(self._eom.p, self._scalars)
+        return vertcat(self._eom.p, self._coefficients, self._scalars)
 
     @cached_property
     def _torque(self) -> SX:
         indices = [self.walker.shape.index(name) for name in self.walker.tracked]
         angles, rates = self._eom.q[indices], self._eom.dq[indices]
-        return self.control.torque(self._t, angles, rates, self._scalars[1:], self._r)
+        return self.control.torque(self._t, angles, rates, self._scalars, self._r)
 
     def _motion(self, mode: Mode) -> Motion:
         if mode not in self._motions:
-            self._motions[mode] = motion(self._eom, mode, self._friction, self._torque)
+            drag = SX(self.friction.drag(self._coefficients, self._eom.z[-1]))
+            self._motions[mode] = motion(self._eom, mode, kinetic=self._kinetic, drag=drag, torque=self._torque)
         return self._motions[mode]
 
     def _margins(self, mode: Mode) -> SX:
@@ -234,7 +261,8 @@ class HybridSystem:
         f_t, f_n = state.force[0], state.force[1]
         common = (-self._eom.mechanism.touchdown, self._eom.mechanism.upright, f_n)
         if mode is Mode.STICK:
-            return vertcat(*common, self._friction * f_n + f_t, self._friction * f_n - f_t)
+            mu = self.friction.static(self._coefficients)
+            return vertcat(*common, mu * f_n + f_t, mu * f_n - f_t)
         return vertcat(*common, mode.direction * self._eom.z[-1], state.painleve)
 
     def _build(self, name: str, outputs: Callable[[], list[SX]], inputs: list[SX] | None = None) -> Function:

@@ -41,6 +41,8 @@ SIMPLE_MARGINS = {
     "normal_force": ("normal force is {value:.4g} N, must be positive", "force"),
     "slip_velocity": ("slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative", "speed"),
     "painleve": ("apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)", "one"),
+    "onset": ("static friction holds the foot: the force misses the edge of its cone by {value:.4g} N", "force"),
+    "impact_onset": ("the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s", "impulse"),
     "impulse": ("normal impulse is {value:.4g} N s, must be positive", "impulse"),
     "lift_velocity": ("the former stance foot does not lift: its normal velocity is {value:.4g} m/s", "speed"),
     "touchdown_rate": ("the swing foot leaves the ground instead of landing (guard rate {value:.4g})", "one"),
@@ -105,7 +107,7 @@ def residual_complaint(problem: Transcription, w: Array, residual: Array) -> str
 def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
     """Friction that is needed against friction that there is, where the foot should stick."""
     _, labels = problem.inequalities
-    friction = problem.full_parameters(p, problem.unpack(w)[2])[problem.system.parameters.index("friction")]
+    friction = float(problem.system.static_friction(problem.full_parameters(p, problem.unpack(w)[2])))
     rows = {label: i for i, label in enumerate(labels)}
     for label, i in rows.items():
         if not label.name.endswith("cone_forward"):

@@ -92,7 +92,7 @@ class Transcription:
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and what each one says."""
         rows, labels = [], []
-        for expression, label in (*self._node_margins(), *self._impact_margins()):
+        for expression, label in (*self._node_margins(), *self._onset_margins(), *self._impact_margins()):
             rows.append(expression)
             labels.append(label)
         return vertcat(*rows), tuple(labels)
@@ -185,7 +185,8 @@ class Transcription:
             index = max(i for i, arc in enumerate(self.layout.arcs) if arc.phase == phase)
             name = ending_margin(mode, after)
             margin = self._end_margins(index)[margin_names(mode).index(name)]
-            order = self.layout.sequence.onset_order(phase) if name == "slip_velocity" else 0
+            jump = self.system.friction.two_coefficients
+            order = self.layout.sequence.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
             events.append(margin / self.durations[phase] ** order if order else margin)
         return events
 
@@ -226,6 +227,20 @@ class Transcription:
             return name == ending_margin(arc.mode, modes[arc.phase + 1])
         return False
 
+    def _onset_margins(self) -> list[tuple[MX, Label]]:
+        """Force beyond the static cone where a slip starts from rest; one coefficient leaves no doubt about it."""
+        rows: list[tuple[MX, Label]] = []
+        if not self.system.friction.two_coefficients:
+            return rows
+        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
+            if arc.start is None and self.layout.sequence.starts_from_rest(arc.phase):
+                _, Z, start, _ = self.arc(i)
+                data = self.system.control.data(arc.segment)
+                margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.p, data)
+                cone = margins[margin_names(Mode.STICK).index(ending_margin(Mode.STICK, arc.mode))]
+                rows.append((-cone, Label(name="onset", phase=arc.phase, node=first)))
+        return rows
+
     def _impact_margins(self) -> list[tuple[MX, Label]]:
         mode = self.layout.sequence.impact
         _, impulse, slip, lift, painleve = self.system.impact(mode)(self.Z[:, -1], self.p)
@@ -235,8 +250,11 @@ class Transcription:
         )[1][0]
         rows = {"impulse": F_n, "lift_velocity": lift, "touchdown_rate": -rate}
         if mode is Mode.STICK:
-            mu = self.p[self.system.parameters.index("friction")]
+            mu = self.system.static_friction(self.p)
             rows |= {"impulse_cone_forward": mu * F_n + F_t, "impulse_cone_backward": mu * F_n - F_t}
         else:
             rows |= {"impact_slip_velocity": mode.direction * slip, "impact_painleve": painleve}
+            if self.system.friction.two_coefficients:
+                stick = self.system.impact(Mode.STICK)(self.Z[:, -1], self.p)[1]
+                rows["impact_onset"] = -self.system.static_friction(self.p) * stick[1] - mode.direction * stick[0]
         return [(expression, Label(name=name)) for name, expression in rows.items()]

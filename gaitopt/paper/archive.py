@@ -114,4 +114,4 @@ class Archive:
 
 def _changes(problem: Problem) -> str:
     """What tells problems of one name apart in the narration."""
-    return f" (friction {problem.friction:g}, {problem.impact_law} impact)"
+    return f" (friction {problem.friction_data}, {problem.impact_law} impact)"

@@ -23,6 +23,7 @@ from gaitopt.problem.sections import (
     CurveReference,
     Free,
     FreeSection,
+    FrictionCoefficients,
     GaitReference,
     HeadSection,
     NoControlSpec,
@@ -43,11 +44,14 @@ def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], fault
     model = _find_model(data, walkers, faults)
     walker = None if model is None else _read_walker(model, data["walker"], free, faults)
     head = _read_head(data, free, faults)
+    friction = _read_friction(data, free, faults)
     control = _read_control(data.get("control", {"type": "none"}), model, free, faults)
     sequence, guess = read_gait(data, model, walker, faults)
     fields: dict[str, Any] = {"walker": walker, "control": control, "sequence": sequence, "guess": guess, "free": free}
     if head:
         fields |= {key: getattr(head, key) for key in HeadSection.model_fields}
+    if friction:
+        fields["friction"] = friction
     if model:
         asked = Asked(walker=model, control=control, sequence=sequence, free=free)
         objective = read_objective(data.get("objective"), asked, faults)
@@ -65,7 +69,20 @@ def _read_head(data: Mapping[str, Any], free: dict[str, Free], faults: list[Faul
             faults.append(Fault((key,), f"unknown key{near_miss(key, known)}"))
     faults += [Fault((key,), "is missing") for key in ("walker", "gait") if key not in data]
     own = {key: value for key, value in data.items() if key in HeadSection.model_fields}
+    if _has_coefficients(data):
+        own["friction"] = 0.0  # read by itself
     return _read_parameters(HeadSection, own, (), free, faults)
+
+
+def _has_coefficients(data: Mapping[str, Any]) -> bool:
+    """Whether friction is given by several coefficients, not by a number or an unknown."""
+    return isinstance(data.get("friction"), Mapping) and not _is_free(data["friction"])
+
+
+def _read_friction(data: Mapping[str, Any], free: dict[str, Free], faults: list[Fault]) -> FrictionCoefficients | None:
+    if not _has_coefficients(data):
+        return None
+    return _read_parameters(FrictionCoefficients, data["friction"], ("friction",), free, faults)
 
 
 def _find_model(

@@ -39,6 +39,8 @@ def _path(key: str) -> Key:
 
 def _set(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) -> None:
     section: Any = data
+    if path[0] == "friction":
+        value = _match_friction(data, path, value, faults)
     for depth, key in enumerate(path[:-1], start=1):
         created: dict[str, Any] = {}
         section = section.setdefault(key, created)
@@ -46,6 +48,24 @@ def _set(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) ->
             faults.append(Fault(path, f"{dotted(path[:depth])} is {shown(section)} and has no keys: set it as a whole"))
             return
     section[path[-1]] = deepcopy(value)
+
+
+def _match_friction(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) -> object:
+    """One coefficient where there are two moves both, if they are equal; one of two splits a single one."""
+    friction = data["friction"]
+    if len(path) > 1 and isinstance(friction, int | float):
+        data["friction"] = {"static": friction, "kinetic": friction}
+    elif (
+        len(path) == 1
+        and isinstance(value, int | float)
+        and "static" in (friction if isinstance(friction, dict) else ())
+    ):
+        if friction["static"] == friction["kinetic"]:
+            return {**friction, "static": value, "kinetic": value}
+        faults.append(
+            Fault(path, f"there are two coefficients, {shown(friction)}: set friction.static or friction.kinetic")
+        )
+    return value
 
 
 def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden: tuple[Key, ...]) -> None:

@@ -19,7 +19,7 @@ from gaitopt.problem.catalogue import find_problem
 from gaitopt.problem.faults import Fault, FilePlace, Key, Place, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
 from gaitopt.problem.record import problem_data
-from gaitopt.problem.sections import ControlSpec, CurveReference, Free, Guess, PDSpec, Range
+from gaitopt.problem.sections import ControlSpec, CurveReference, Free, FrictionCoefficients, Guess, PDSpec, Range
 from gaitopt.problem.source import parse_source, read_text
 
 
@@ -31,7 +31,7 @@ class Problem:
     ----------
     name, about : from the file.
     walker : the walker with its parameters; a freed parameter has its guess, here and below.
-    friction : coefficient of friction mu.
+    friction : coefficient of friction mu, or static and kinetic coefficient and drag.
     impact_law : tangential law of a slipping impact.
     control : what the motors do.
     sequence : modes of one step, and its impact.
@@ -46,7 +46,7 @@ class Problem:
     name: str
     about: str = ""
     walker: Walker
-    friction: float
+    friction: float | FrictionCoefficients
     impact_law: ImpactLaw = ImpactLaw.COULOMB
     control: ControlSpec
     sequence: ModeSequence
@@ -64,7 +64,16 @@ class Problem:
         walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
         scalars = self.control.model_dump(exclude={"type", "reference"})
         control = {f"control.{key}": value for key, value in scalars.get("torques", scalars).items()}
-        return {**walker, "friction": self.friction, **control}
+        numbers = self.friction_data
+        friction = (
+            {f"friction.{k}": v for k, v in numbers.items()} if isinstance(numbers, dict) else {"friction": numbers}
+        )
+        return {**walker, **friction, **control}
+
+    @property
+    def friction_data(self) -> float | dict[str, float]:
+        """The coefficient of friction, or the coefficients by name, as in a file."""
+        return self.friction if isinstance(self.friction, float) else self.friction.model_dump()
 
     def reference_problem(self) -> "Problem | None":
         """The problem whose gait the control tracks or its curve starts from; never touched by ``replace``."""

@@ -24,7 +24,7 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
         "name": problem.name,
         "about": problem.about,
         "walker": {"model": problem.walker.model, **problem.walker.model_dump(mode="json")},
-        "friction": problem.friction,
+        "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
         "control": _control_data(problem.control),
         "gait": {

@@ -10,6 +10,7 @@ from gaitopt.problem.demands import RESULT_SCALARS
 from gaitopt.problem.sections import (
     Curve,
     CurveReference,
+    FrictionCoefficients,
     GaitReference,
     GaitSection,
     GuessSection,
@@ -41,6 +42,9 @@ def problem_schema() -> dict[str, Any]:
     """JSON Schema of a problem file, with every registered walker and every control law."""
     walkers = registered_walkers()
     head = _section(HeadSection, may_be_free=("friction",))
+    head["properties"]["friction"]["anyOf"].append(
+        _section(FrictionCoefficients, may_be_free=tuple(FrictionCoefficients.model_fields))
+    )
     scalars = "a scalar of the result, state.NAME, or a freed dotted key: " + ", ".join(RESULT_SCALARS)
     head["properties"] |= {
         "walker": {

@@ -7,9 +7,9 @@ torques) are made from the walker's own names.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
 
 from gaitopt.mechanics.modes import ImpactLaw, Mode
@@ -155,6 +155,23 @@ class HeadSection(Section):
     impact_law: Annotated[
         ImpactLaw, Field(description="tangential law of a slipping impact: Coulomb friction, or no tangential impulse")
     ] = ImpactLaw.COULOMB
+
+
+class FrictionCoefficients(Section):
+    """Friction of a foot that sticks, and of one that slips: |f_t| <= mu_s f_n,  f_t = -s mu_k f_n - c dx."""
+
+    static: Annotated[NonNegative, Field(description="coefficient mu_s that bounds the force of a sticking foot")]
+    kinetic: Annotated[NonNegative, Field(description="coefficient mu_k of a slipping foot, at most the static one")]
+    viscous: Annotated[NonNegative, Field(description="drag c of a slip besides that [N s/m]")] = 0.0
+
+    @model_validator(mode="after")
+    def _static_is_larger(self) -> Self:
+        if self.static < self.kinetic:
+            raise ValueError(
+                f"static = {self.static:g} is below kinetic = {self.kinetic:g}: "
+                "a foot that sticks would then need less force to slip than it meets once it slips"
+            )
+        return self
 
 
 class GaitSection(Section):

@@ -45,8 +45,9 @@ class BatchDecisions:
     """Decisions about the feet of many states of one system at fixed parameters."""
 
     def __init__(self, system: HybridSystem, p: Array) -> None:
-        self._law, self._n_x = system.law, system.n_shape
-        self._friction = float(p[system.parameters.index("friction")])
+        self._n_x = system.n_shape
+        self._friction = float(system.static_friction(p))
+        self._stick_first = system.law is ImpactLaw.FRICTIONLESS or system.friction_drops(p)
         self._one_by_one = Decisions(system, p)
         self._events = [CompiledRows(system.events(mode), {2: p}) for mode in MODES]
         self._impacts = [CompiledRows(system.impact(mode), {1: p}) for mode in MODES]
@@ -82,7 +83,7 @@ class BatchDecisions:
         """Impacts at touchdown in the given states, shape (n, n_z)."""
         candidates = [impact(states) for impact in self._impacts]
         consistent = np.column_stack([self._consistent(*pair) for pair in zip(MODES, candidates, strict=True)])
-        if self._law is ImpactLaw.FRICTIONLESS:
+        if self._stick_first:
             consistent[:, 1:] &= ~consistent[:, :1]
         modes, rows = np.argmax(consistent, axis=1), np.arange(len(states))
         after = np.stack([candidate[0] for candidate in candidates])[modes, rows]

@@ -69,7 +69,7 @@ class Decisions:
 
     def __init__(self, system: HybridSystem, p: Array) -> None:
         self._law, self._p = system.law, np.array(p)
-        self._friction = float(p[system.parameters.index("friction")])
+        self._friction, self._drops = float(system.static_friction(p)), system.friction_drops(p)
         self._n_x = system.n_shape
         self._events = {mode: Buffered(system.events(mode)) for mode in Mode}
         self._impacts = {mode: Buffered(system.impact(mode)) for mode in Mode}
@@ -100,8 +100,9 @@ class Decisions:
         candidates = [self._candidate(mode, z_minus) for mode in Mode]
         consistent = [candidate for candidate in candidates if self._consistent(candidate)]
         stick = candidates[0]
-        if stick in consistent and (self._law is ImpactLaw.FRICTIONLESS or self._at_edge(stick)):
-            consistent = [stick]  # the law's precedence; or a slip that has no velocity, which is the same impact
+        precedence = self._law is ImpactLaw.FRICTIONLESS or self._drops
+        if stick in consistent and (precedence or self._at_edge(stick)):
+            consistent = [stick]  # at the edge a slip has no velocity: it is the same impact
         if len(consistent) != 1:
             ending = Ending.IMPACT_AMBIGUOUS if consistent else Ending.IMPACT_INCONSISTENT
             verdict = " and ".join(c.mode for c in consistent) + " are" if consistent else "no impact is"

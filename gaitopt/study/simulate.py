@@ -47,7 +47,7 @@ class Walk:
             "problem": self.problem.name,
             "status": str(self.trajectory.ending),
             "message": self.trajectory.message,
-            "friction": self.problem.friction,
+            "friction": self.problem.friction_data,
             "steps": len(self.complete_steps),
             "phases": [] if last is None else [{"mode": str(m), "duration": d} for m, d in last.phases],
             "impact": None if last is None or last.impact is None else str(last.impact.mode),

@@ -12,11 +12,13 @@ from gaitopt.mechanics import (
     BezierTracking,
     ConstantTorque,
     Control,
+    CoulombFriction,
     HybridSystem,
     NoControl,
     Piece,
     ProportionalDerivative,
     Reference,
+    StaticKineticFriction,
     control_points,
 )
 from gaitopt.mechanics.reference import continued
@@ -36,7 +38,7 @@ SHORTEST_PIECE = 1 / 64
 
 
 def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> HybridSystem:
-    """The hybrid system of a problem's walker, control and impact law.
+    """The hybrid system of a problem's walker, control, impact law and friction.
 
     Parameters
     ----------
@@ -47,7 +49,8 @@ def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = N
     SolveError
         If the reference of a PD law is not a gait.
     """
-    return HybridSystem(type(problem.walker), _control(problem, should_stop), problem.impact_law)
+    friction = CoulombFriction() if isinstance(problem.friction, float) else StaticKineticFriction()
+    return HybridSystem(type(problem.walker), _control(problem, should_stop), problem.impact_law, friction)
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:

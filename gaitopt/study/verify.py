@@ -157,7 +157,7 @@ def _states(step: Step, times: Array) -> Array:
 def _margin_claims(gait: Gait) -> Iterator[Claim]:
     """What each mode takes for granted, between the nodes too."""
     assert gait.step is not None
-    friction = gait.p[gait.system.parameters.index("friction")]
+    friction = float(gait.system.static_friction(gait.p))
     cone, backward, lowest = -np.inf, 0.0, np.inf
     for arc in gait.step.arcs:
         force = observe(gait.system, gait.p, arc).force

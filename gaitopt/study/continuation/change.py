@@ -29,6 +29,11 @@ FIRST_STEPS = 5.0
 """First step on a new branch, in distances from the event: its new phase is short and changes fast."""
 ACTIVE = 1e-5
 """Monitors below this part of their usual size vanish together with the one that was located."""
+CLOSER, APPROACH = 1 / 16, 1 / 2
+"""A successor at this part of the distance past the event is at most this part as far from the gait there: a branch
+that begins like a square root comes four times closer, one beyond a jump does not come closer."""
+SAME = 1e-9
+"""Gaits this close are one: there the parameter does not act on the successor."""
 NEARBY = 0.3
 """Largest distance between the gaits before and after: in scaled section coordinates, and of periods relatively."""
 
@@ -57,13 +62,30 @@ def find_change(piece: Piece, event: Location) -> Change:
         for sequence in candidates:
             for distance in DISTANCES:
                 found = _attempt(piece, event.station, sequence, side * distance * piece.scales[-1])
-                if found is not None:
+                if found is not None and _is_continuous(piece, event.station, *found, side * distance):
                     vanished = len(sequence.phases) < len(piece.sequence.phases)
                     at = _seen_from_behind(*found, event) if vanished else None
                     length = FIRST_STEPS * distance
                     return Change(piece=found[0], station=found[1], reason=words, length=length, at=at)
+    if piece.transcription.system.friction_drops(event.station.gait.p) and candidates:
+        words = f"{words}, and the return map jumps: static friction is above kinetic friction"
     tried = " | ".join(str(sequence) for sequence in candidates) or "none"
     return Change(piece=None, station=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
+
+
+def _is_continuous(piece: Piece, station: Station, successor: Piece, found: Station, offset: float) -> bool:
+    """Whether a successor comes closer to the gait at the event as the parameter does.
+
+    Where friction drops at the onset of slip, the return map may jump at an event; a gait beyond the jump is none of
+    this family, however near it lies.
+    """
+    if not station.gait.system.friction_drops(station.gait.p):
+        return True
+    closer = _attempt(piece, station, successor.sequence, offset * CLOSER * piece.scales[-1])
+    if closer is None:
+        return False
+    near, far = (np.abs(s.gait.state - station.gait.state).max() for s in (closer[1], found))
+    return bool(near < max(APPROACH * far, SAME * successor.scales[0]))
 
 
 def _active(event: Location) -> list[tuple[Name, Reading]]:
@@ -160,6 +182,7 @@ def _words(name: Name, sequence: ModeSequence) -> str:
     if name.phase is None:
         return {
             "impact_slip": "the slip after the impact fades",
+            "impact_onset": "static friction holds the impact: it can no longer slip",
             "impulse_cone_forward": "the impact can no longer stick: the foot slips forward",
             "impulse_cone_backward": "the impact can no longer stick: the foot slips backward",
         }[name.kind]
@@ -169,4 +192,5 @@ def _words(name: Name, sequence: ModeSequence) -> str:
         "cone_forward": f"{place} reaches the edge of the friction cone: the foot slips forward",
         "cone_backward": f"{place} reaches the edge of the friction cone: the foot slips backward",
         "slip_velocity": f"{place}: the foot comes to rest",
+        "onset": f"{place}: static friction holds the foot where the slip should start",
     }[name.kind]

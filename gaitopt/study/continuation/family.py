@@ -14,6 +14,7 @@ from gaitopt.mechanics import Mode, ModeSequence
 from gaitopt.nlp.arclength import Scales
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.study.continuation.change import with_sequence
+from gaitopt.study.continuation.coefficients import coefficient_bounds, with_friction
 from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Record
 from gaitopt.study.continuation.limits import Limits
 from gaitopt.study.continuation.piece import Piece, Station, piece_through
@@ -109,6 +110,7 @@ def follow_family(
     should_stop: Callable[[], bool] | None = None,
 ) -> Iterator[Record]:
     """As ``continuation``, record by record; ``done`` are the JSON records that there are (see ``resumable``)."""
+    gait = with_friction(gait, request.parameter)
     check_request(gait, request)
     sweeps = _sweeps(done)
     highest = max((record["branch"] for record in done), default=-1)
@@ -182,9 +184,12 @@ def _follower(
     assert gait.step is not None, "checked before"
     value = float(gait.p[gait.system.parameters.index(request.parameter)])
     span, ahead = abs(to - value), 1.0 if to > value else -1.0
+    least, largest = coefficient_bounds(gait, request.parameter)
+    lower = to if ahead < 0 else (value - span if request.lower is None else request.lower)
+    upper = to if ahead > 0 else (value + span if request.upper is None else request.upper)
     limits = Limits(
-        lower=to if ahead < 0 else (value - span if request.lower is None else request.lower),
-        upper=to if ahead > 0 else (value + span if request.upper is None else request.upper),
+        lower=max(lower, least),
+        upper=min(upper, largest),
         max_points=request.max_points,
         max_seconds=request.max_seconds,
         verify_every=request.verify_every,

@@ -166,7 +166,14 @@ class Follower:
         try:
             return self._state.piece.step(self._state.station, length)
         except ProblemError:  # the parameter has left the range that the problem allows
-            return None
+            return self._at_bound(length)
+
+    def _at_bound(self, length: float) -> Station | None:
+        """The gait at the bound of the parameter, where a step of this length passes it."""
+        piece, station = self._state.piece, self._state.station
+        ahead = length * station.point.tangent[-1]
+        bound = self._limits.upper if ahead > 0 else self._limits.lower
+        return piece.at_parameter(station, bound) if abs(bound - station.value) <= abs(ahead) else None
 
     def _is_straight(self, station: Station) -> bool:
         """Whether the tangent has turned little, and the gait lies where it was predicted."""

@@ -38,7 +38,9 @@ class Name:
     Attributes
     ----------
     kind : ``duration``, ``touchdown`` (a second one), a margin of ``margin_names``, or of the impact: ``impulse``,
-        ``impulse_cone_forward``, ``impulse_cone_backward``, ``impact_slip``, ``impact_painleve``, ``lift_velocity``.
+        ``impulse_cone_forward``, ``impulse_cone_backward``, ``impact_slip``, ``impact_painleve``, ``lift_velocity``;
+        with two coefficients of friction ``onset`` and ``impact_onset``, the force or impulse beyond the static cone
+        where a slip starts.
     phase : index of the phase, None for the impact.
     """
 
@@ -77,6 +79,8 @@ def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
                 zeros = _zeros(gait, phase, kind)
                 found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
                 yield Name(kind, phase), _combine(found, group, whole)
+        if gait.problem.sequence.starts_from_rest(phase) and gait.system.friction_drops(gait.p):
+            yield Name("onset", phase), Reading(_beyond_cone(gait, whole[0]), 0.0)
     yield Name("touchdown", len(arcs) - 1), Reading(_second_touchdown(gait))
 
 
@@ -95,7 +99,8 @@ def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
     """Orders of the zeros that events give a margin at the start and at the end of its phase."""
     sequence = gait.problem.sequence
     modes = sequence.phases
-    start = sequence.onset_order(phase) if kind == "slip_velocity" else 0
+    jump = gait.system.friction_drops(gait.p)
+    start = sequence.onset_order(phase, jump=jump) if kind == "slip_velocity" else 0
     ends = phase + 1 < len(modes) and kind == ending_margin(modes[phase], modes[phase + 1])
     return start, int(ends)
 
@@ -150,6 +155,13 @@ def _second_touchdown(gait: Gait) -> float:
     return lowest
 
 
+def _beyond_cone(gait: Gait, arc: Arc) -> float:
+    """By how much the force that would hold the foot at the start of a slip exceeds static friction [N]."""
+    data = gait.system.control.data(arc.segment)
+    margins = np.asarray(gait.system.margins(Mode.STICK)(arc.times[0], arc.states[0], gait.p, data)).ravel()
+    return -float(margins[margin_names(Mode.STICK).index(ending_margin(Mode.STICK, arc.mode))])
+
+
 def _slope(c: Array) -> Array:
     return np.asarray(curves.evaluate(_derivative(c, 1), curves.points(c.size)))
 
@@ -171,10 +183,13 @@ def _impact_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
     _, impulse, slip, lift, painleve = (np.asarray(v).ravel() for v in gait.system.impact(mode)(z_minus, gait.p))
     yield Name("impulse"), Reading(float(impulse[1]))
     yield Name("lift_velocity"), Reading(float(lift[0]))
+    friction = float(gait.system.static_friction(gait.p))
     if mode is Mode.STICK:
-        friction = gait.p[gait.system.parameters.index("friction")]
         yield Name("impulse_cone_forward"), Reading(float(friction * impulse[1] + impulse[0]))
         yield Name("impulse_cone_backward"), Reading(float(friction * impulse[1] - impulse[0]))
     else:
         yield Name("impact_slip"), Reading(float(mode.direction * slip[0]))
         yield Name("impact_painleve"), Reading(float(painleve[0]))
+        if gait.system.friction_drops(gait.p):
+            f_t, f_n = gait.step.impact.stick_impulse
+            yield Name("impact_onset"), Reading(float(-friction * f_n - mode.direction * f_t))

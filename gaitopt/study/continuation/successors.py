@@ -3,9 +3,11 @@
     cone reached while sticking       a slip is inserted there
     slip comes to rest                a stick or the opposite slip is inserted there
     slip starts without acceleration  a stick is put before it, or it is left out
+    (or, with two coefficients, at the edge of the static cone)
     phase of no duration              it is left out, equal neighbours merge
     impulse on the edge of its cone   the impact slips, and so does the first phase
     slip after impact fades           the impact sticks, with or without the first slip
+    (or its impulse comes back to the static cone)
 
 They are proposals, the most plausible first; solving and simulating decides.
 """
@@ -47,7 +49,7 @@ def _edits(sequence: ModeSequence, name: Name, where: float) -> Iterator[tuple[P
         slip = Mode.SLIP_FORWARD if name.kind == "cone_forward" else Mode.SLIP_BACKWARD
         for middle in _ordered(where, first=(slip, mode), inside=(mode, slip, mode), last=(mode, slip)):
             yield (*before, *middle, *after), impact
-    elif name.kind == "slip_velocity":
+    elif name.kind in ("slip_velocity", "onset"):
         for rest in (Mode.STICK, Mode.slip(-mode.direction)):
             for middle in _ordered(where, first=(rest, mode), inside=(mode, rest, mode), last=(mode, rest)):
                 yield (*before, *middle, *after), impact
@@ -58,7 +60,7 @@ def _impact_edits(phases: Phases, impact: Mode, kind: str) -> Iterator[tuple[Pha
     if kind.startswith("impulse_cone_"):
         slip = Mode.SLIP_FORWARD if kind == "impulse_cone_forward" else Mode.SLIP_BACKWARD
         yield (phases if phases[0] is slip else (slip, *phases)), slip
-    elif kind == "impact_slip":
+    elif kind in ("impact_slip", "impact_onset"):
         yield phases[1:], Mode.STICK
         yield phases, Mode.STICK
         yield (Mode.slip(-impact.direction), *phases[1:]), Mode.STICK
