@@ -192,7 +192,7 @@ def test_the_slip_velocity_goes_with_the_slipping_impact():
     [
         ({"friction": -1}, "--set friction: -1 must be at least 0 (coefficient of friction mu)"),
         ({"walker.leg_mas": 3}, "--set walker.leg_mas: unknown key; did you mean leg_mass or leg_com?"),
-        ({"friction.x": 1}, "--set impact_law.x: impact_law is .coulomb. and has no keys: set it as a whole"),
+        ({"impact_law.x": 1}, "--set impact_law.x: impact_law is 'coulomb' and has no keys: set it as a whole"),
         ({"frction": 1, "name": "a/b"}, "--set frction: unknown key; did you mean friction?\n--set name: 'a/b' has"),
         ({"walker.leg_com": 2}, "--set walker.leg_com: walker: leg_com = 2 m must be less than leg_length = 1.6 m"),
         ({"control.type": "pd"}, "--set control.type: control.kd: is missing"),
