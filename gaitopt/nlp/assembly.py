@@ -64,7 +64,7 @@ def assemble_step(problem: Transcription, w: Array, p: Array) -> Step:
     nodes, _, freed = problem.unpack(w)
     arcs = tuple(_arc(problem, w, p, index) for index in range(len(problem.layout.arcs)))
     full = problem.full_parameters(p, freed)
-    return Step(arcs=arcs, impact=impact_record(problem.system, problem.layout.sequence.impact, nodes[:, -1], full))
+    return Step(arcs=arcs, impact=impact_record(problem.system, problem.layout.cycle.impact, nodes[:, -1], full))
 
 
 def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) -> ImpactRecord:
@@ -85,7 +85,7 @@ def _arc(problem: Transcription, w: Array, p: Array, index: int) -> Arc:
         times, states = problem.sample(w, p, index, count)
         if curves.tail(states) < curves.RESOLVED:
             break
-    _rest_exactly(problem.layout.sequence, layout, states)
+    _rest_exactly(problem.layout.cycle, layout, states)
     return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states)
 
 

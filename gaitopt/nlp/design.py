@@ -175,14 +175,14 @@ class _Design:
         )
 
     def _layout(self, durations: Array) -> Layout:
-        return layout(self._problem.sequence, durations, self._system.control.breakpoints)
+        return layout(self._problem.cycle, durations, self._system.control.breakpoints)
 
     def _moved(self, program: Program, x: Array) -> Start:
         """A solution whose switches have passed a breakpoint, to be cut anew."""
         t = program.transcription
         nodes, durations, freed = t.unpack(program.motion(x))
         rolled = roll_out(
-            self._system, t.full_parameters(self._p, freed), self._problem.sequence, nodes[:, 0], list(durations)
+            self._system, t.full_parameters(self._p, freed), self._problem.cycle, nodes[:, 0], list(durations)
         )
         return Start(durations=durations, states=_rolled(rolled), freed=freed)
 
@@ -194,7 +194,7 @@ def _guess(problem: Problem, system: HybridSystem) -> Start:
     """The motion rolled out from the guess, which does not close."""
     p = system.values(problem.parameters)
     state = np.array([problem.guess.state[name] for name in system.state_names])
-    rolled = roll_out(system, p, problem.sequence, state, problem.guess.durations)
+    rolled = roll_out(system, p, problem.cycle, state, problem.guess.durations)
     free = free_parameters(problem, system)
     freed = np.array([p[system.parameters.index(name)] for name in free])
     return Start(durations=np.array(rolled.durations), states=_rolled(rolled), freed=freed)

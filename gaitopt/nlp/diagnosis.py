@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin, margin_names
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.nlp.transcription import Label, Transcription
 
 Array = NDArray[np.float64]
@@ -81,27 +81,36 @@ def landing_complaint(problem: Transcription, w: Array, p: Array) -> str | None:
     return None
 
 
-def endless_complaint(sequence: ModeSequence, phase: int) -> str:
+def endless_complaint(cycle: Cycle, phase: int) -> str:
     """Why a phase of the guess does not end as the sequence wants it to."""
-    words = ENDLESS[ending_margin(sequence.phases[phase], (*sequence.phases[1:], None)[phase])]
-    return f"phase {phase + 1} ({sequence.phases[phase]}) has no end: from the guess, {words}"
+    words = ENDLESS[ending_margin(cycle.phases[phase], cycle.after(phase))]
+    return f"{phase_words(cycle, phase)} has no end: from the guess, {words}"
+
+
+def phase_words(cycle: Cycle, phase: int) -> str:
+    """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
+    step = cycle.step_of(phase)
+    words = f"phase {phase - cycle.first_phases[step] + 1} ({cycle.phases[phase]})"
+    return words if len(cycle.steps) == 1 else f"step {step + 1}, {words}"
 
 
 def residual_complaint(problem: Transcription, w: Array, residual: Array) -> str:
     """The equality that is violated most."""
     row = int(np.argmax(np.abs(residual)))
-    n_z, modes = problem.system.n_z, problem.layout.sequence.phases
+    n_z, cycle, n_defects = problem.system.n_z, problem.layout.cycle, problem.system.n_z * problem.layout.intervals
     size = abs(float(residual[row]))
     if not size < RUNAWAY:
         return "the search has left everything that walks; start from a state closer to a gait"
-    if row < n_z * (problem.n_nodes - 1):
-        phase = _phase_of_node(problem, row // n_z)
-        name = _state(problem, row)
-        return f"phase {phase + 1} ({modes[phase]}): the motion does not close, off by {size:.3g} in {name}"
-    row -= n_z * (problem.n_nodes - 1)
-    if row < len(modes):
-        return f"phase {row + 1} ({modes[row]}): the event that should end it is missed by {size:.3g}"
-    return f"not periodic: {_state(problem, row - len(modes))} after the impact is off by {size:.3g}"
+    if row < n_defects:
+        arcs = problem.layout.arcs
+        phase = arcs[int(np.searchsorted(np.cumsum([arc.intervals for arc in arcs]), row // n_z, side="right"))].phase
+        place, name = phase_words(cycle, phase), problem.system.state_names[row % n_z]
+        return f"{place}: the motion does not close, off by {size:.3g} in {name}"
+    row -= n_defects
+    if row < len(cycle.phases):
+        return f"{phase_words(cycle, row)}: the event that should end it is missed by {size:.3g}"
+    name = problem.system.state_names[(row - len(cycle.phases)) % n_z]
+    return f"not periodic: {name} after the impact is off by {size:.3g}"
 
 
 def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
@@ -136,9 +145,9 @@ def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Arra
 def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint]:
     _, durations, _ = problem.unpack(w)
     period = float(durations.sum())
-    for phase, (mode, duration) in enumerate(zip(problem.layout.sequence.phases, durations, strict=True)):
+    for phase, duration in enumerate(durations):
         if duration < 0:
-            words = f"phase {phase + 1} ({mode}): its duration is {duration:.4g} s, so it does not take place"
+            words = f"{phase_words(problem.layout.cycle, phase)}: its duration is {duration:.4g} s, so it does not take place"
             yield Complaint(severity=float(-duration / abs(period)), phase=phase, words=words)
 
 
@@ -150,15 +159,5 @@ def _scales(system: HybridSystem, p: Array, w: Array) -> dict[str, float]:
 
 def _place(problem: Transcription, w: Array, label: Label) -> str:
     if label.phase is None or label.node is None:
-        return "impact"
-    mode: Mode = problem.layout.sequence.phases[label.phase]
-    return f"phase {label.phase + 1} ({mode}), t = {problem.node_times(w)[label.node]:.4f} s"
-
-
-def _phase_of_node(problem: Transcription, node: int) -> int:
-    arcs, first = problem.layout.arcs, problem.layout.first_nodes
-    return max((arc.phase for arc, k in zip(arcs, first, strict=True) if k <= node), default=0)
-
-
-def _state(problem: Transcription, row: int) -> str:
-    return problem.system.state_names[row % problem.system.n_z]
+        return "impact" if len(problem.layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
+    return f"{phase_words(problem.layout.cycle, label.phase)}, t = {problem.node_times(w)[label.node]:.4f} s"
