@@ -2,6 +2,7 @@
 
 from gaitopt.mechanics.bezier_tracking import BezierTracking, control_points
 from gaitopt.mechanics.compass_biped import CompassBiped
+from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.control import ConstantTorque, Control, NoControl, ProportionalDerivative
 from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
@@ -29,6 +30,7 @@ __all__ = [
     "RimlessWheel",
     "Scales",
     "Walker",
+    "check_walker",
     "control_points",
     "ending_margin",
     "find_walker",
