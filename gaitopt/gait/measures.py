@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import HybridSystem, Mode, Scales
 
 Array = NDArray[np.float64]
 
@@ -96,6 +96,19 @@ def measure(system: HybridSystem, p: Array, step: Step) -> dict[str, float | Non
         "impulse_ratio": step.impact.impulse_ratio,
         "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for _, o in observed),
     }
+
+
+def measure_scales(scales: Scales) -> dict[str, float]:
+    """Natural unit of every measure by its name; one where it is a ratio."""
+    lengths = dict.fromkeys(("step_length", "slip_distance", "foot_clearance"), scales.length)
+    energies = dict.fromkeys(("work", "peak_torque"), scales.energy)
+    others = {
+        "period": scales.time,
+        "speed": scales.speed,
+        "torque_squared": scales.energy**2 * scales.time,
+        "min_normal_force": scales.force,
+    }
+    return dict.fromkeys(MEASURES, 1.0) | lengths | energies | others
 
 
 def _peak(values: Array) -> float:

@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
+from gaitopt.errors import ProblemError
+from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
@@ -107,7 +109,15 @@ def _read_walker(
     model: type[Walker], section: Mapping[str, Any], free: dict[str, Free], faults: list[Fault]
 ) -> Walker | None:
     parameters = {key: value for key, value in section.items() if key != "model"}
-    return _read_parameters(model, parameters, ("walker",), free, faults)
+    walker = _read_parameters(model, parameters, ("walker",), free, faults)
+    if walker is None:
+        return None
+    try:
+        check_walker(walker)
+    except ProblemError as error:
+        faults.append(Fault(("walker",), str(error)))
+        return None
+    return walker
 
 
 def _read_control(
