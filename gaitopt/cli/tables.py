@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitopt.cli.quantities import CONTROL_UNITS, QUANTITIES, number, state_unit, with_degrees
+from gaitopt.mechanics.modes import ModeSequence
 from gaitopt.problem import PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
@@ -47,7 +48,9 @@ def print_problem(console: Console, problem: Problem) -> None:
         console.print(problem.about)
     section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), _walker(problem), numbers=(1,))
     section(console, "contact and control", ("key", "value", "unit"), _contact(problem), numbers=(1,))
-    section(console, "one step", ("phase", "mode"), _sequence(problem))
+    for number_, step in enumerate(problem.cycle.steps, start=1):
+        title = "one step" if len(problem.cycle.steps) == 1 else f"step {number_} of {len(problem.cycle.steps)}"
+        section(console, title, ("phase", "mode"), _sequence(step))
     state = (
         (name, number(value), with_degrees(value, state_unit(name))) for name, value in problem.guess.state.items()
     )
@@ -102,13 +105,18 @@ def print_verification(console: Console, record: Mapping[str, Any]) -> None:
 
 def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -> None:
     if record["phases"]:  # a walk without a complete step has neither phases nor figures
-        phases = [(str(k), p["mode"], number(p["duration"])) for k, p in enumerate(record["phases"], start=1)]
-        phases.append(("impact", record["impact"], ""))
+        steps = record["steps"] if isinstance(record.get("steps"), list) else [record]
+        phases = [row for step in steps for row in _phases(step)]
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         scalars = ((label, number(record[key]), unit) for key, (label, unit) in QUANTITIES.items() if key in record)
         section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
     state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
     section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
+
+
+def _phases(step: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    rows = [(str(k), phase["mode"], number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)]
+    return [*rows, ("impact", step["impact"], "")]
 
 
 def _verdict(claim: Mapping[str, Any]) -> str:
@@ -141,7 +149,7 @@ def _contact(problem: Problem) -> Iterable[tuple[str, str, str]]:
         yield "reference", problem.reference.name, f"beyond its end: {problem.control.reference.beyond_end}"
 
 
-def _sequence(problem: Problem) -> Iterable[tuple[str, str]]:
-    for index, mode in enumerate(problem.sequence.phases, start=1):
+def _sequence(step: ModeSequence) -> Iterable[tuple[str, str]]:
+    for index, mode in enumerate(step.phases, start=1):
         yield str(index), str(mode)
-    yield "impact", str(problem.sequence.impact)
+    yield "impact", str(step.impact)

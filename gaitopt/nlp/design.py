@@ -83,7 +83,7 @@ def find_gait(
     if first.status is Status.INTERRUPTED:
         return first
     design = _Design(problem, system, progress, should_stop)
-    gait = design.run(_guess(problem, system) if first.step is None else _warm(first, design.free))
+    gait = design.run(_guess(problem, system) if not first.steps else _warm(first, design.free))
     return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
 
 
@@ -212,8 +212,7 @@ def _rolled(rollout: Rollout) -> Callable[[Array], Array]:
 
 def _warm(gait: Gait, free: tuple[str, ...]) -> Start:
     """A gait that is known."""
-    assert gait.step is not None
-    step = gait.step
+    (step,) = gait.steps
     freed = np.array([gait.p[gait.system.parameters.index(name)] for name in free])
     return Start(durations=np.array([d for _, d in step.phases]), states=lambda t: _states(step, t), freed=freed)
 

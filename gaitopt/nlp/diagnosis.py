@@ -1,12 +1,12 @@
 """Why an attempt failed, in physical words: which condition is violated most, in which phase, when, by how much."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names
+from gaitopt.mechanics import Cycle, HybridSystem, ending_margin, margin_names
 from gaitopt.nlp.transcription import Label, Transcription
 
 Array = NDArray[np.float64]
@@ -16,12 +16,13 @@ Array = NDArray[np.float64]
 class Complaint:
     """One violated condition; ``severity`` is its violation relative to what is usual for the quantity.
 
-    ``phase`` is the index of the phase in which it is violated, None for the impact.
+    ``phase`` is the index of the phase in which it is violated, None for the impact of ``step``.
     """
 
     severity: float
     phase: int | None
     words: str
+    step: int = 0
 
 
 ENDLESS = {
@@ -59,10 +60,10 @@ def complaints(problem: Transcription, w: Array, p: Array, margins: Array, toler
     """
     found = [c for c in _duration_complaints(problem, w) if c.severity > tolerance]
     found = found or [*_cone_complaints(problem, w, p, margins), *_margin_complaints(problem, w, p, margins)]
-    worst: dict[int | None, Complaint] = {}
+    worst: dict[tuple[int | None, int], Complaint] = {}
     for complaint in sorted(found, key=lambda c: c.severity):
         if complaint.severity > tolerance:
-            worst[complaint.phase] = complaint
+            worst[complaint.phase, complaint.step] = complaint
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
@@ -70,6 +71,7 @@ def landing_complaint(problem: Transcription, w: Array, p: Array) -> str | None:
     """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
     full, armed = problem.full_parameters(p, problem.unpack(w)[2])[:, None], False
     for index, arc in enumerate(problem.layout.arcs):
+        armed = armed and not (arc.start is None and arc.phase in problem.layout.cycle.first_phases)
         times, states = problem.sample(w, p, index, SAMPLES)
         data = problem.system.control.data(arc.segment)[:, None]
         outputs = problem.system.margins(arc.mode).map(times.size)(times[None, :], states.T, full, data)
@@ -121,15 +123,15 @@ def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array)
     for label, i in rows.items():
         if not label.name.endswith("cone_forward"):
             continue
-        partner = Label(name=label.name.replace("forward", "backward"), phase=label.phase, node=label.node)
+        partner = replace(label, name=label.name.replace("forward", "backward"))
         if partner not in rows:
             continue
-        normal = Label(name="impulse" if label.phase is None else "normal_force", phase=label.phase, node=label.node)
+        normal = replace(label, name="impulse" if label.phase is None else "normal_force")
         forward, backward, f_n = margins[i], margins[rows[partner]], margins[rows[normal]]
         if min(forward, backward) < 0 < f_n:
             needed = abs(forward - backward) / (2 * f_n)
             words = f"{_place(problem, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
-            yield Complaint(severity=float(needed - friction), phase=label.phase, words=words)
+            yield Complaint(severity=float(needed - friction), phase=label.phase, step=label.step, words=words)
 
 
 def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
@@ -139,7 +141,8 @@ def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Arra
         if label.name in SIMPLE_MARGINS and value < 0:
             words, scale = SIMPLE_MARGINS[label.name]
             text = f"{_place(problem, w, label)}: {words.format(value=value)}"
-            yield Complaint(severity=float(-value / scales[scale]), phase=label.phase, words=text)
+            severity = float(-value / scales[scale])
+            yield Complaint(severity=severity, phase=label.phase, step=label.step, words=text)
 
 
 def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint]:
@@ -147,7 +150,8 @@ def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint
     period = float(durations.sum())
     for phase, duration in enumerate(durations):
         if duration < 0:
-            words = f"{phase_words(problem.layout.cycle, phase)}: its duration is {duration:.4g} s, so it does not take place"
+            place = phase_words(problem.layout.cycle, phase)
+            words = f"{place}: its duration is {duration:.4g} s, so it does not take place"
             yield Complaint(severity=float(-duration / abs(period)), phase=phase, words=words)
 
 

@@ -1,8 +1,8 @@
 """How the steps of a cycle are cut into arcs and shooting intervals.
 
 Phases follow each other at unknown times; the breakpoints of the control lie at fixed times since the impact.
-Both are ends of arcs, and every arc is cut into equal intervals, so that no interval straddles a kink. Every step has a
-node just after the impact before it and one just before its own, so that there is one node more than intervals per step.
+Both are ends of arcs, and every arc is cut into equal intervals, so that no interval straddles a kink. The first node
+of a step lies just after the impact before it and the last one just before its own: one node more than intervals.
 """
 
 from collections.abc import Iterator, Sequence

@@ -161,9 +161,7 @@ def _phase_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion:
     return None if end is None or (landing is not None and landing < end) else end
 
 
-def _lost_end(
-    system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution, transit: float
-) -> float:
+def _lost_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution, transit: float) -> float:
     """Time since impact at which a phase that has no end is cut off."""
     mode, after, lost = cycle.phases[phase], cycle.after(phase), transit
     if after is not None:

@@ -48,14 +48,14 @@ def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], fault
     head = _read_head(data, free, faults)
     friction = _read_friction(data, free, faults)
     control = _read_control(data.get("control", {"type": "none"}), model, free, faults)
-    sequence, guess = read_gait(data, model, walker, faults)
-    fields: dict[str, Any] = {"walker": walker, "control": control, "sequence": sequence, "guess": guess, "free": free}
+    cycle, guess = read_gait(data, model, walker, faults)
+    fields: dict[str, Any] = {"walker": walker, "control": control, "cycle": cycle, "guess": guess, "free": free}
     if head:
         fields |= {key: getattr(head, key) for key in HeadSection.model_fields}
     if friction:
         fields["friction"] = friction
     if model:
-        asked = Asked(walker=model, control=control, sequence=sequence, free=free)
+        asked = Asked(walker=model, control=control, cycle=cycle, free=free)
         objective = read_objective(data.get("objective"), asked, faults)
         constraints = read_constraints(data.get("constraints"), asked, faults)
         if not faults:

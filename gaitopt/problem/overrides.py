@@ -73,10 +73,32 @@ def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden:
         return any(path[: len(key)] == key for key in overridden)
 
     gait = after["gait"]
-    if not isinstance(gait, Mapping) or not isinstance(gait.get("guess"), Mapping):
+    if not isinstance(gait, dict) or not isinstance(gait.get("guess"), dict):
         return
-    phases, guess = gait.get("phases"), gait["guess"]
-    if isinstance(phases, list | tuple) and len(phases) != len(before["gait"]["phases"]) and not is_set(DURATIONS):
+    for key, others in (("steps", ("phases", "impact")), ("phases", ("steps",))):
+        if is_set(("gait", key)):
+            for other in others:
+                gait.pop(other, None)
+    guess = gait["guess"]
+    if _phase_counts(gait) not in (None, _phase_counts(before["gait"])) and not is_set(DURATIONS):
         guess.pop("durations", None)
-    if gait.get("impact") == Mode.STICK and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
+    if _last_impact(gait) == Mode.STICK and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
         guess["state"].pop("dx", None)
+
+
+def _steps(gait: Mapping[str, Any]) -> list[Any]:
+    """The steps of a gait's data, valid or not."""
+    steps = gait.get("steps", [gait])
+    return list(steps) if isinstance(steps, list | tuple) else []
+
+
+def _phase_counts(gait: Mapping[str, Any]) -> list[int] | None:
+    """Number of phases of every step; None where the data are no steps."""
+    phases = [step.get("phases") if isinstance(step, Mapping) else None for step in _steps(gait)]
+    counts = [len(p) for p in phases if isinstance(p, list | tuple)]
+    return counts if len(counts) == len(phases) else None
+
+
+def _last_impact(gait: Mapping[str, Any]) -> object:
+    last = _steps(gait)[-1:]
+    return last[0].get("impact") if last and isinstance(last[0], Mapping) else None

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.mechanics.modes import ImpactLaw, ModeSequence
+from gaitopt.mechanics.modes import Cycle, ImpactLaw
 from gaitopt.mechanics.walker import Walker, registered_walkers
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
@@ -34,7 +34,7 @@ class Problem:
     friction : coefficient of friction mu, or static and kinetic coefficient and drag.
     impact_law : tangential law of a slipping impact.
     control : what the motors do.
-    sequence : modes of one step, and its impact.
+    cycle : modes of the step, or of the steps, after which the gait repeats itself, and their impacts.
     guess : first guess of the gait, its state complete.
     free : the unknown parameters by dotted key.
     objective : weights of the scalars whose sum is minimised; empty if there is none.
@@ -49,7 +49,7 @@ class Problem:
     friction: float | FrictionCoefficients
     impact_law: ImpactLaw = ImpactLaw.COULOMB
     control: ControlSpec
-    sequence: ModeSequence
+    cycle: Cycle
     guess: Guess
     free: Mapping[str, Free] = field(default_factory=dict)
     objective: Mapping[str, float] = field(default_factory=dict)

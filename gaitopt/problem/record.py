@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.mechanics.modes import Mode
+from gaitopt.mechanics.modes import Cycle, Mode
 from gaitopt.problem.sections import ConstantTorqueSpec, ControlSpec, Free, Range
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
 
     Of the guessed state only the section coordinates are given, so that what follows from them does when they change.
     """
-    section = problem.walker.section_names(slipping=problem.sequence.impact is not Mode.STICK)
+    section = problem.walker.section_names(slipping=problem.cycle.impact is not Mode.STICK)
     guess: dict[str, Any] = {"state": {name: problem.guess.state[name] for name in (*section, "x")}}
     if problem.guess.durations is not None:
         guess["durations"] = list(problem.guess.durations)
@@ -27,11 +27,7 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
         "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
         "control": _control_data(problem.control),
-        "gait": {
-            "phases": [str(mode) for mode in problem.sequence.phases],
-            "impact": str(problem.sequence.impact),
-            "guess": guess,
-        },
+        "gait": {**cycle_data(problem.cycle), "guess": guess},
     }
     for key, free in problem.free.items():
         group, _, name = key.rpartition(".")
@@ -41,6 +37,12 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
     if problem.constraints:
         data["constraints"] = {name: _range_data(span) for name, span in problem.constraints.items()}
     return data
+
+
+def cycle_data(cycle: Cycle) -> dict[str, Any]:
+    """Phases and impact of one step, or those of several under ``steps``."""
+    steps = [{"phases": [str(mode) for mode in step.phases], "impact": str(step.impact)} for step in cycle.steps]
+    return steps[0] if len(steps) == 1 else {"steps": steps}
 
 
 def _control_data(control: ControlSpec) -> Mapping[str, Any]:

@@ -10,6 +10,7 @@ from gaitopt.problem.demands import RESULT_SCALARS
 from gaitopt.problem.sections import (
     Curve,
     CurveReference,
+    CycleSection,
     FrictionCoefficients,
     GaitReference,
     GaitSection,
@@ -99,11 +100,13 @@ def _controls(walkers: Any) -> list[dict[str, Any]]:
 
 
 def _gait(walkers: Any) -> dict[str, Any]:
-    gait, guess = _section(GaitSection), _section(GuessSection)
+    guess = _section(GuessSection)
     states = [_section(state_section(walker)) for walker in walkers]
     guess["properties"]["state"] = {"description": "state just after impact", "anyOf": states}
-    gait["properties"]["guess"] = guess
-    return gait
+    gaits = [_section(GaitSection), _section(CycleSection)]
+    for gait in gaits:
+        gait["properties"]["guess"] = guess
+    return {"description": "phases and impact of one step, or of several steps", "oneOf": gaits}
 
 
 def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""The simulated step against that of the NLP: times, states, impact and every measure, in natural units."""
+"""The simulated cycle against that of the NLP: times, states, impact and every measure, in natural units."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -18,27 +18,39 @@ INTERIOR_AGREEMENT = 1e-8
 """States inside an arc, where the simulator interpolates, and all that is measured along arcs."""
 
 
-def step_claims(gait: Gait, step: Step, walked: Step, impact: ImpactRecord) -> Iterator[Claim]:
-    """Times and states of the simulated step ``walked`` and of its ``impact``, against those of ``step``."""
+def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
+    """Times and states of the simulated steps ``walked`` against those of the gait."""
     scales, growth = gait.system.scales(gait.p), _growth(gait)
     unit = gait.system.state_scales(scales)
-    ours, theirs = (np.cumsum([duration for _, duration in s.phases]) / scales.time for s in (step, walked))
+    ours, theirs = (_switching_times(steps) / scales.time for steps in (gait.steps, walked))
     yield claim("period", abs(ours[-1] - theirs[-1]), growth * AGREEMENT, "in units of sqrt(l / g)")
     yield claim("switching times", np.abs(ours - theirs).max(), growth * AGREEMENT, "in units of sqrt(l / g)")
-    returned = np.abs((impact.state - gait.state) / unit).max()
-    yield claim("periodicity", returned, growth * AGREEMENT, "state after one step")
-    inside = max(np.abs((_states(walked, arc.times) - arc.states) / unit).max() for arc in step.arcs)
-    yield claim("states inside", inside, growth * INTERIOR_AGREEMENT, "largest difference along the step")
+    returned = np.abs((_impacts(walked)[-1].state - gait.state) / unit).max()
+    yield claim("periodicity", returned, growth * AGREEMENT, "state after one cycle")
+    pairs = [(step, arc) for step, own in zip(walked, gait.steps, strict=True) for arc in own.arcs]
+    inside = max(np.abs((_states(step, arc.times) - arc.states) / unit).max() for step, arc in pairs)
+    yield claim("states inside", inside, growth * INTERIOR_AGREEMENT, "largest difference along the cycle")
 
 
-def record_claims(gait: Gait, step: Step, walked: Step, impact: ImpactRecord) -> Iterator[Claim]:
-    """The scalars that the gait states, and what it records of its impact, against the simulated step."""
+def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
+    """The scalars that the gait states, and what it records of its impacts, against the simulated steps."""
     scales, tolerance = gait.system.scales(gait.p), _growth(gait) * INTERIOR_AGREEMENT
     theirs, units = measure(gait.system, gait.p, walked), measure_scales(scales)
     errors = {name: _error(gait.measures.get(name), value, units[name]) for name, value in theirs.items()}
     yield _worst("measures", errors, tolerance)
-    assert step.impact is not None  # a gait is a complete step
-    yield _worst("impact", _impact_errors(gait, step.impact, impact, scales), tolerance)
+    errors = {}
+    for number, (ours, simulated) in enumerate(zip(_impacts(gait.steps), _impacts(walked), strict=True), start=1):
+        place = f" of step {number}" if len(gait.steps) > 1 else ""
+        errors |= {f"{name}{place}": e for name, e in _impact_errors(gait, ours, simulated, scales).items()}
+    yield _worst("impact", errors, tolerance)
+
+
+def _switching_times(steps: Sequence[Step]) -> Array:
+    return np.cumsum([duration for step in steps for _, duration in step.phases])
+
+
+def _impacts(steps: Sequence[Step]) -> list[ImpactRecord]:
+    return [step.impact for step in steps if step.impact is not None]
 
 
 def _growth(gait: Gait) -> float:

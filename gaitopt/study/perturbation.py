@@ -27,7 +27,7 @@ tolerance serves all walkers; the gaits of the paper stay below 1e-5.
 
 def return_map_claims(gait: Gait, return_map: ReturnMap) -> Iterator[Claim]:
     """Fixed point, multipliers and a perturbation, all on the simulator's return map."""
-    section = gait.system.section(gait.problem.sequence.impact)
+    section = gait.system.section(gait.problem.cycle.impact)
     xi, unit = gait.state[section], gait.system.state_scales(gait.system.scales(gait.p))[section]
     point = return_map.fixed_point(xi)
     if point.jacobian is None:
@@ -44,9 +44,10 @@ def _remaining(point: FixedPoint, section: NDArray[np.intp], unit: Array) -> flo
     """Distance to the fixed point where rounding stops Newton's method short of it: its next correction."""
     if point.converged:
         return 0.0
-    if point.jacobian is None or point.step is None or point.step.impact is None:
+    impact = point.steps[-1].impact
+    if point.jacobian is None or impact is None:
         return np.inf
-    defect = point.step.impact.state[section] - point.xi
+    defect = impact.state[section] - point.xi
     correction = np.linalg.lstsq(_scaled(point.jacobian, unit) - np.eye(unit.size), defect / unit, rcond=None)[0]
     return float(np.abs(correction).max())
 
@@ -95,7 +96,7 @@ def _edge_claim(return_map: ReturnMap, point: FixedPoint, unit: Array) -> Claim:
     target = system.lift_state(point.xi, simulator.p)
     for sign in (1, -1):
         start = system.lift_state(point.xi + sign * deviation, simulator.p)
-        walk = simulator.run(start, steps=PERTURBED_STEPS)
+        walk = simulator.run(start, steps=PERTURBED_STEPS * return_map.n_steps)
         distance = float(np.linalg.norm((walk.section_states[-1] - target) / units)) / PERTURBATION
         worst = max(worst, distance if walk.ending is Ending.COMPLETED else np.inf)
     return claim("perturbation", worst, 1.0, f"left of it after {PERTURBED_STEPS} steps, at an edge")

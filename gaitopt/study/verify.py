@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import SolveError
-from gaitopt.gait import Ending, Gait, Step, Trajectory, curves, observe
-from gaitopt.mechanics import Mode
+from gaitopt.gait import Ending, Gait, Trajectory, curves, observe
+from gaitopt.mechanics import Mode, ModeSequence
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Engine, Simulator, make_stepper
 from gaitopt.study.claims import Claim, Verification, claim, failed_claim
-from gaitopt.study.comparison import AGREEMENT, record_claims, step_claims
+from gaitopt.study.comparison import AGREEMENT, motion_claims, record_claims
 from gaitopt.study.perturbation import return_map_claims
 
 Array = NDArray[np.float64]
@@ -37,51 +37,58 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
     UnknownNameError
         If the engine is unknown or not installed.
     """
-    step = _step(gait)
+    check_gait(gait)
     simulator = Simulator(gait.system, gait.p, stepper=make_stepper(gait.system, gait.p, engine))
-    walked = simulator.run(gait.state, steps=1, dense=True)
-    claims = [_sequence_claim(gait, walked), *_margin_claims(gait, step), _energy_claim(gait, step)]
-    impact = walked.steps[0].impact if claims[0].passed else None
-    if impact is not None:
-        claims += step_claims(gait, step, walked.steps[0], impact)
-        claims += record_claims(gait, step, walked.steps[0], impact)
-        claims += return_map_claims(gait, ReturnMap(simulator, gait.problem.sequence.impact))
+    cycle = gait.problem.cycle
+    walked = simulator.run(gait.state, steps=len(cycle.steps), dense=True)
+    claims = [_sequence_claim(gait, walked), *_margin_claims(gait), _energy_claim(gait)]
+    if claims[0].passed:
+        claims += motion_claims(gait, walked.steps)
+        claims += record_claims(gait, walked.steps)
+        claims += return_map_claims(gait, ReturnMap(simulator, cycle.impact, len(cycle.steps)))
     return Verification(claims=tuple(claims))
 
 
 def confirm(gait: Gait) -> Verification:
-    """A short examination: the simulator walks one step through the same modes back to the same state."""
-    walked = Simulator(gait.system, gait.p).run(gait.state, steps=1, dense=True)
+    """A short examination: the simulator walks one cycle through the same modes back to the same state."""
+    check_gait(gait)
+    walked = Simulator(gait.system, gait.p).run(gait.state, steps=len(gait.steps), dense=True)
     claims = [_sequence_claim(gait, walked)]
-    impact = walked.steps[0].impact if claims[0].passed else None
-    if impact is not None:
-        claims += step_claims(gait, _step(gait), walked.steps[0], impact)
+    if claims[0].passed:
+        claims += motion_claims(gait, walked.steps)
     return Verification(claims=tuple(claims))
 
 
-def _step(gait: Gait) -> Step:
-    if gait.step is None:
+def check_gait(gait: Gait) -> None:
+    """Refuse a failed attempt.
+
+    Raises
+    ------
+    SolveError
+        If there is no gait.
+    """
+    if not gait.steps:
         raise SolveError(f"{gait.problem.name} is {gait.status}, there is no gait to verify: {gait.message}")
-    return gait.step
 
 
 def _sequence_claim(gait: Gait, walked: Trajectory) -> Claim:
-    """The simulator goes through the same modes and the same impact."""
-    sequence = gait.problem.sequence
-    step = walked.steps[0] if walked.steps else None
-    if walked.ending is not Ending.COMPLETED or step is None or step.impact is None:
+    """The simulator goes through the same modes and the same impacts."""
+    if walked.ending is not Ending.COMPLETED:
         return failed_claim("mode sequence", 0.0, walked.message)
-    modes = tuple(mode for mode, _ in step.phases)
-    matches = modes == sequence.phases and step.impact.mode is sequence.impact
-    note = f"simulator: {', '.join(modes)}; {step.impact.mode}"
-    return claim("mode sequence", 0.0 if matches else np.inf, 0.0, note)
+    sequences = [
+        ModeSequence(tuple(mode for mode, _ in step.phases), step.impact.mode)
+        for step in walked.steps
+        if step.impact is not None
+    ]
+    note = f"simulator: {' | '.join(map(str, sequences))}"
+    return claim("mode sequence", 0.0 if tuple(sequences) == gait.problem.cycle.steps else np.inf, 0.0, note)
 
 
-def _margin_claims(gait: Gait, step: Step) -> Iterator[Claim]:
+def _margin_claims(gait: Gait) -> Iterator[Claim]:
     """The margins of each mode, between the nodes too."""
     friction, scales = float(gait.system.static_friction(gait.p)), gait.system.scales(gait.p)
     cone, backward, lowest = -np.inf, 0.0, np.inf
-    for arc in step.arcs:
+    for arc in gait.arcs:
         force = observe(gait.system, gait.p, arc).force
         lowest = min(lowest, -curves.maximum(-force[:, 1])[1])
         if arc.mode is Mode.STICK:
@@ -96,10 +103,10 @@ def _margin_claims(gait: Gait, step: Step) -> Iterator[Claim]:
     yield claim("normal force", -lowest / scales.force, 0.0, f"at least {lowest:.4g} N")
 
 
-def _energy_claim(gait: Gait, step: Step) -> Claim:
+def _energy_claim(gait: Gait) -> Claim:
     """Energy gained equals motor work plus work of the friction force, phase by phase."""
     worst, scale = 0.0, gait.system.scales(gait.p).energy
-    for arc in step.arcs:
+    for arc in gait.arcs:
         o = observe(gait.system, gait.p, arc)
         power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1]
         worst = max(worst, abs(o.energy[-1] - o.energy[0] - curves.integral(power, arc.duration)))
