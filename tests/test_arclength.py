@@ -19,7 +19,7 @@ class Planar:
     violation: Function
     n_phases: int = 0
     w: SX = field(default_factory=lambda: SX.sym("w", 2))
-    layout: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(sequence=SimpleNamespace(impact=None)))
+    layout: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(cycle=SimpleNamespace(impact=None)))
     system: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(section=lambda _: np.array([0])))
 
 

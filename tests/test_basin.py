@@ -49,7 +49,7 @@ def test_states_near_the_gait_settle_on_it(gait, basin):
     section = gait.system.section(Mode.SLIP_FORWARD)
     np.testing.assert_allclose(attractor.state, gait.state[section], rtol=0, atol=100 * SETTLED)
     assert (attractor.phases, attractor.impact, attractor.period) == (
-        gait.problem.sequence.phases, gait.problem.sequence.impact, 1,
+        gait.problem.cycle.phases, gait.problem.cycle.impact, 1,
     )  # fmt: skip
     assert 0 < attractor.count == (basin.labels == 0).sum()
 

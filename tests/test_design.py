@@ -120,7 +120,7 @@ def test_infeasible_design_names_constraint_obstacle_and_best_reached():
     bounded = {"control.ankle": {"free": [-5, 1], "guess": 0.9}}
     gait = solve(sticking({"objective": "cost_of_transport", "constraints": {"speed": {"min": 0.8}}}, **bounded))
     assert gait.status is Status.INFEASIBLE
-    assert gait.step is None
+    assert not gait.steps
     assert "speed >= 0.8 conflicts with" in gait.message
     assert "control.ankle <= 1" in gait.message
     assert "best reached 0.55" in gait.message

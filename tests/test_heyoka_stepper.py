@@ -72,7 +72,7 @@ def test_extended_precision_confirms_thirteen_digits_of_heyoka(gait):
 
 
 def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
-    mode = gait.problem.sequence.impact
+    mode = gait.problem.cycle.impact
     jacobians = []
     for kind in (HeyokaStepper, ScipyStepper):
         simulator = Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p))
@@ -100,8 +100,8 @@ def test_gait_is_verified_on_heyoka():
 
 def test_gait_that_is_spoilt_is_refuted_on_heyoka():
     gait = solve(load_problem("compass-passive-a"))
-    arcs = gait.step.arcs
-    gait.step.arcs[0].states.setflags(write=True)
+    arcs = gait.arcs
+    gait.arcs[0].states.setflags(write=True)
     arcs[0].states[0, 3] += 1e-6
     assert not verify(gait, engine="heyoka").passed
 

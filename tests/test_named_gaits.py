@@ -96,8 +96,8 @@ def verification(name: str) -> Verification:
 def simulated(name: str) -> tuple[ReturnMap, FixedPoint]:
     """Fixed point of the simulator's return map, by Newton's method from three digits of the gait."""
     gait = named(name)
-    return_map = ReturnMap(Simulator(gait.system, gait.p), gait.problem.sequence.impact)
-    section = gait.state[gait.system.section(gait.problem.sequence.impact)]
+    return_map = ReturnMap(Simulator(gait.system, gait.p), gait.problem.cycle.impact)
+    section = gait.state[gait.system.section(gait.problem.cycle.impact)]
     return return_map, return_map.fixed_point(np.round(section, 4))
 
 
@@ -115,7 +115,7 @@ def differences(return_map: ReturnMap, xi: Array) -> Array:
 def test_gait_has_the_modes_of_the_paper_and_every_claim_about_it_holds(name: str) -> None:
     gait, check = named(name), verification(name)
     assert gait.converged
-    assert (tuple(mode for mode, _ in gait.step.phases), gait.step.impact.mode) == NAMED[name]
+    assert (tuple(mode for mode, _ in gait.phases), gait.steps[-1].impact.mode) == NAMED[name]
     assert [claim for claim in check.claims if not claim.passed] == []
     assert check.to_record()["mode_sequence_matches"]
 
@@ -137,10 +137,9 @@ def test_printed_rates_of_the_sticking_gait() -> None:
 def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
     gait, (return_map, point) = named(name), simulated(name)
     assert point.converged
-    assert point.step is not None
     assert np.abs(gait.system.lift_state(point.xi, gait.p) - gait.state).max() < AGREEMENT
-    assert point.step.period == pytest.approx(gait.step.period, abs=AGREEMENT)
-    assert return_map.section_mode is gait.problem.sequence.impact
+    assert point.steps[0].period == pytest.approx(gait.period, abs=AGREEMENT)
+    assert return_map.section_mode is gait.problem.cycle.impact
 
 
 @pytest.mark.parametrize("name", NAMED)
@@ -253,7 +252,7 @@ def test_compass_obeys_the_law_of_dimensions(length: float) -> None:
     guess = {"theta1": theta1, "dtheta1": 1.01 * dtheta1, "dtheta2": 0.99 * dtheta2}
     gait = go.solve(with_values("compass-passive-a", {**small, "gait.guess.state": guess}))
     assert go.verify(gait).passed
-    assert gait.step.period == pytest.approx(model.step.period / unit, rel=1e-10)
+    assert gait.period == pytest.approx(model.period / unit, rel=1e-10)
     assert gait.state[[0, 3, 4]] == pytest.approx(model.state[[0, 3, 4]] * [1, unit, unit], rel=1e-9)
     assert multiplier_distance(gait.multipliers, model.multipliers) < 1e-9
     assert gait.measures["speed"] == pytest.approx(model.measures["speed"] / unit, rel=1e-10)
@@ -265,4 +264,4 @@ def test_torques_that_copy_a_slope_on_level_ground_copy_its_gait() -> None:
     """Gravity along a slope is what constant torques are not: gait I needs more friction than the passive gait."""
     passive, driven = named("compass-passive-stick"), named("compass-torque-stick")
     assert driven.measures["required_friction"] > passive.measures["required_friction"]
-    assert driven.step.period == pytest.approx(passive.step.period, rel=1e-3)
+    assert driven.period == pytest.approx(passive.period, rel=1e-3)

@@ -33,14 +33,14 @@ def wheel(friction: float = 2.0) -> ReturnMap:
 def return_map(name: str, **overrides: object) -> ReturnMap:
     problem = go.load_problem(name).replace({key.replace("__", "."): value for key, value in overrides.items()})
     system = build_system(problem)
-    return ReturnMap(Simulator(system, system.values(problem.parameters)), problem.sequence.impact)
+    return ReturnMap(Simulator(system, system.values(problem.parameters)), problem.cycle.impact)
 
 
 def guess(name: str) -> Array:
     problem = go.load_problem(name)
     system = build_system(problem)
     state = np.array([problem.guess.state[key] for key in system.state_names])
-    return state[system.section(problem.sequence.impact)]
+    return state[system.section(problem.cycle.impact)]
 
 
 @pytest.mark.parametrize("rate", [0.6, 0.65, 0.7, FIXED])
@@ -50,7 +50,7 @@ def test_map_of_the_wheel_is_that_of_its_energy_and_momentum(rate: float) -> Non
     exact = BETA * sqrt(rate**2 + GAINED)
     assert result.ending is Ending.COMPLETED
     assert result.xi == pytest.approx([exact], abs=1e-13)
-    assert wheel().jacobian(result.step) == pytest.approx(np.array([[BETA**2 * rate / exact]]), abs=1e-12)
+    assert wheel().jacobian(result.steps) == pytest.approx(np.array([[BETA**2 * rate / exact]]), abs=1e-12)
 
 
 @pytest.mark.parametrize("start", [0.5, 0.7, 0.9])
@@ -74,7 +74,7 @@ def test_deviations_pass_the_breakpoints_of_a_reference_unchanged(beyond_end: st
     name, h = "compass-pd-impact-slip", 1e-6
     mapped = return_map(name, control__reference__beyond_end=beyond_end)
     xi = guess(name)
-    jacobian = mapped.jacobian(mapped(xi).step)
+    jacobian = mapped.jacobian(mapped(xi).steps)
     columns = [(mapped(xi + h * unit).xi - mapped(xi - h * unit).xi) / (2 * h) for unit in np.eye(xi.size)]
     assert np.abs(np.column_stack(columns) - jacobian).max() < 1e-5 * np.abs(jacobian).max()
 
@@ -92,7 +92,7 @@ def test_fall_does_not_return() -> None:
 def test_other_kind_of_impact_is_off_the_section() -> None:
     result = wheel(0.2)(np.array([0.75]))
     assert result.xi is None
-    assert result.step.impact.mode is Mode.SLIP_FORWARD
+    assert result.steps[0].impact.mode is Mode.SLIP_FORWARD
     assert "off the section of stick" in result.message
 
 

@@ -91,7 +91,7 @@ def test_copied_torques_are_the_closed_form_difference_of_gravity():
         walker.leg_mass * walker.leg_com + (walker.leg_mass + walker.hip_mass) * walker.leg_length
     )
     swing = walker.leg_mass * walker.gravity * (walker.leg_length - walker.leg_com)
-    for arc, (_, torques) in zip(passive().step.arcs, copied_torques(passive()), strict=True):
+    for arc, (_, torques) in zip(passive().arcs, copied_torques(passive()), strict=True):
         theta1, theta2 = arc.states[:, 0], arc.states[:, 1]
         hip = swing * (np.sin(theta2) - np.sin(theta2 - walker.slope))
         ankle = moment * (np.sin(theta1 + walker.slope) - np.sin(theta1)) - hip

@@ -69,7 +69,7 @@ def test_every_gait_of_the_paper_has_its_problem(name):
     problem = load_problem(name)
     assert name in problem_names()
     assert problem.name == name
-    assert (problem.friction, problem.sequence.phases, problem.sequence.impact) == PAPER[name]
+    assert (problem.friction, problem.cycle.phases, problem.cycle.impact) == PAPER[name]
     assert problem.path.name == f"{name}.yaml"
     assert problem.text == problem.path.read_text()
     assert 0 < len(problem.about) <= 120
@@ -149,7 +149,7 @@ def test_overrides_change_what_they_name_and_nothing_else():
         {"friction": 0.16, "walker.slope": "2 deg", "gait.phases": ["stick"], "gait.guess.state.theta1": -0.2}
     )
     assert (other.friction, other.walker.slope) == (0.16, math.radians(2))
-    assert other.sequence.phases == (Mode.STICK,)
+    assert other.cycle.phases == (Mode.STICK,)
     assert other.guess.state["theta1"] == other.guess.state["theta2"] == -0.2
     assert other.guess.state["dtheta1"] == problem.guess.state["dtheta1"]
     assert problem.friction == 0.14

@@ -47,8 +47,8 @@ def test_gradient_in_the_matrix_is_that_of_central_differences(name):
 def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
     gait = solve(load_problem(name))
     free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))
-    durations = [duration for _, duration in gait.step.phases]
-    plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
+    durations = [duration for _, duration in gait.phases]
+    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
     t = Transcription(gait.system, plan, free)
     values = [gait.p[gait.system.parameters.index(key)] for key in free]
     w = t.pack(gait.shooting.states.T, np.array(durations), values)

@@ -21,8 +21,8 @@ from gaitopt.nlp.variation import Variation
 )
 def test_it_agrees_with_that_of_the_symbols_away_from_solutions_too(name: str, free: tuple[str, ...]) -> None:
     gait = go.solve(go.load_problem(name))
-    durations = [duration for _, duration in gait.step.phases]
-    plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints)
+    durations = [duration for _, duration in gait.phases]
+    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
     transcription = Transcription(gait.system, plan.refined(list(gait.shooting.intervals)), free)
     values = [gait.p[gait.system.parameters.index(key)] for key in free]
     w = transcription.pack(gait.shooting.states.T, np.array(durations), values)
