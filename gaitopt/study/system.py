@@ -61,9 +61,10 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
     if beyond_end is not BeyondEnd.FLOW:
         return continued(pieces, gait.step.period, beyond_end)
     arc, duration = gait.step.arcs[-1], gait.step.period
+    unit = gait.system.state_scales(gait.system.scales(gait.p))
     while arc.end < (1 + FLOW_PERIODS) * gait.step.period:
         beyond = _flow_on(gait, arc, duration)
-        if curves.tail(beyond.states) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.step.period:
+        if curves.tail(beyond.states / unit) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.step.period:
             duration /= 2
             continue
         arc = beyond

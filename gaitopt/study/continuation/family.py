@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Mode, ModeSequence
-from gaitopt.nlp.arclength import Scales
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.study.continuation.change import with_sequence
 from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Record
 from gaitopt.study.continuation.limits import Limits
-from gaitopt.study.continuation.piece import Piece, Station, piece_through
+from gaitopt.study.continuation.piece import Metric, Piece, Station, piece_through
 
 Array = NDArray[np.float64]
 
@@ -189,11 +188,11 @@ def _follower(
         max_seconds=request.max_seconds,
         verify_every=request.verify_every,
     )
-    scales = (float(np.abs(gait.state).max()), gait.step.period, span)
+    metric = Metric.of(gait, gait.step.period, span)
     points = [record for record in made if record["record"] == "point"]
     if points:
         last = points[-1]
-        piece, station = _restored(gait, request.parameter, scales, last)
+        piece, station = _restored(gait, request.parameter, metric, last)
         return Follower(
             piece,
             station,
@@ -204,22 +203,22 @@ def _follower(
             count=len(points),
             should_stop=should_stop,
         )
-    piece, station = _first(gait, request.parameter, scales, ahead)
+    piece, station = _first(gait, request.parameter, metric, ahead)
     return Follower(piece, station, limits, number=number, length=FIRST_LENGTH, should_stop=should_stop)
 
 
-def _first(gait: Gait, parameter: str, scales: Scales, ahead: float) -> tuple[Piece, Station]:
+def _first(gait: Gait, parameter: str, metric: Metric, ahead: float) -> tuple[Piece, Station]:
     """The branch of a gait, and its first point with the tangent in the wanted direction."""
     assert gait.step is not None, "checked before"
     durations = np.array([duration for _, duration in gait.step.phases])
     rolled = roll_out(gait.system, gait.p, gait.problem.sequence, gait.state, durations)
-    piece, w = piece_through(gait.problem, gait.system, parameter, scales, rolled, gait.p)
+    piece, w = piece_through(gait.problem, gait.system, parameter, metric, rolled, gait.p)
     forward = np.zeros(w.size)
     forward[-1] = ahead
     return piece, _started(piece, w, forward)
 
 
-def _restored(gait: Gait, parameter: str, scales: Scales, record: Mapping[str, Any]) -> tuple[Piece, Station]:
+def _restored(gait: Gait, parameter: str, metric: Metric, record: Mapping[str, Any]) -> tuple[Piece, Station]:
     """The branch and the point that a record holds, on the mesh that it had."""
     system = gait.system
     phases = tuple(Mode(phase["mode"]) for phase in record["phases"])
@@ -229,7 +228,7 @@ def _restored(gait: Gait, parameter: str, scales: Scales, record: Mapping[str, A
     p[system.parameters.index(parameter)] = record["value"]
     problem = with_sequence(gait.problem, system, ModeSequence(phases, Mode(record["impact"])), state)
     rolled = roll_out(system, p, problem.sequence, state, durations)
-    piece, w = piece_through(problem, system, parameter, scales, rolled, p, record["intervals"])
+    piece, w = piece_through(problem, system, parameter, metric, rolled, p, record["intervals"])
     return piece, _started(piece, w, piece.curve.direction(np.array(record["tangent"])))
 
 

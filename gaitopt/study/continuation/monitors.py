@@ -6,7 +6,7 @@ the event is still crossed: with s in [-1, 1] over the phase and g the margin,
     monitor = min over s of g(s) / ((1 + s)^a (1 - s)^b)
 
 a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip (a double zero), b = 1 where an
-event ends the phase. A monitor that changes sign along a branch marks the end of the sequence.
+event ends the phase; g is in natural units. A monitor that changes sign along a branch marks the end of the sequence.
 """
 
 from collections.abc import Iterator
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from gaitopt.gait import Arc, Gait, curves
-from gaitopt.mechanics import Mode, ending_margin, margin_names
+from gaitopt.gait import Arc, Gait, Step, curves
+from gaitopt.mechanics import Mode, ending_margin, margin_names, margin_scales
 
 Array = NDArray[np.float64]
 
@@ -56,15 +56,19 @@ class Reading:
 
 def readings(gait: Gait) -> dict[Name, Reading]:
     """All monitors of a solution, whether or not they hold."""
-    assert gait.step is not None, "monitors read a solution"
     return {**dict(_phase_readings(gait)), **dict(_impact_readings(gait))}
 
 
+def _step(gait: Gait) -> Step:
+    if gait.step is None:
+        raise ValueError(f"{gait.problem.name} is {gait.status}: monitors read a solution")
+    return gait.step
+
+
 def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
-    assert gait.step is not None
     modes = gait.problem.sequence.phases
     arcs = _arcs_by_phase(gait)
-    period = abs(gait.step.period)
+    period = abs(_step(gait).period)
     for phase, whole in enumerate(arcs):
         duration = sum(arc.duration for arc in whole)
         yield Name("duration", phase), Reading(duration / period)
@@ -82,9 +86,8 @@ def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
 
 def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
     """Arcs of each phase; breakpoints of the control cut a phase into several."""
-    assert gait.step is not None
     groups: list[list[Arc]] = []
-    for arc, phase in zip(gait.step.arcs, gait.step.arc_phases, strict=True):
+    for arc, phase in zip(_step(gait).arcs, _step(gait).arc_phases, strict=True):
         if phase == len(groups):
             groups.append([])
         groups[phase].append(arc)
@@ -134,13 +137,12 @@ def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc
 
 def _second_touchdown(gait: Gait) -> float:
     """Lowest interior minimum of the touchdown margin after it was armed: below zero the foot lands earlier."""
-    assert gait.step is not None
-    lowest, armed = OPEN, False
-    level = CLEAR * max(float(_margins(gait, arc)[0].max()) for arc in gait.step.arcs)
-    for arc in gait.step.arcs:
-        if arc.duration < SHORT * abs(gait.step.period):
+    lowest, armed, step = OPEN, False, _step(gait)
+    clearances = [_margins(gait, arc)[0] for arc in step.arcs]
+    level = CLEAR * max(float(values.max()) for values in clearances)
+    for arc, values in zip(step.arcs, clearances, strict=True):
+        if arc.duration < SHORT * abs(step.period):
             continue
-        values = _margins(gait, arc)[0]
         c = curves.coefficients(values)
         minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
         for s in minima:
@@ -160,21 +162,21 @@ def _derivative(c: Array, order: int) -> Array:
 
 def _margins(gait: Gait, arc: Arc) -> Array:
     data = gait.system.control.data(arc.segment)
-    return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data))
+    unit = margin_scales(arc.mode, gait.system.scales(gait.p))[:, None]
+    return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data)) / unit
 
 
 def _impact_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
-    assert gait.step is not None
-    assert gait.step.impact is not None
-    mode = gait.problem.sequence.impact
-    z_minus = gait.step.arcs[-1].states[-1]
+    mode, scales = gait.problem.sequence.impact, gait.system.scales(gait.p)
+    z_minus = _step(gait).arcs[-1].states[-1]
     _, impulse, slip, lift, painleve = (np.asarray(v).ravel() for v in gait.system.impact(mode)(z_minus, gait.p))
+    impulse = impulse / scales.impulse
     yield Name("impulse"), Reading(float(impulse[1]))
-    yield Name("lift_velocity"), Reading(float(lift[0]))
+    yield Name("lift_velocity"), Reading(float(lift[0]) / scales.speed)
     if mode is Mode.STICK:
         friction = gait.p[gait.system.parameters.index("friction")]
         yield Name("impulse_cone_forward"), Reading(float(friction * impulse[1] + impulse[0]))
         yield Name("impulse_cone_backward"), Reading(float(friction * impulse[1] - impulse[0]))
     else:
-        yield Name("impact_slip"), Reading(float(mode.direction * slip[0]))
-        yield Name("impact_painleve"), Reading(float(painleve[0]))
+        yield Name("impact_slip"), Reading(float(mode.direction * slip[0]) / scales.speed)
+        yield Name("impact_painleve"), Reading(float(painleve[0]) / scales.mass)
