@@ -49,11 +49,9 @@ def impact(eom: EquationsOfMotion, mode: Mode, law: ImpactLaw, friction: SX) -> 
     """The impact after which the colliding foot is in ``mode``; whether that is consistent is not decided here."""
     n = len(eom.walker.shape)
     reach = eom.W_swing[:, :n]  # the swing foot is the stance foot plus a function of the shape
-    foot_mass = eom.M[n:, n:]
-    coupling = eom.M[n:, :n] - foot_mass @ reach
-    shape_mass = eom.M[:n, :n] - reach.T @ eom.M[n:, :n] - coupling.T @ reach
-    response = solve_spd(shape_mass, coupling.T)
-    C = foot_mass - coupling @ response
+    coupling = eom.M_swing[n:, :n]
+    response = solve_spd(eom.M_swing[:n, :n], coupling.T)
+    C = eom.M_swing[n:, n:] - coupling @ response
 
     v_minus = eom.W_swing @ eom.dq
     mu = friction if law is ImpactLaw.COULOMB else SX(0)
