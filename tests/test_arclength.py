@@ -10,7 +10,7 @@ from casadi import SX, Function, jacobian, vertcat
 from scipy.sparse import csc_matrix
 
 from gaitopt.nlp.arclength import RESIDUAL, Curve, CurvePoint
-from gaitopt.nlp.transcription import Units
+from gaitopt.nlp.units import Units
 
 
 @dataclass

@@ -11,6 +11,8 @@ from gaitopt.gait.gait import Gait
 from gaitopt.mechanics import ModeSequence
 
 Array = NDArray[np.float64]
+TERMINAL = ("end", "vanishing", "lift_off", "painleve")
+"""Types of special points at which a family ends."""
 _PLACE = ("branch", "index", "value")
 
 
@@ -56,8 +58,8 @@ class SpecialPoint:
     Attributes
     ----------
     branch : number of the branch that it lies on.
-    type : ``fold``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, ``lift_off``,
-        ``painleve`` or ``end``.
+    type : ``fold``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, or one of
+        ``TERMINAL``.
     value : the parameter.
     status : ``converged`` when located to rounding, ``guess`` when only bracketed.
     reason : in words.

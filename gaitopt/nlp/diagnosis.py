@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import Mode, ModeSequence, ending_margin, margin_names
-from gaitopt.nlp.transcription import Label, Transcription
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.units import Label
 
 Array = NDArray[np.float64]
 

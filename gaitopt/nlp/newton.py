@@ -14,7 +14,8 @@ from scipy.sparse import csc_matrix, diags_array
 from scipy.sparse.linalg import splu
 
 from gaitopt.mechanics import Mode
-from gaitopt.nlp.transcription import Transcription, Units
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.units import Units
 from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]

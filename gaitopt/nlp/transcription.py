@@ -10,8 +10,7 @@ Friction complementarity: the mode sets one factor of each pair to zero (the for
 by eq. (5)); the other factor stays an inequality at every node, except where an event already makes it zero.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from functools import cached_property
 
 import numpy as np
@@ -19,49 +18,12 @@ from casadi import MX, Function, horzcat, repmat, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait.curves import points
-from gaitopt.mechanics import HybridSystem, Mode, Scales, ending_margin, margin_names, margin_unit
+from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
+from gaitopt.nlp.units import Label, Units
 
 Array = NDArray[np.float64]
-
-IMPACT_UNITS: Mapping[str, Callable[[Scales], float]] = {
-    "impulse": lambda scales: scales.impulse,
-    "impulse_cone_forward": lambda scales: scales.impulse,
-    "impulse_cone_backward": lambda scales: scales.impulse,
-    "lift_velocity": lambda scales: scales.speed,
-    "impact_slip_velocity": lambda scales: scales.speed,
-    "touchdown_rate": lambda scales: 1 / scales.time,
-    "impact_painleve": lambda scales: scales.mass,
-}
-"""Natural units of the margins of an impact, by name."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Label:
-    """What one row of the inequalities says: the margin's name, and the phase and node where it is taken.
-
-    ``phase`` and ``node`` are None for the impact.
-    """
-
-    name: str
-    phase: int | None = None
-    node: int | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Units:
-    """Natural units (``mechanics.scales``) in which unknowns and equations are of order one, whatever SI makes of them.
-
-    Attributes
-    ----------
-    unknowns : ndarray, shape (n_w,) - of nodes and durations; freed parameters have one.
-    equalities, margins : ndarray - of the rows of ``Transcription.equalities`` and ``Transcription.inequalities``.
-    """
-
-    unknowns: Array
-    equalities: Array
-    margins: Array
 
 
 class Transcription:
@@ -128,10 +90,11 @@ class Transcription:
         scales = self.system.scales(p)
         state = self.system.state_scales(scales)
         nodes = np.tile(state, self.n_nodes)
+        events = [margin_unit(name, scales) / scales.time**order for _, name, order in self._endings()]
         return Units(
             unknowns=self.pack(nodes, np.full(self.n_phases, scales.time), np.ones(len(self.free))),
-            equalities=np.concatenate([nodes[state.size :], self._event_units(scales), state]),
-            margins=np.array([self._margin_unit(label, scales) for label in self.inequalities[1]]),
+            equalities=np.concatenate([nodes[state.size :], events, state]),
+            margins=np.array([label.unit(scales) for label in self.inequalities[1]]),
         )
 
     @cached_property
@@ -230,13 +193,6 @@ class Transcription:
         for phase, (mode, after) in enumerate(zip(modes, (*modes[1:], None), strict=True)):
             name = ending_margin(mode, after)
             yield mode, name, self.layout.sequence.onset_order(phase) if name == "slip_velocity" else 0
-
-    def _event_units(self, scales: Scales) -> Array:
-        return np.array([margin_unit(name, scales) / scales.time**order for _, name, order in self._endings()])
-
-    @staticmethod
-    def _margin_unit(label: Label, scales: Scales) -> float:
-        return IMPACT_UNITS[label.name](scales) if label.phase is None else margin_unit(label.name, scales)
 
     def _end_margins(self, index: int) -> MX:
         arc, Z, start, h = self.arc(index)

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
+from gaitopt.gait import TERMINAL, Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Mode, ModeSequence
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.study.continuation.change import with_sequence
-from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Record
+from gaitopt.study.continuation.follow import FIRST_LENGTH, Follower, Record
 from gaitopt.study.continuation.limits import Limits
 from gaitopt.study.continuation.piece import Metric, Piece, Station, piece_through
 
