@@ -9,7 +9,7 @@ Everything is stated on the ground: y = dy = 0.
 from dataclasses import dataclass
 from types import SimpleNamespace
 
-from casadi import DM, SX, dot, gradient, hessian, horzcat, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
+from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
 
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.walker import Mechanism, Walker
@@ -29,7 +29,6 @@ class EquationsOfMotion:
     B, G : SX, shape (n_q,) - velocity terms and gravity (and springs).
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
-    M_swing : SX, shape (n_q, n_q) - mass matrix in the rates of the shape and the velocity of the swing foot.
     energy : SX - kinetic plus potential energy [J].
     mass : SX - total mass [kg].
     gravity : SX - acceleration of gravity [m/s^2].
@@ -47,7 +46,6 @@ class EquationsOfMotion:
     G: SX
     E: SX
     W_swing: SX
-    M_swing: SX
     energy: SX
     mass: SX
     gravity: SX
@@ -103,7 +101,6 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         G=grounded(gradient(potential, q)),
         E=grounded(jacobian(angles, q).T),
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
-        M_swing=grounded(_mass_matrix_of_swing_foot(mechanism, q[:-2])),
         energy=grounded(kinetic + potential),
         mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
         gravity=norm_2(mechanism.gravity),
@@ -119,19 +116,6 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
             potential=mechanism.potential,
         ),
     )
-
-
-def _mass_matrix_of_swing_foot(mechanism: Mechanism, shape: SX) -> SX:
-    """Sum of m A'A + I a'a, with A the Jacobian of each body by the rates of the shape and the swing foot's velocity.
-
-    Not M under a change of variables: where a foot is light, its small mass would be lost in differences of large ones.
-    """
-    M = SX.zeros(shape.numel() + 2, shape.numel() + 2)
-    for body in mechanism.bodies:
-        A = horzcat(jacobian(body.position - mechanism.swing_foot, shape), SX.eye(2))
-        a = horzcat(jacobian(SX(body.angle), shape), SX.zeros(1, 2))
-        M += body.mass * (A.T @ A) + body.inertia * (a.T @ a)
-    return M
 
 
 def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> None:
