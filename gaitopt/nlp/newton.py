@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix, diags_array
+from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from gaitopt.mechanics import Mode
@@ -31,7 +31,7 @@ class ScaledFactor:
 
     Parameters
     ----------
-    matrix : sparse, shape (n, n).
+    matrix : sparse by columns, shape (n, n).
     rows, columns : ndarray, shape (n,) - units of the equations and of the unknowns.
 
     Raises
@@ -42,7 +42,8 @@ class ScaledFactor:
 
     def __init__(self, matrix: csc_matrix, rows: Array, columns: Array) -> None:
         self._rows, self._columns = rows, columns
-        self._lu = splu((diags_array(1 / rows) @ matrix @ diags_array(columns)).tocsc())
+        data = matrix.data * np.repeat(columns, np.diff(matrix.indptr)) / rows[matrix.indices]
+        self._lu = splu(csc_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape))
 
     def solve(self, right: Array) -> Array:
         """x of matrix x = right; shape (n,) or (n, m)."""
