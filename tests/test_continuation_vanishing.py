@@ -18,7 +18,7 @@ def sliding(verify_every: int) -> go.Branch:
     return go.continuation(go.solve(problem), "friction", to=0.0173, verify_every=verify_every)
 
 
-@pytest.mark.parametrize("verify_every", [0, 10])
+@pytest.mark.parametrize("verify_every", [pytest.param(0, marks=pytest.mark.slow), 10])
 def test_gait_b_vanishes_where_friction_is_the_slope(verify_every: int) -> None:
     """With mu = tan(slope) a walker that slides forward neither gains nor loses speed."""
     special = sliding(verify_every).specials[-1]
@@ -29,6 +29,7 @@ def test_gait_b_vanishes_where_friction_is_the_slope(verify_every: int) -> None:
     assert [other.type for other in sliding(verify_every).specials] == ["vanishing"]
 
 
+@pytest.mark.slow
 def test_strides_shrink_towards_the_point_where_the_gait_vanishes() -> None:
     branch = sliding(0)
     strides = [stride(point.gait) for point in branch]

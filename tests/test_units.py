@@ -46,7 +46,7 @@ def test_gaits_do_not_depend_on_any_units(name: str, units: tuple[float, float, 
     check(name, units)
 
 
-@pytest.mark.parametrize("units", UNITS[:2])
+@pytest.mark.parametrize("units", [UNITS[0], pytest.param(UNITS[1], marks=pytest.mark.slow)])
 def test_families_do_not_depend_on_units(units: tuple[float, float, float]) -> None:
     ours, theirs = family((1.0, 1.0, 1.0)), family(units)
     assert [special.type for special in theirs.specials] == [special.type for special in ours.specials]
