@@ -16,7 +16,7 @@ from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.study.continuation import continuation
 from gaitopt.study.continuation.follow import Follower, Limits
-from gaitopt.study.continuation.piece import Piece, Station
+from gaitopt.study.continuation.piece import Metric, Piece, Station
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
@@ -85,8 +85,7 @@ def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | Spe
     plan = layout(sequence, durations, ()).refined([intervals] * len(durations))
     transcription = Transcription(system, plan, ("friction",))
     value = float(gait.p[system.parameters.index("friction")])
-    scales = (float(np.abs(gait.state).max()), gait.period, abs(to - value))
-    piece = Piece(gait.problem, "friction", transcription, gait.p, scales)
+    piece = Piece(gait.problem, "friction", transcription, gait.p, Metric.of(gait, gait.period, abs(to - value)))
     nodes = roll_out(system, gait.p, sequence, gait.state, durations).nodes(plan)
     w = transcription.pack(nodes, np.array(durations), (value,))
     station = piece.start(w, np.append(np.zeros(w.size - 1), to - value))

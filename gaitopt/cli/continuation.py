@@ -178,6 +178,7 @@ def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
     from rich.table import Table
 
     from gaitopt.cli.console import results
+    from gaitopt.gait import TERMINAL
 
     console = results()
     table = Table(title="Branches", title_justify="left")
@@ -189,7 +190,7 @@ def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
             continue
         radii = [point["spectral_radius"] for point in points]
         last = [record for record in records if record["branch"] == number and record["record"] == "special"]
-        ends = [r for r in last if r["next"] or r["type"] in ("end", "lift_off", "painleve")]
+        ends = [r for r in last if r["next"] or r["type"] in TERMINAL]
         joined = f"{ends[-1]['type'].replace('_', ' ')}" if ends else ""
         joined += "".join(f" -> {following}" for following in (ends[-1]["next"] if ends else ()))
         table.add_row(

@@ -1,6 +1,6 @@
 """Gaits and trajectories as data, and the scalars that describe them."""
 
-from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
+from gaitopt.gait.branch import TERMINAL, Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
 from gaitopt.gait.gait import Gait, Shooting, Status
 from gaitopt.gait.measures import MEASURES, Observation, measure, measure_scales, observe
 from gaitopt.gait.multipliers import floquet_multipliers, multiplier_distance
@@ -8,6 +8,7 @@ from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
 
 __all__ = [
     "MEASURES",
+    "TERMINAL",
     "Arc",
     "Branch",
     "BranchPoint",

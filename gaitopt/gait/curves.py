@@ -56,7 +56,10 @@ def coefficients(values: Array) -> Array:
 
 
 def tail(values: Array) -> float:
-    """Size of the last coefficients, relative to the largest value of each column or one: the curve's resolution."""
+    """Size of the last coefficients, relative to the largest value of each column or one: the curve's resolution.
+
+    Values that have a unit are given in their natural one, so that one means something.
+    """
     c = np.abs(coefficients(values))
     scale = np.maximum(np.abs(values).max(axis=0), 1.0)
     return float((c[-3:].max(axis=0) / scale).max())

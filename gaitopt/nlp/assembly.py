@@ -87,9 +87,10 @@ def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) ->
 
 def _arc(problem: Transcription, w: Array, p: Array, index: int) -> Arc:
     layout = problem.layout.arcs[index]
+    unit = problem.system.state_scales(problem.system.scales(problem.full_parameters(p, problem.unpack(w)[2])))
     for count in COUNTS:
         times, states = problem.sample(w, p, index, count)
-        if curves.tail(states) < curves.RESOLVED:
+        if curves.tail(states / unit) < curves.RESOLVED:
             break
     _rest_exactly(problem.layout.cycle, layout, states)
     return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states)

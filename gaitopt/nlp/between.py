@@ -12,7 +12,7 @@ from casadi import MX, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait import Gait, curves
-from gaitopt.mechanics import margin_names
+from gaitopt.mechanics import margin_names, margin_unit
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.transcription import Transcription
 
@@ -38,15 +38,14 @@ class Touch:
 
 
 def touches(gait: Gait, tolerance: float) -> list[Touch]:
-    """Where margins have minima below ``-tolerance`` inside the arcs of a gait."""
-    assert gait.steps
-    found = []
+    """Where margins have minima below ``-tolerance``, in natural units, inside the arcs of a gait."""
+    found, scales = [], gait.system.scales(gait.p)
     for index, arc in enumerate(gait.arcs):
         data = gait.system.control.data(arc.segment)
         values = np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data))
         for name, row in zip(margin_names(arc.mode), values, strict=True):
             at, negative = curves.maximum(-row)
-            if name in WATCHED and negative > tolerance and abs(at) < 1:
+            if name in WATCHED and negative > tolerance * margin_unit(name, scales) and abs(at) < 1:
                 found.append(Touch(arc=index, fraction=(at + 1) / 2, name=name))
     return found
 

@@ -6,15 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import Cycle, HybridSystem, ending_margin, margin_names
-from gaitopt.nlp.transcription import Label, Transcription
+from gaitopt.mechanics import Cycle, ending_margin, margin_names
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.units import Label
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Complaint:
-    """One violated condition; ``severity`` is its violation relative to what is usual for the quantity.
+    """One violated condition; ``severity`` is its violation in natural units.
 
     ``phase`` is the index of the phase in which it is violated, None for the impact of ``step``.
     """
@@ -34,21 +35,21 @@ ENDLESS["cone_backward"] = ENDLESS["cone_forward"]
 SAMPLES = 33
 """Points of an arc on which an early touchdown is looked for."""
 AIRBORNE = 1e-9
-"""A guard this close to zero [rad or m] is a foot on the ground, up to rounding."""
+"""A guard this close to zero is a foot on the ground, up to rounding."""
 RUNAWAY = 1e3
-"""Rates of 1000 rad/s belong to no walker, and more than that to no number."""
+"""In natural units: violations of a thousand times what moves a walker belong to no walk."""
 
 SIMPLE_MARGINS = {
-    "normal_force": ("normal force is {value:.4g} N, must be positive", "force"),
-    "slip_velocity": ("slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative", "speed"),
-    "painleve": ("apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)", "one"),
-    "onset": ("static friction holds the foot: the force misses the edge of its cone by {value:.4g} N", "force"),
-    "impact_onset": ("the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s", "impulse"),
-    "impulse": ("normal impulse is {value:.4g} N s, must be positive", "impulse"),
-    "lift_velocity": ("the former stance foot does not lift: its normal velocity is {value:.4g} m/s", "speed"),
-    "touchdown_rate": ("the swing foot leaves the ground instead of landing (guard rate {value:.4g})", "one"),
-    "impact_slip_velocity": ("slip velocity after impact is {value:.4g} m/s in the direction of the mode", "speed"),
-    "impact_painleve": ("inverse apparent mass of the colliding foot is {value:.4g} 1/kg, must be positive", "one"),
+    "normal_force": "normal force is {value:.4g} N, must be positive",
+    "slip_velocity": "slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative",
+    "painleve": "apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)",
+    "onset": "static friction holds the foot: the force misses the edge of its cone by {value:.4g} N",
+    "impact_onset": "the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s",
+    "impulse": "normal impulse is {value:.4g} N s, must be positive",
+    "lift_velocity": "the former stance foot does not lift: its normal velocity is {value:.4g} m/s",
+    "touchdown_rate": "the swing foot leaves the ground instead of landing (guard rate {value:.4g})",
+    "impact_slip_velocity": "slip velocity after impact is {value:.4g} m/s in the direction of the mode",
+    "impact_painleve": "apparent mass of the colliding foot is {value:.4g} kg, must be positive",
 }
 
 
@@ -96,12 +97,13 @@ def phase_words(cycle: Cycle, phase: int) -> str:
     return words if len(cycle.steps) == 1 else f"step {step + 1}, {words}"
 
 
-def residual_complaint(problem: Transcription, w: Array, residual: Array) -> str:
+def residual_complaint(problem: Transcription, w: Array, p: Array, residual: Array) -> str:
     """The equality that is violated most."""
-    row = int(np.argmax(np.abs(residual)))
+    relative = np.abs(residual / problem.units(p).equalities)
+    row = int(np.argmax(relative))
     n_z, cycle, n_defects = problem.system.n_z, problem.layout.cycle, problem.system.n_z * problem.layout.intervals
     size = abs(float(residual[row]))
-    if not size < RUNAWAY:
+    if not relative[row] < RUNAWAY:
         return "the search has left everything that walks; start from a state closer to a gait"
     if row < n_defects:
         arcs = problem.layout.arcs
@@ -136,12 +138,11 @@ def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array)
 
 def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
     _, labels = problem.inequalities
-    scales = _scales(problem.system, problem.full_parameters(p, problem.unpack(w)[2]), w)
-    for label, value in zip(labels, margins, strict=True):
+    units = problem.units(problem.full_parameters(p, problem.unpack(w)[2])).margins
+    for label, value, unit in zip(labels, margins, units, strict=True):
         if label.name in SIMPLE_MARGINS and value < 0:
-            words, scale = SIMPLE_MARGINS[label.name]
-            text = f"{_place(problem, w, label)}: {words.format(value=value)}"
-            severity = float(-value / scales[scale])
+            text = f"{_place(problem, w, label)}: {SIMPLE_MARGINS[label.name].format(value=value)}"
+            severity = float(-value / unit)
             yield Complaint(severity=severity, phase=label.phase, step=label.step, words=text)
 
 
@@ -153,12 +154,6 @@ def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint
             place = phase_words(problem.layout.cycle, phase)
             words = f"{place}: its duration is {duration:.4g} s, so it does not take place"
             yield Complaint(severity=float(-duration / abs(period)), phase=phase, words=words)
-
-
-def _scales(system: HybridSystem, p: Array, w: Array) -> dict[str, float]:
-    weight = float(system.weight(p))
-    speed = max(float(np.abs(w).max()), 1e-6)
-    return {"force": weight, "speed": speed, "impulse": weight * speed, "one": 1.0}
 
 
 def _place(problem: Transcription, w: Array, label: Label) -> str:

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 MAX_REORDERS = 6
 """Times that switches and breakpoints may change their order; each is a new layout."""
 RESIDUAL_TOLERANCE = 1e-9
-"""Largest violation of any equality or margin in a solution that is called converged."""
+"""Largest violation, in natural units, of any equality or margin in a solution that is called converged."""
 VANISHING = 1e-7
 """A phase shorter than this part of the period does not take place."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
@@ -167,10 +167,10 @@ def _explain(attempt: Attempt, guess: Rollout) -> str:
     relaxed = _attempt(transcription, p, attempt.start, None, None, relaxed=True)
     for w in (relaxed.result.w, attempt.result.w):
         residual = np.asarray(transcription.violation(w, p)).ravel()
-        if np.abs(residual).max() <= RESIDUAL_TOLERANCE:
+        if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
             found = complaints(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
             if found:
                 return "; ".join(complaint.words for complaint in found)
     if guess.endless is not None:
         return endless_complaint(transcription.layout.cycle, guess.endless)
-    return residual_complaint(transcription, attempt.result.w, residual)
+    return residual_complaint(transcription, attempt.result.w, p, residual)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import SolveError
-from gaitopt.gait import Gait
+from gaitopt.gait import TERMINAL, Gait
 from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.problem import Problem
 from gaitopt.store import (
@@ -21,7 +21,6 @@ from gaitopt.store import (
 )
 from gaitopt.store.run import RESULTS
 from gaitopt.study.continuation import Request, follow_family, resumable
-from gaitopt.study.continuation.follow import TERMINAL
 from gaitopt.study.restore import restore_gait
 from gaitopt.study.solve import solve
 from gaitopt.study.verify import verify
