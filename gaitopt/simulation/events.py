@@ -29,8 +29,8 @@ SIMULTANEOUS = 1e-12
 """Events this close in time are one instant: the accuracy to which the worst of them is located."""
 INSTANT = 1e-9
 """Shortest time that is told apart: a margin that is negative for less, or a slip that lasts less, is none."""
-LINEAR = 1e-9
-"""A move along the flow this short in time is linear: its square is below rounding."""
+LINEAR = 1e-11
+"""A move along the flow this short in time is linear, even within a slip that lasts ten instants."""
 STEEP = 1e-3
 """A rate beyond which the bend of a margin at its edge makes no difference: one of a million would be needed."""
 LOOK = 1e-7
