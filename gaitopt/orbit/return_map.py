@@ -12,11 +12,12 @@ from gaitopt.gait import Ending, Step
 from gaitopt.mechanics import Mode
 from gaitopt.orbit.variational import StepVariation
 from gaitopt.simulation import Simulator
+from gaitopt.simulation.natural import units
 
 Array = NDArray[np.float64]
 
-FIXED_POINT_TOLERANCE = 1e-12
-"""Rounding of a simulated step."""
+ROUNDING = 1e-12
+"""Error of a simulated step in natural units, as far as it is not amplified."""
 NEWTON_STEPS = 12
 
 
@@ -44,7 +45,9 @@ class FixedPoint:
     Attributes
     ----------
     xi : ndarray, shape (n_xi,) - last iterate.
-    residual : largest entry of Pi(xi) - xi; infinite where the map is not defined.
+    residual : largest entry of Pi(xi) - xi in natural units; infinite where the map is not defined.
+    accuracy : residual below which rounding leaves nothing to improve; what happens early in a step is amplified by
+        the derivative of the map.
     step : the step from ``xi``, or None.
     jacobian : ndarray, shape (n_xi, n_xi) - derivative of the map at ``xi``, or None.
     message : how it ended.
@@ -52,6 +55,7 @@ class FixedPoint:
 
     xi: Array
     residual: float
+    accuracy: float
     step: Step | None
     jacobian: Array | None
     message: str
@@ -59,7 +63,7 @@ class FixedPoint:
     @property
     def converged(self) -> bool:
         """Whether the residual is down at rounding."""
-        return self.residual < FIXED_POINT_TOLERANCE
+        return self.residual <= self.accuracy
 
 
 class ReturnMap:
@@ -69,6 +73,7 @@ class ReturnMap:
         self.simulator, self.section_mode = simulator, section_mode
         self._system, self._p = simulator.system, simulator.p
         self._indices = simulator.system.section(section_mode)
+        self._units = units(self._system, self._p).state[self._indices]
         self._variation = StepVariation(self._system, self._p, section_mode, simulator.stepper)
 
     def __call__(self, xi: Array) -> Return:
@@ -94,9 +99,9 @@ class ReturnMap:
         for _ in range(NEWTON_STEPS):
             if point.converged or point.jacobian is None or point.step is None or point.step.impact is None:
                 break
-            defect = point.step.impact.state[self._indices] - point.xi
-            newton = np.linalg.lstsq(point.jacobian - np.eye(xi.size), defect, rcond=None)[0]
-            candidate = self._evaluate(point.xi - newton)
+            defect = (point.step.impact.state[self._indices] - point.xi) / self._units
+            newton = np.linalg.lstsq(self._scaled(point.jacobian) - np.eye(xi.size), defect, rcond=None)[0]
+            candidate = self._evaluate(point.xi - newton * self._units)
             if not candidate.residual < point.residual:
                 break
             point = candidate
@@ -105,10 +110,20 @@ class ReturnMap:
     def _evaluate(self, xi: Array) -> FixedPoint:
         result = self(xi)
         if result.xi is None or result.step is None:
-            return FixedPoint(xi=xi, residual=np.inf, step=result.step, jacobian=None, message=result.message)
-        residual = float(np.abs(result.xi - xi).max())
-        jacobian = self.jacobian(result.step)
-        if not np.isfinite(jacobian).all():
-            message = "the walk grazes an event, where the return map has no derivative"
-            return FixedPoint(xi=xi, residual=residual, step=result.step, jacobian=None, message=message)
-        return FixedPoint(xi=xi, residual=residual, step=result.step, jacobian=jacobian, message=result.message)
+            return FixedPoint(
+                xi=xi, residual=np.inf, accuracy=ROUNDING, step=result.step, jacobian=None, message=result.message
+            )
+        residual = float(np.abs((result.xi - xi) / self._units).max())
+        jacobian: Array | None = self.jacobian(result.step)
+        accuracy, message = ROUNDING, result.message
+        if np.isfinite(jacobian).all():
+            accuracy *= max(1.0, float(np.linalg.norm(self._scaled(jacobian), np.inf)))
+        else:
+            jacobian, message = None, "the walk grazes an event, where the return map has no derivative"
+        return FixedPoint(
+            xi=xi, residual=residual, accuracy=accuracy, step=result.step, jacobian=jacobian, message=message
+        )
+
+    def _scaled(self, jacobian: Array) -> Array:
+        """The derivative of the map in natural units."""
+        return jacobian * self._units / self._units[:, None]
