@@ -9,7 +9,20 @@ from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
 from gaitopt.mechanics import Mode, margin_names
-from gaitopt.simulation.events import EDGE, INSTANT, LOOK, PRIORITY, Point, coincides, fallen, falls, first_event, is_armed, lift, refine
+from gaitopt.simulation.events import (
+    EDGE,
+    INSTANT,
+    LOOK,
+    PRIORITY,
+    Point,
+    coincides,
+    fallen,
+    falls,
+    first_event,
+    is_armed,
+    lift,
+    refine,
+)
 
 NAMES = ("touchdown", "upright", "normal_force", "slip_velocity", "painleve")
 

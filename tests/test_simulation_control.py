@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from gaitopt.gait import Ending, curves, observe
 from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, Piece, ProportionalDerivative, Reference
+from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
 
 Array = NDArray[np.float64]
@@ -95,6 +96,26 @@ def test_a_jump_of_the_torque_out_of_the_cone_starts_a_slip_at_the_breakpoint() 
         step = staircase((0.3, 0.32), (0, 0), (torque, 0), (0, 0), friction=0.18).run(START).steps[0]
         assert [arc.mode for arc in step.arcs[:2]] == [Mode.STICK, slip]
         assert step.arcs[1].start == 0.3
+
+
+def test_a_slip_that_a_jump_of_the_torque_starts_is_decided_there_and_no_switch_by_itself() -> None:
+    """Of the two changes of mode only the end of the slip is an event."""
+    simulator = staircase((0.3, 0.32), (0, 0), (30, 0), (0, 0), friction=0.18)
+    limited = Simulator(simulator.system, simulator.p, max_switches=1)
+    step = limited.run(START).steps[0]
+    assert [mode for mode, _ in step.phases] == [Mode.STICK, Mode.SLIP_BACKWARD, Mode.STICK]
+    assert step.impact is not None
+
+
+def test_deviations_pass_a_jump_of_the_torque_unchanged() -> None:
+    """A breakpoint lies at a fixed time for all neighbours: it is no event, and its saltation is the identity."""
+    simulator = staircase((0.3, 0.5), (0.3, 0.1), (-1.5, 0.6), (0.5, 0), friction=1.0)
+    mapped, xi, h = ReturnMap(simulator, Mode.STICK), START[[0, 3, 4]], 1e-6
+    step = mapped(xi).step
+    assert step is not None
+    assert [arc.segment for arc in step.arcs] == [0, 1, 2]
+    columns = [(mapped(xi + h * unit).xi - mapped(xi - h * unit).xi) / (2 * h) for unit in np.eye(3)]
+    assert np.abs(np.column_stack(columns) - mapped.jacobian(step)).max() < 1e-6
 
 
 def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:

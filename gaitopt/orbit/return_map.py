@@ -114,14 +114,20 @@ class ReturnMap:
                 xi=xi, residual=np.inf, accuracy=ROUNDING, step=result.step, jacobian=None, message=result.message
             )
         residual = float(np.abs((result.xi - xi) / self._units).max())
-        jacobian: Array | None = self.jacobian(result.step)
-        accuracy, message = ROUNDING, result.message
-        if np.isfinite(jacobian).all():
-            accuracy *= max(1.0, float(np.linalg.norm(self._scaled(jacobian), np.inf)))
-        else:
-            jacobian, message = None, "the walk grazes an event, where the return map has no derivative"
+        derivative = self.jacobian(result.step)
+        if not np.isfinite(derivative).all():
+            message = "the walk grazes an event, where the return map has no derivative"
+            return FixedPoint(
+                xi=xi, residual=residual, accuracy=ROUNDING, step=result.step, jacobian=None, message=message
+            )
+        accuracy = ROUNDING * max(1.0, float(np.linalg.norm(self._scaled(derivative), np.inf)))
         return FixedPoint(
-            xi=xi, residual=residual, accuracy=accuracy, step=result.step, jacobian=jacobian, message=message
+            xi=xi,
+            residual=residual,
+            accuracy=accuracy,
+            step=result.step,
+            jacobian=derivative,
+            message=result.message,
         )
 
     def _scaled(self, jacobian: Array) -> Array:

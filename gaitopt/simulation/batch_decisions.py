@@ -107,11 +107,11 @@ class BatchDecisions:
         return Landing(modes=modes, endings=endings, states=after, step_lengths=step_lengths)
 
     def _consistent(self, mode: Mode, candidate: list[Array]) -> Flags:
-        _, impulse, slip_velocity, _, painleve = candidate
+        _, impulse, slip_velocity, _, _ = candidate
         f_t, f_n = impulse.T
         if mode is Mode.STICK:
             return (f_n > 0) & (np.abs(f_t) <= self._friction * f_n)
-        return (painleve[:, 0] > 0) & (f_n > 0) & (mode.direction * slip_velocity[:, 0] > 0)
+        return (f_n > 0) & (mode.direction * slip_velocity[:, 0] > 0)
 
     def _at_edge(self, impulse: Array) -> Flags:
         f_t, f_n = impulse.T

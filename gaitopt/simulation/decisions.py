@@ -11,10 +11,10 @@ exactly at the edge of the cone the derivatives of the margin decide. At an impa
 the swing foot comes down, v_n < 0 just before it, and
 
     stick             F_n > 0 and |F_t| <= mu F_n
-    slip with sign s  C_tt + mu s C_nt > 0 (det(C) w_n' M^-1 Gamma), F_n > 0 and s v_t > 0 just after it
+    slip with sign s  F_n > 0 and s v_t > 0 just after it
 
-with C the apparent mass of the colliding foot. Which of these hold is found out, not assumed; none or several is a
-named ending.
+where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. Which of these hold is
+found out, not assumed; none or several is a named ending.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.simulation.buffered import Buffered
-from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls
+from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, lands
 from gaitopt.simulation.natural import natural_system, units
 
 Array = NDArray[np.float64]
@@ -116,13 +116,13 @@ class Decisions:
             return Refusal(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
         return self._record(consistent[0], stick)
 
-    def lands(self, mode: Mode, t: float, z: Array, data: Array) -> bool:
+    def touches_down(self, mode: Mode, t: float, z: Array, data: Array) -> bool:
         """Whether the swing foot touches down at this very time, which ends an arc for another reason."""
         _, margins, rates = self._points[mode](
             t / self._units.time, z / self._units.state, self._units.parameters[mode], data
         )
         touchdown = margin_names(mode).index("touchdown")
-        return bool(abs(margins[touchdown]) <= EDGE and rates[touchdown] < 0)
+        return bool(lands(margins[touchdown], rates[touchdown]))
 
     def _leaves(self, tau: float, zeta: Array, data: Array) -> dict[Mode, bool]:
         """Which slips the foot is pushed into: the margins of the cone that do not hold for longer than an instant."""
@@ -153,7 +153,7 @@ class Decisions:
         f_t, f_n = candidate.impulse
         if candidate.mode is Mode.STICK:
             return bool(f_n > 0 and abs(f_t) <= self._friction * f_n * (1 + EDGE))
-        return bool(candidate.painleve > 0 and f_n > 0 and candidate.mode.direction * candidate.slip_velocity > 0)
+        return bool(f_n > 0 and candidate.mode.direction * candidate.slip_velocity > 0)
 
     def _at_edge(self, stick: _Candidate) -> bool:
         f_t, f_n = stick.impulse

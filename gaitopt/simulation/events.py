@@ -4,7 +4,9 @@ All is in natural units. At the start of an arc margins may be at their edge, wh
 
     margin + INSTANT rate + INSTANT^2 bend / 2 < 0      the margin has fallen; else it holds, and leaves its edge
 
-except where it only dips, by rate^2 / (2 bend) < EDGE, and for ``painleve``, at whose edge the equations of motion are singular: there it has fallen in any case.
+except where it only dips, by rate^2 / (2 bend) < EDGE, and except for ``painleve``, at whose edge the equations of
+motion are singular: there it has fallen in any case.
+
 Within a step nothing here reads the integrator's interpolant, which is three digits worse than its steps: ``reach(t)``
 integrates from the start of the step to any time within it, and Newton's method runs on that.
 """
@@ -34,7 +36,7 @@ LINEAR = 1e-11
 STEEP = 1e-3
 """A rate beyond which the bend of a margin at its edge makes no difference: one of a million would be needed."""
 LOOK = 1e-7
-"""Time over which a difference of rates gives the bend: eight digits after the point, and it changes little meanwhile."""
+"""Time over which a difference of rates gives the bend, right to 1e-8; meanwhile it changes little."""
 CLOSE = 1e-3
 """Longest step of Newton's method towards an event that an engine has located to ``EDGE``: beyond a margin that only
 just falls, its tangent points nowhere."""
@@ -103,8 +105,8 @@ def lift(name: str, margin: Any, rate: Any) -> Any:
     """What an engine that looks for sign changes must add to a margin of an arc, from its value at the start.
 
     No lifted margin starts at zero, where a root of its series would hide the next. One that may fall is lifted by
-    its edge, and one that starts at its edge by how far it may dip; ``touchdown`` is lowered as long as it is not armed, so that
-    it falls only after it has been positive. Floats, or arrays of one shape.
+    its edge, and one that starts at its edge by how far it may dip; ``touchdown`` is lowered as long as it is not
+    armed, so that it falls only after it has been positive. Floats, or arrays of one shape.
     """
     armed, dip = is_armed(name, margin), (margin <= EDGE) * (rate < 0) * 2 * EDGE
     return armed * (LIFTS[name] + dip) - (1 - armed) * EDGE
@@ -113,6 +115,11 @@ def lift(name: str, margin: Any, rate: Any) -> Any:
 def coincides(margin: Any, rate: Any) -> Any:
     """Whether a margin falls through zero at this very instant; floats, or arrays of one shape."""
     return (rate < 0) & (abs(margin) <= -rate * SIMULTANEOUS)
+
+
+def lands(margin: Any, rate: Any) -> Any:
+    """Whether ``touchdown`` falls where an arc ends for another reason; the next arc could not see it."""
+    return (abs(margin) <= EDGE) & (rate < 0)
 
 
 def refine(k: int, point: Point, reach: Callable[[Point, float], Point]) -> tuple[float, Array]:

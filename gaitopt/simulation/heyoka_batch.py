@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.events import EDGE, INSTANT, LINEAR, LOOK, PRIORITY, bends_decide, coincides, falls, lift
+from gaitopt.simulation.events import EDGE, INSTANT, LINEAR, LOOK, PRIORITY, bends_decide, coincides, falls, lands, lift
 from gaitopt.simulation.heyoka_functions import CompiledRows
 from gaitopt.simulation.heyoka_integrators import LANES, batch_integrator
 from gaitopt.simulation.heyoka_stepper import MAX_TAYLOR_STEPS, HeyokaStepper
@@ -78,6 +78,7 @@ class HeyokaBatch:
         lifts = [lift(*column) for column in zip(margin_names(mode), margins.T, rates.T, strict=True)]
         constants = np.column_stack([self._runtime(mode)[segments], *lifts])
         _Lanes(batch_integrator(self._system, mode).taylor, constants, limits / unit.time, ends).run(moved)
+        self._land_at_limits(mode, segments, ends, moved)
         far = self._locate(mode, segments, ends, moved, taus, margins)
         arrivals = Arrivals(times=times.copy(), states=states.copy(), events=ends.events)
         at_limit = ends.events[moved] == LIMIT
@@ -97,6 +98,13 @@ class HeyokaBatch:
             bends[close] = (later - rates[close]) / LOOK
         columns = zip(margin_names(mode), margins.T, rates.T, bends.T, strict=True)
         return np.column_stack([falls(*column) for column in columns])
+
+    def _land_at_limits(self, mode: Mode, segments: Indices, ends: Arrivals, moved: Indices) -> None:
+        """Where the swing foot touches down at a time limit, this is the event."""
+        rows = moved[ends.events[moved] == LIMIT]
+        if rows.size:
+            _, margins, rates = self._point(mode, segments[rows], ends.times[rows], ends.states[rows])
+            ends.events[rows[lands(margins[:, 0], rates[:, 0])]] = 0
 
     def _locate(
         self, mode: Mode, segments: Indices, ends: Arrivals, moved: Indices, starts: Array, first: Array
@@ -142,7 +150,9 @@ class HeyokaBatch:
         """Runtime parameters on every segment of the control; shape (n_segments, n_par)."""
         if mode not in self._constants:
             integrator = batch_integrator(self._system, mode)
-            self._constants[mode] = np.array([integrator.values(self._units.parameters[mode], data) for data in self.data])
+            self._constants[mode] = np.array(
+                [integrator.values(self._units.parameters[mode], data) for data in self.data]
+            )
         return self._constants[mode]
 
 
@@ -197,7 +207,9 @@ class _Lanes:
             time, state, constants = self._arrivals.times[row], self._arrivals.states[row], self._constants[row]
             stop = self._limits[row]
         taylor = self._taylor
-        high, low = map(np.nan_to_num, taylor.dtime)  # the other lanes keep the low part of their time; some have failed
+        high, low = map(
+            np.nan_to_num, taylor.dtime
+        )  # the other lanes keep the low part of their time; some have failed
         high[lane], low[lane] = time, 0.0
         taylor.set_dtime(high, low)
         taylor.state[:, lane], taylor.pars[:, lane] = state, constants

@@ -72,7 +72,9 @@ def flow_integrator(system: HybridSystem, mode: Mode, *, precision: type = float
 
 def variational_integrator(system: HybridSystem, mode: Mode, columns: int) -> Integrator:
     """Motion in one mode with ``columns`` deviations; see ``NaturalSystem.variational``."""
-    return _compiled(_Equations(natural_system(system).variational(mode, columns)), unrolled=False, tolerance=VARIATIONAL_TOLERANCE)
+    return _compiled(
+        _Equations(natural_system(system).variational(mode, columns)), unrolled=False, tolerance=VARIATIONAL_TOLERANCE
+    )
 
 
 class _Equations:

@@ -13,7 +13,8 @@ Array = NDArray[np.float64]
 COUNTS = (33, 65, 129, 257)
 """Numbers of points that are tried in turn; 33 resolve a phase of walking."""
 RESOLVED = 1e-12
-"""Size of the last Chebyshev coefficients in natural units below which an arc is resolved; forces lose two digits against states."""
+"""Size of the last Chebyshev coefficients, in natural units, below which an arc is resolved; forces lose two digits
+against states."""
 STRAIGHT = 1e-8
 """An arc this short, in natural units, is straight to rounding: its two ends are enough."""
 

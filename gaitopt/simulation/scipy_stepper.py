@@ -80,7 +80,7 @@ class ScipyStepper:
 
     def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
         """Deviations at the end of an arc from those at its start; see ``Stepper``."""
-        unit, (n_z, columns) = self._units, deviations.shape
+        unit, columns = self._units, deviations.shape[1]
         variational = Buffered(self._natural.variational(mode, columns))
         variational.inputs[2][:], variational.inputs[3][:] = unit.parameters[mode], data
         start, end = times / unit.time

@@ -175,7 +175,7 @@ class Simulator:
 
     def _lands(self, mode: Mode, moment: _Moment) -> bool:
         """Whether touchdown falls on a breakpoint of the control; the arc that would follow could not see it."""
-        return self._decisions.lands(mode, moment.time, moment.state, self.system.data(moment.segment))
+        return self._decisions.touches_down(mode, moment.time, moment.state, self.system.data(moment.segment))
 
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
