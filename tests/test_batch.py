@@ -9,12 +9,14 @@ from casadi import SX
 pytest.importorskip("heyoka")
 
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Control, HybridSystem, Mode
+from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, NoControl
 from gaitopt.problem import load_problem
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.batch import BatchSimulator
+from gaitopt.simulation.batch_decisions import BatchDecisions
 from gaitopt.simulation.batch_functions import WIDTH, Rowwise
 from gaitopt.simulation.batch_steps import ENDINGS, MAX_PHASES, phase_code, phase_names
+from gaitopt.simulation.decisions import Decisions, Refusal
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.study import build_system, return_map, solve
 
@@ -123,6 +125,21 @@ def test_batch_counts_switches_as_the_simulator_does(max_switches):
     endings = [alone.step(state).ending for state in states]
     assert [ENDINGS[code] for code in batch.endings] == endings
     assert Ending.CHATTERING in endings
+
+
+def test_foot_that_comes_from_below_has_no_impact_in_a_batch():
+    system = HybridSystem(CompassBiped, NoControl())
+    rng = np.random.default_rng(5)
+    for friction in (0.05, 0.5, 4.099, 50.0):
+        p = np.array([1.6, 4, 0.8, 2, 9.8, 0.02, friction])
+        theta, rates, slips = rng.uniform(-0.3, 0.3, (40, 1)), rng.uniform(-1, 1, (40, 2)), rng.normal(size=(40, 1))
+        states = np.hstack([theta, theta, np.zeros((40, 1)), rates, slips * rng.integers(0, 2, (40, 1))])
+        landing, one_by_one = BatchDecisions(system, p).land(states), Decisions(system, p)
+        for state, ending in zip(states, landing.endings, strict=True):
+            decision = one_by_one.impact(state)
+            assert ENDINGS[ending] == (decision.ending if isinstance(decision, Refusal) else Ending.COMPLETED)
+            if float(system.approach(state, p)) >= 0:
+                assert ENDINGS[ending] is Ending.IMPACT_INCONSISTENT
 
 
 def test_touchdown_at_a_breakpoint_of_the_control_ends_the_step():
