@@ -16,7 +16,6 @@ from gaitopt.simulation.batch import BatchSimulator
 from gaitopt.simulation.batch_decisions import BatchDecisions
 from gaitopt.simulation.batch_functions import WIDTH, Rowwise
 from gaitopt.simulation.batch_steps import ENDINGS, MAX_PHASES, phase_code, phase_names
-from gaitopt.simulation.decisions import Decisions, Refusal
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.study import build_system, return_map, solve
 
@@ -128,18 +127,17 @@ def test_batch_counts_switches_as_the_simulator_does(max_switches):
 
 
 def test_foot_that_comes_from_below_has_no_impact_in_a_batch():
-    system = HybridSystem(CompassBiped, NoControl())
+    system, n = HybridSystem(CompassBiped, NoControl()), 4000
     rng = np.random.default_rng(5)
-    for friction in (0.05, 0.5, 4.099, 50.0):
+    for friction in (0.5, 4.099, 50.0):
         p = np.array([1.6, 4, 0.8, 2, 9.8, 0.02, friction])
-        theta, rates, slips = rng.uniform(-0.3, 0.3, (40, 1)), rng.uniform(-1, 1, (40, 2)), rng.normal(size=(40, 1))
-        states = np.hstack([theta, theta, np.zeros((40, 1)), rates, slips * rng.integers(0, 2, (40, 1))])
-        landing, one_by_one = BatchDecisions(system, p).land(states), Decisions(system, p)
-        for state, ending in zip(states, landing.endings, strict=True):
-            decision = one_by_one.impact(state)
-            assert ENDINGS[ending] == (decision.ending if isinstance(decision, Refusal) else Ending.COMPLETED)
-            if float(system.approach(state, p)) >= 0:
-                assert ENDINGS[ending] is Ending.IMPACT_INCONSISTENT
+        theta, rates = rng.uniform(-0.6, 0.6, (n, 1)), rng.uniform(-1, 1, (n, 2))
+        states = np.hstack([theta, theta, np.zeros((n, 1)), rates, rng.normal(size=(n, 1))])
+        (velocities,) = Rowwise(system.approach)(states, p)
+        endings = BatchDecisions(system, p).land(states).endings
+        refused = ENDINGS.index(Ending.IMPACT_INCONSISTENT)
+        assert (endings[velocities[:, 0] >= 0] == refused).all()
+        assert (endings[velocities[:, 0] < 0] != refused).all()
 
 
 def test_touchdown_at_a_breakpoint_of_the_control_ends_the_step():
