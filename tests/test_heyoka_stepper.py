@@ -11,7 +11,7 @@ from gaitopt.mechanics import Mode
 from gaitopt.orbit import ReturnMap
 from gaitopt.problem import load_problem, problem_names
 from gaitopt.simulation import ScipyStepper, Simulator, choose_engine, make_stepper
-from gaitopt.simulation.heyoka_stepper import HeyokaStepper, falls
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.study import build_system, solve, verify
 
 AGREEMENT = 1e-10
@@ -142,14 +142,6 @@ def test_slip_that_begins_and_ends_within_one_series_is_found():
     step = Simulator(system, p, stepper=HeyokaStepper(system, p)).step(state).step
     assert phases(step)[:2] == (Mode.SLIP_FORWARD, Mode.STICK)
     assert step.arcs[0].duration < 0.03
-
-
-@pytest.mark.parametrize(
-    ("margin", "rate", "expected"),
-    [(0.0, 1.0, False), (0.0, 0.0, False), (0.0, -1.0, True), (-1e-3, 5.0, True), (-1e-11, 1.0, False)],
-)
-def test_margin_at_its_edge_falls_or_leaves_it(margin, rate, expected):
-    assert falls(margin, rate) is expected
 
 
 def test_dense_arcs_are_those_of_the_other_engine():

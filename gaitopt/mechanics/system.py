@@ -172,6 +172,11 @@ class HybridSystem:
         return self._build(f"impact_jacobian_{mode}", outputs, inputs=[self._eom.z, self._p])
 
     @cached_property
+    def approach(self) -> Function:
+        """(z, p) -> normal velocity of the swing foot [m/s]; it is negative where the foot comes down."""
+        return Function("approach", [self._eom.z, self._p], [(self._eom.W_swing @ self._eom.dq)[1]])
+
+    @cached_property
     def weight(self) -> Function:
         """p -> total weight [N]."""
         return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
