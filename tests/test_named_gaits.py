@@ -9,15 +9,15 @@ from math import cos, pi, radians, sin, sqrt, tan
 
 import numpy as np
 import pytest
+from named import named, verification
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 import gaitopt as go
-from gaitopt.gait import Gait, floquet_multipliers, multiplier_distance
+from gaitopt.gait import floquet_multipliers, multiplier_distance
 from gaitopt.mechanics import Mode
 from gaitopt.orbit import FixedPoint, ReturnMap
 from gaitopt.simulation import Simulator
-from gaitopt.study import Verification
 
 Array = NDArray[np.float64]
 
@@ -83,16 +83,6 @@ def with_values(name: str, overrides: dict[str, object]) -> go.Problem:
 
 
 @cache
-def named(name: str) -> Gait:
-    return go.solve(go.load_problem(name))
-
-
-@cache
-def verification(name: str) -> Verification:
-    return go.verify(named(name))
-
-
-@cache
 def simulated(name: str) -> tuple[ReturnMap, FixedPoint]:
     """Fixed point of the simulator's return map, by Newton's method from three digits of the gait."""
     gait = named(name)
@@ -120,6 +110,7 @@ def test_gait_has_the_modes_of_the_paper_and_every_claim_about_it_holds(name: st
     assert check.to_record()["mode_sequence_matches"]
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize(("name", "figure", "value", "digits"), FIGURES)
 def test_figure_is_the_known_one_to_all_its_digits(name: str, figure: str, value: float, digits: int) -> None:
     assert named(name).to_record()[figure] == pytest.approx(value, abs=0.5000001 * 10**-digits)
@@ -133,6 +124,7 @@ def test_printed_rates_of_the_sticking_gait() -> None:
     assert dx == 0
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize("name", NAMED)
 def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
     gait, (return_map, point) = named(name), simulated(name)

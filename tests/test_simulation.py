@@ -12,6 +12,8 @@ from gaitopt.mechanics import CompassBiped, ConstantTorque, HybridSystem, Mode, 
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.events import LINEAR
 
+pytestmark = pytest.mark.portable
+
 Array = NDArray[np.float64]
 
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
