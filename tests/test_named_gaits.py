@@ -91,8 +91,10 @@ def simulated(name: str) -> tuple[ReturnMap, FixedPoint]:
     return return_map, return_map.fixed_point(np.round(section, 4))
 
 
-def differences(return_map: ReturnMap, xi: Array) -> Array:
+@cache
+def differences(name: str) -> Array:
     """Derivative of the return map by central differences of simulated steps, of fourth order."""
+    return_map, xi = simulated(name)[0], simulated(name)[1].xi
 
     def column(unit: Array) -> Array:
         far, near, ahead, beyond = (return_map(xi + k * DIFFERENCE * unit).xi for k in (-2, -1, 1, 2))
@@ -137,10 +139,10 @@ def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMED)
 def test_multipliers_agree_three_ways(name: str) -> None:
-    implicit, (return_map, point) = named(name).multipliers, simulated(name)
+    implicit, (_, point) = named(name).multipliers, simulated(name)
     assert point.jacobian is not None
     saltation = floquet_multipliers(point.jacobian)
-    central = floquet_multipliers(differences(return_map, point.xi))
+    central = floquet_multipliers(differences(name))
     assert multiplier_distance(implicit, saltation) < MULTIPLIER_AGREEMENT
     assert multiplier_distance(central, saltation) < 1e-6
     assert multiplier_distance(central, implicit) < 1e-6
@@ -148,10 +150,10 @@ def test_multipliers_agree_three_ways(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMED)
 def test_central_differences_are_the_derivative_by_saltation(name: str) -> None:
-    return_map, point = simulated(name)
+    _, point = simulated(name)
     assert point.jacobian is not None
     scale = np.abs(point.jacobian).max()
-    assert np.abs(differences(return_map, point.xi) - point.jacobian).max() < 1e-7 * scale
+    assert np.abs(differences(name) - point.jacobian).max() < 1e-7 * scale
 
 
 @pytest.mark.parametrize("name", ["compass-passive-b", "compass-torque-impact-slip", "compass-pd-impact-slip"])
