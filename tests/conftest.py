@@ -6,6 +6,7 @@ import signal
 # before numpy is imported: the processes of the suite share the cores, and threads would fight over them
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.pop("COLUMNS", None)  # of the terminal that the suite runs in; what is printed here goes to pipes
 
 import pytest
 from hypothesis import settings
