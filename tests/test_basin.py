@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("heyoka")
 
+from named import named
+
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait import Ending
@@ -16,7 +18,7 @@ from gaitopt.simulation import Engine, Simulator
 from gaitopt.simulation.batch_steps import ENDINGS
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.store import begin_run
-from gaitopt.study import basin_run, solve
+from gaitopt.study import basin_run
 from gaitopt.study.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
 from gaitopt.study.basin_run import BasinPlan, check_basin, read_basin, walk_basin
 from gaitopt.study.batch import Returns, step_map
@@ -31,7 +33,7 @@ GRID = Grid(
 
 @pytest.fixture(scope="module")
 def gait():
-    return solve(load_problem("compass-passive-a"))
+    return named("compass-passive-a")
 
 
 def plan_in(folder, gait, **changes):

@@ -8,6 +8,8 @@ from casadi import SX
 
 pytest.importorskip("heyoka")
 
+from named import named
+
 from gaitopt.gait import Ending
 from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, NoControl
 from gaitopt.problem import load_problem
@@ -17,7 +19,7 @@ from gaitopt.simulation.batch_decisions import BatchDecisions
 from gaitopt.simulation.batch_functions import WIDTH, Rowwise
 from gaitopt.simulation.batch_steps import ENDINGS, MAX_PHASES, phase_code, phase_names
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
-from gaitopt.study import build_system, return_map, solve
+from gaitopt.study import build_system, return_map
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def test_processes_map_alike():
 
 
 def test_gait_is_mapped_to_itself_even_after_a_slipping_impact():
-    gait = solve(load_problem("compass-torque-impact-slip"))
+    gait = named("compass-torque-impact-slip")
     xi = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
     batch = return_map(gait, np.tile(xi, (3, 1)), engine="heyoka")
     np.testing.assert_allclose(batch.states, np.tile(xi, (3, 1)), rtol=0, atol=1e-10)

@@ -15,6 +15,8 @@ from gaitopt.gait import Branch, BranchPoint, SpecialPoint
 from gaitopt.mechanics import Cycle, Mode
 from gaitopt.study.continuation import continuation
 
+pytestmark = pytest.mark.portable
+
 AGREEMENT = 1e-9
 ASIDE = 1e-5
 """Distance from a special point at which the simulator begins, in units of the parameter."""

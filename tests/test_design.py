@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from named import named
 
 from gaitopt.gait import Ending, Status
 from gaitopt.mechanics import BeyondEnd, BezierTracking, control_points
@@ -71,7 +72,7 @@ def test_objective_is_the_scalar_that_is_reported(objective, scalar, sense):
 
 
 def test_margins_hold_between_the_nodes():
-    gait = solve(load_problem("compass-torque-stable-slip"))
+    gait = named("compass-torque-stable-slip")
     assert gait.converged, gait.message
     assert not touches(gait, 1e-8)
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from named import named
 
 import gaitopt as go
 from gaitopt.gait import Arc, Gait
@@ -16,7 +17,7 @@ NAMES = ("rimless-wheel-stick", "rimless-wheel-slip", "compass-passive-stick", "
 
 @cache
 def solved(name: str) -> Gait:
-    return go.solve(go.load_problem(name))
+    return named(name)
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:

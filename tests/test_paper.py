@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from named import named
 
 from gaitopt.cli.main import main
 from gaitopt.cli.progress import interruptible
@@ -20,9 +21,7 @@ from gaitopt.paper.numbers import NUMBERS
 from gaitopt.paper.reasons import EXPLANATIONS, Reason
 from gaitopt.paper.sentences import SENTENCES
 from gaitopt.paper.table import markdown, record, row
-from gaitopt.problem import load_problem
 from gaitopt.store import run_folder
-from gaitopt.study import solve
 
 COMMITTED = Path(__file__).parents[1] / "results" / "gamus-or-2013"
 RECOMPUTED = ("A: |λ| at μ = 0.14", "B: |λ| at μ = 0.14", "μ_c", "impulse ratio", "θ1* [rad]", "I: τ1, mean [N m]")
@@ -37,7 +36,7 @@ def committed() -> dict:
 
 @cache
 def passive() -> Gait:
-    return solve(load_problem("compass-passive-stick"))
+    return named("compass-passive-stick")
 
 
 @pytest.fixture(scope="module")

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from named import named
 
 from gaitopt.gait.table import trajectory_header, trajectory_rows
-from gaitopt.problem import load_problem
 from gaitopt.store import Table, read_run, write_run
-from gaitopt.study import simulate, solve, verify
+from gaitopt.study import simulate, verify
 from gaitopt.study.restore import restore_gait
 
 
 @pytest.fixture(scope="module", params=["compass-passive-a", "compass-pd-impact-slip"])
 def gait(request):
-    return solve(load_problem(request.param))
+    return named(request.param)
 
 
 @pytest.fixture(scope="module")

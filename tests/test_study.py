@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from named import named
 
 import gaitopt as go
 from gaitopt.errors import SolveError, UnknownNameError
@@ -23,7 +24,7 @@ RESULT = {
 
 @cache
 def gait(name: str = "compass-passive-a") -> Gait:
-    return go.solve(go.load_problem(name))
+    return named(name)
 
 
 @cache

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from named import named
 from numpy.typing import NDArray
 
 import gaitopt as go
@@ -25,7 +26,7 @@ SLIGHT = 1e-6
 
 @cache
 def good(name: str = "compass-passive-a") -> Gait:
-    return go.solve(go.load_problem(name))
+    return named(name)
 
 
 def failed(gait: Gait) -> set[str]:

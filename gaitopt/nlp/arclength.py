@@ -20,6 +20,7 @@ from scipy.sparse import csc_matrix, vstack
 
 from gaitopt.nlp.newton import Linearisation, ScaledFactor
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
@@ -97,6 +98,7 @@ class Curve:
         normal = self.coordinates(point.tangent)
         return self._correct(point.at.w + length * point.tangent, normal, point.factor, normal)
 
+    @overflow_allowed()
     def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
         """The point near ``point`` with the given value of the parameter."""
         slope = point.tangent[-1]
@@ -104,6 +106,7 @@ class Curve:
         predicted[-1] = value
         return self.start(predicted, point.tangent)
 
+    @overflow_allowed()
     def _correct(
         self, predicted: Array, normal: Array, factor: ScaledFactor | None, forward: Array
     ) -> CurvePoint | None:

@@ -19,6 +19,7 @@ from gaitopt.nlp.newton import linearise, polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.solve import trouble
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
@@ -92,6 +93,7 @@ class Family:
             problem, refined.transcription, refined.at, errors=refined.errors, message=message, solver=solver
         )
 
+    @overflow_allowed()
     def _near(self, p: Array) -> tuple[Refined | None, str | None, int]:
         """The solution by chords, what is wrong with it, and their number; no solution if they do not converge."""
         w, size, count = self._w, np.inf, 0

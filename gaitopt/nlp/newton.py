@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import factorise, overflow_allowed
 from gaitopt.nlp.units import Units
 from gaitopt.nlp.variation import variation
 
@@ -43,7 +43,7 @@ class ScaledFactor:
     def __init__(self, matrix: csc_matrix, rows: Array, columns: Array) -> None:
         self._rows, self._columns = rows, columns
         data = matrix.data * np.repeat(columns, np.diff(matrix.indptr)) / rows[matrix.indices]
-        self._lu = splu(csc_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape))
+        self._lu = factorise(csc_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape))
 
     def solve(self, right: Array) -> Array:
         """x of matrix x = right; shape (n,) or (n, m)."""
@@ -102,6 +102,7 @@ class Polished:
     regular: bool
 
 
+@overflow_allowed()
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
     residual = np.asarray(problem.violation(w, p)).ravel()
@@ -109,6 +110,7 @@ def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     return Linearisation(w=w, p=p, residual=residual, jacobian=jacobian, units=problem.units(p))
 
 
+@overflow_allowed()
 def polish(problem: Transcription, w: Array, p: Array) -> Polished:
     """Bring a solution of IPOPT down to rounding; freed parameters stay where they are."""
     best = linearise(problem, w, p)

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.nlp.layout import Layout
+from gaitopt.nlp.trial import overflow_allowed
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,7 @@ class Rollout:
         return nodes
 
 
+@overflow_allowed()
 def roll_out(
     system: HybridSystem,
     p: Array,

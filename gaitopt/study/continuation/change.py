@@ -15,6 +15,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.mechanics import Cycle, HybridSystem, Mode
 from gaitopt.nlp.diagnosis import phase_words
 from gaitopt.nlp.rollout import after_impact, roll_out
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.continuation.locate import Location, locate
 from gaitopt.study.continuation.monitors import Name, Reading
@@ -99,6 +100,7 @@ def _active(event: Location) -> list[tuple[Name, Reading]]:
     return sorted(active, key=lambda pair: pair[0].phase is not None)
 
 
+@overflow_allowed()
 def _attempt(piece: Piece, station: Station, cycle: Cycle, offset: float) -> tuple[Piece, Station] | None:
     """The successor at a distance past the event, if it holds there."""
     value = station.value + offset
