@@ -7,6 +7,7 @@ else (M, B, G, W, E, contact, impact, multipliers) is derived from that by gaito
 Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slope downhill, y along its normal.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -77,6 +78,7 @@ class Walker(BaseModel, ABC):
     section : those shape coordinates that are free just after an impact.
     actuators : names of the actuators.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law.
+    largest_angle : size of the shape coordinates beyond which the walker does not walk [rad].
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -86,6 +88,7 @@ class Walker(BaseModel, ABC):
     section: ClassVar[tuple[str, ...]]
     actuators: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
+    largest_angle: ClassVar[float] = math.pi
 
     @classmethod
     @abstractmethod

@@ -1,8 +1,8 @@
 """Problems: YAML files that say which gait of which walker is wanted, and how they are read, checked and changed."""
 
 from gaitopt.problem.catalogue import problem_names
-from gaitopt.problem.demands import RESULT_SCALARS
 from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem
+from gaitopt.problem.scalars import RESULT_SCALARS
 from gaitopt.problem.schema import problem_schema
 from gaitopt.problem.sections import (
     ConstantTorqueSpec,

@@ -130,11 +130,11 @@ def _with_reference(data: Mapping[str, Any], faults: list[Fault]) -> dict[str, A
     read: GaitReference | CurveReference | None
     if isinstance(reference, Mapping) and "curve" in reference:
         curve = read_section(Curve, reference["curve"], (*path, "curve"), faults)
-        stand_in = curve or Curve(degree=1, start="")
+        stand_in = curve or Curve.model_construct(degree=1, start="")
         read = read_section(CurveReference, {**reference, "curve": stand_in}, path, faults)
     else:
         read = read_section(GaitReference, reference, path, faults)
-    return {**data, "reference": read or GaitReference(gait="", beyond_end=BeyondEnd.HOLD)}
+    return {**data, "reference": read or GaitReference.model_construct(gait="", beyond_end=BeyondEnd.HOLD)}
 
 
 def _point_faults(curve: Curve, walker: type[Walker]) -> Iterator[Fault]:

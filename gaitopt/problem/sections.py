@@ -7,15 +7,27 @@ torques) are made from the walker's own names.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from math import pi
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from pydantic.fields import FieldInfo
 
 from gaitopt.mechanics.modes import ImpactLaw, Mode
+from gaitopt.mechanics.ranges import Within, symmetric
 from gaitopt.mechanics.reference import BeyondEnd
-from gaitopt.mechanics.units import Angle, NonNegative, Number, Positive, parse_angle
+from gaitopt.mechanics.units import SMALLEST, Angle, NonNegative, Number, Positive, parse_angle
 from gaitopt.mechanics.walker import Walker
+
+MAX_PHASES = 64
+"""Of one step: known gaits have up to five, and the equations grow with them."""
+DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
+TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
+RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
+SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
+POSITION = Within(unit="length", possible=symmetric(1000))
+Name = Annotated[str, Field(min_length=1, max_length=1000)]
+"""Of another problem: a name, or a path."""
 
 
 class Section(BaseModel):
@@ -58,7 +70,7 @@ class Guess:
 class GaitReference(Section):
     """The angles of another gait, over the time since the impact."""
 
-    gait: Annotated[str, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
+    gait: Annotated[Name, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
     beyond_end: Annotated[
         BeyondEnd,
         Field(
@@ -72,12 +84,17 @@ class Curve(Section):
     """A smooth curve per tracked joint whose coefficients are unknowns."""
 
     degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
-    start: Annotated[str, Field(description="problem whose gait gives the first guess: a name, or a path")]
+    start: Annotated[Name, Field(description="problem whose gait gives the first guess: a name, or a path")]
     within: Annotated[
-        Angle, Field(gt=0, description="bound of the curves' angles on both sides of zero [rad], kept by construction")
+        Angle,
+        Field(
+            ge=SMALLEST,
+            le=pi,
+            description="bound of the curves' angles on both sides of zero [rad], kept by construction",
+        ),
     ] = 0.6
     duration: Annotated[
-        Positive | None, Field(description="of the curves [s]; the period of the start's gait if left out")
+        Positive | None, Field(description="of the curves [s]; the period of the start's gait if left out"), DURATION
     ] = None
     points: Annotated[
         dict[str, tuple[Angle, ...]] | None,
@@ -131,8 +148,16 @@ class PDSpec(Section):
     """
 
     type: Literal["pd"] = Field("pd", description="PD tracking of a reference")
-    kp: Annotated[NonNegative, Field(description="gain on the angle [N m/rad]")]
-    kd: Annotated[NonNegative, Field(description="gain on the rate [N m s/rad]")]
+    kp: Annotated[
+        NonNegative,
+        Field(description="gain on the angle [N m/rad]"),
+        Within(unit="torque", possible=(0, 1e4), usual=(0, 100)),
+    ]
+    kd: Annotated[
+        NonNegative,
+        Field(description="gain on the rate [N m s/rad]"),
+        Within(unit="damping", possible=(0, 1e4), usual=(0, 100)),
+    ]
     reference: Annotated[GaitReference | CurveReference, Field(description="motion that the joints track")]
 
 
@@ -151,7 +176,7 @@ class HeadSection(Section):
         ),
     ]
     about: Annotated[str, Field(description="what the gait is, in a sentence")] = ""
-    friction: Annotated[NonNegative, Field(description="coefficient of friction mu")]
+    friction: Annotated[NonNegative, Field(le=1000, description="coefficient of friction mu"), Within(usual=(0, 3))]
     impact_law: Annotated[
         ImpactLaw, Field(description="tangential law of a slipping impact: Coulomb friction, or no tangential impulse")
     ] = ImpactLaw.COULOMB
@@ -160,7 +185,7 @@ class HeadSection(Section):
 class GaitSection(Section):
     """The mode sequence of one step, and a first guess."""
 
-    phases: Annotated[tuple[Mode, ...], Field(description="modes of the stance foot in order")]
+    phases: Annotated[tuple[Mode, ...], Field(max_length=MAX_PHASES, description="modes of the stance foot in order")]
     impact: Annotated[Mode, Field(description="what the colliding foot does just after the impact that ends the step")]
     guess: Annotated[dict[str, Any], Field(description="first guess of state and durations")]
 
@@ -171,7 +196,9 @@ class GuessSection(Section):
     state: Annotated[
         dict[str, Any], Field(description="state just after impact; what is left out follows from the section")
     ]
-    durations: Annotated[tuple[Positive, ...] | None, Field(description="of the phases [s], one each; optional")] = None
+    durations: Annotated[
+        tuple[Positive, ...] | None, Field(description="of the phases [s], one each; optional"), DURATION
+    ] = None
 
 
 class FreeSection(Section):
@@ -202,7 +229,9 @@ SECTION_KEYS = ("walker", "control", "gait", "objective", "constraints")
 @lru_cache
 def torques_section(walker: type[Walker]) -> type[Section]:
     """Constant torques of a walker: one key per actuator."""
-    torque = {name: Annotated[Number, Field(description=f"torque of the {name} [N m]")] for name in walker.actuators}
+    torque = {
+        name: Annotated[Number, Field(description=f"torque of the {name} [N m]"), TORQUE] for name in walker.actuators
+    }
     kind = Annotated[Literal["constant_torque"], Field(description="constant torques [N m]")]
     return _model("TorquesSection", {"type": kind, **torque})
 
@@ -213,8 +242,10 @@ def state_section(walker: type[Walker]) -> type[Section]:
 
     def entry(name: str) -> Any:
         if name in walker.shape:
-            return Annotated[Angle, Field(description="[rad]")]
-        return Annotated[Number, Field(description={"x": "[m]", "dx": "slip velocity [m/s]"}.get(name, "[rad/s]"))]
+            largest = walker.largest_angle
+            return Annotated[Angle, Field(ge=-largest, le=largest, description="[rad]")]
+        words, within = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}.get(name, ("[rad/s]", RATE))
+        return Annotated[Number, Field(description=words), within]
 
     return _model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
 
