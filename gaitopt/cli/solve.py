@@ -53,7 +53,7 @@ def solve(
     from gaitopt.study.jobs import make_workers
 
     console = narration(quiet=quiet)
-    found = asked(problem, changes)
+    found = asked(problem, changes, console)
     found = started(found, start, console) if start else found
     folder = output or run_folder(found)
     check_folder(folder, found)

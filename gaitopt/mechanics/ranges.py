@@ -51,8 +51,8 @@ class Within:
         if upper >= least and lower <= most:
             return None
         value = upper if upper < least else lower
-        own = "" if self.unit == "one" else f" ({_words(self.possible, UNITS[self.unit][0])})"
-        return f"{value:g} is impossible: must be {_words((least, most), '')}{own}"
+        words, own = _words((least, most), ""), _words(self.possible, UNITS[self.unit][0])
+        return f"{value:g} is impossible: must be {words}{f' ({own})' if own != words else ''}"
 
     def remark(self, lower: float, upper: float, scales: Scales) -> str | None:
         """What is unusual about all values from ``lower`` to ``upper`` [SI], if so."""
@@ -60,7 +60,8 @@ class Within:
         if upper >= self.usual[0] * size and lower <= self.usual[1] * size:
             return None
         value = upper if upper < self.usual[0] * size else lower
-        return f"{value:g} is unusual: {value / size:.3g}{word}, usually {_words(self.usual, word)}"
+        own = f", that is {value / size:.3g}{word}" if word else ""
+        return f"{value:g}{own} is unusual; usually {_words(self.usual, word)}"
 
     def __str__(self) -> str:
         word = UNITS[self.unit][0]

@@ -36,7 +36,9 @@ SMALLEST, LARGEST = 1e-30, 1e30
 STEEPEST = math.radians(80)
 """Steady walking needs friction tan(slope) [rad]: nearly 6 here."""
 
-Number = Annotated[float, Field(allow_inf_nan=False, strict=True, ge=-LARGEST, le=LARGEST)]
+Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+"""A number whose range depends on the walker."""
+Number = Annotated[Finite, Field(ge=-LARGEST, le=LARGEST)]
 """A finite number."""
 Positive = Annotated[Number, Field(ge=SMALLEST)]
 """A finite number above zero."""

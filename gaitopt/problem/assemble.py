@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from gaitopt.mechanics.reference import BeyondEnd
-from gaitopt.mechanics.walker import Walker
+from gaitopt.mechanics.walker import Walker, refused_walkers
 from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
 from gaitopt.problem.initial import read_gait
@@ -81,6 +81,9 @@ def _find_model(
     name = section.get("model")
     if isinstance(name, str) and name in walkers:
         return walkers[name]
+    if isinstance(name, str) and name in refused_walkers():
+        faults.append(Fault(("walker", "model"), refused_walkers()[name]))
+        return None
     wrong = f"no walker is called {shown(name)}" if "model" in section else "is missing"
     faults.append(Fault(("walker", "model"), f"{wrong}{near_miss(name, tuple(walkers))}"))
     return None

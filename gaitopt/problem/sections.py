@@ -16,12 +16,13 @@ from pydantic.fields import FieldInfo
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.ranges import Within, symmetric
 from gaitopt.mechanics.reference import BeyondEnd
-from gaitopt.mechanics.units import SMALLEST, Angle, NonNegative, Number, Positive, parse_angle
+from gaitopt.mechanics.units import SMALLEST, Angle, Finite, NonNegative, Number, parse_angle
 from gaitopt.mechanics.walker import Walker
 
 MAX_PHASES = 64
 """Of one step: known gaits have up to five, and the equations grow with them."""
 DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
+Duration = Annotated[Finite, Field(ge=SMALLEST)]
 TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
 RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
 SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
@@ -94,7 +95,7 @@ class Curve(Section):
         ),
     ] = 0.6
     duration: Annotated[
-        Positive | None, Field(description="of the curves [s]; the period of the start's gait if left out"), DURATION
+        Duration | None, Field(description="of the curves [s]; the period of the start's gait if left out"), DURATION
     ] = None
     points: Annotated[
         dict[str, tuple[Angle, ...]] | None,
@@ -138,7 +139,7 @@ class ConstantTorqueSpec(Section):
     """Constant torques by the walker's actuator names [N m]."""
 
     type: Literal["constant_torque"] = "constant_torque"
-    torques: Mapping[str, Number]
+    torques: Mapping[str, Finite]
 
 
 class PDSpec(Section):
@@ -149,13 +150,13 @@ class PDSpec(Section):
 
     type: Literal["pd"] = Field("pd", description="PD tracking of a reference")
     kp: Annotated[
-        NonNegative,
-        Field(description="gain on the angle [N m/rad]"),
+        Finite,
+        Field(ge=0, description="gain on the angle [N m/rad]"),
         Within(unit="torque", possible=(0, 1e4), usual=(0, 100)),
     ]
     kd: Annotated[
-        NonNegative,
-        Field(description="gain on the rate [N m s/rad]"),
+        Finite,
+        Field(ge=0, description="gain on the rate [N m s/rad]"),
         Within(unit="damping", possible=(0, 1e4), usual=(0, 100)),
     ]
     reference: Annotated[GaitReference | CurveReference, Field(description="motion that the joints track")]
@@ -197,7 +198,7 @@ class GuessSection(Section):
         dict[str, Any], Field(description="state just after impact; what is left out follows from the section")
     ]
     durations: Annotated[
-        tuple[Positive, ...] | None, Field(description="of the phases [s], one each; optional"), DURATION
+        tuple[Duration, ...] | None, Field(description="of the phases [s], one each; optional"), DURATION
     ] = None
 
 
@@ -230,7 +231,7 @@ SECTION_KEYS = ("walker", "control", "gait", "objective", "constraints")
 def torques_section(walker: type[Walker]) -> type[Section]:
     """Constant torques of a walker: one key per actuator."""
     torque = {
-        name: Annotated[Number, Field(description=f"torque of the {name} [N m]"), TORQUE] for name in walker.actuators
+        name: Annotated[Finite, Field(description=f"torque of the {name} [N m]"), TORQUE] for name in walker.actuators
     }
     kind = Annotated[Literal["constant_torque"], Field(description="constant torques [N m]")]
     return _model("TorquesSection", {"type": kind, **torque})
@@ -245,7 +246,7 @@ def state_section(walker: type[Walker]) -> type[Section]:
             largest = walker.largest_angle
             return Annotated[Angle, Field(ge=-largest, le=largest, description="[rad]")]
         words, within = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}.get(name, ("[rad/s]", RATE))
-        return Annotated[Number, Field(description=words), within]
+        return Annotated[Finite, Field(description=words), within]
 
     return _model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
 
