@@ -38,6 +38,7 @@ def shown_warnings() -> Iterator[None]:
                 elsewhere(message, category, *place, **details)
 
         warnings.showwarning = show
+        warnings.simplefilter("always", GaitoptWarning)
         yield
 
 

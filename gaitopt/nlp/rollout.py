@@ -28,6 +28,8 @@ FIRST_STEP = 1e-5
 """Short enough not to jump over a slip that has only just come into being [s]."""
 LONGEST_STEP = 20.0
 """No walker of human size takes longer over a step [s]."""
+MOST_STEPS = 3000
+"""Of the integrator in one phase: twenty seconds of walking take some hundreds."""
 SHORTEST_PHASE = 0.05
 """Part of a step for a phase whose end is not found, and for which no time seems to be left."""
 
@@ -81,6 +83,7 @@ def roll_out(
     motions: list[OdeSolution] = []
     endless = None
     for phase, mode in enumerate(sequence.phases):
+        z = np.nan_to_num(z)  # of a motion that has broken down
         if mode is Mode.STICK:
             z[-1] = 0.0
         known = None if durations is None else durations[phase]
@@ -106,11 +109,16 @@ def transit_time(system: HybridSystem, p: Array, sequence: ModeSequence, state: 
     mapped = np.asarray(system.impact(sequence.impact)(state, p)[0]).ravel()[:n]
     A = np.asarray(system.impact_jacobian(sequence.impact)(state, p))[:n, :n]
     way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), np.abs(state[n + 1 : 2 * n + 1])
+    if not np.isfinite(way).all():
+        return LONGEST_STEP
     return float(np.min(way[rates > 0] / rates[rates > 0], initial=LONGEST_STEP))
 
 
 def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array, duration: float) -> OdeSolution:
-    """Motion in one mode across the control's breakpoints, until ``duration`` is over or the walker falls."""
+    """Motion in one mode across the control's breakpoints, until ``duration`` is over or the walker falls.
+
+    A motion that breaks down at once stands still: what comes of it is seen by the solver.
+    """
     flow, margins = system.flow(mode), system.margins(mode)
     data = [system.control.data(k) for k in range(len(system.control.breakpoints) + 1)]
 
@@ -131,12 +139,32 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
         z,
         "DOP853",
         dense_output=True,
-        events=upright,
+        events=(upright, _StepLimit()),
         rtol=RTOL,
         atol=ATOL,
         first_step=min(FIRST_STEP, end - time) or None,
     )
-    return solution.sol
+    return solution.sol if solution.sol.interpolants else _still(time, end, z)
+
+
+def _still(time: float, end: float, z: Array) -> OdeSolution:
+    return solve_ivp(lambda t, state: np.zeros_like(state), (time, end), z, dense_output=True).sol
+
+
+class _StepLimit:
+    """Event that ends an integration after too many steps; in time it falls through zero within the last one."""
+
+    terminal, direction = True, -1
+
+    def __init__(self) -> None:
+        self._left, self._before, self._end = MOST_STEPS, -np.inf, np.inf
+
+    def __call__(self, t: float, state: Array) -> float:
+        self._left -= 1
+        if self._left == 0:
+            self._end = (self._before + t) / 2
+        self._before = t
+        return self._end - t
 
 
 def _phase_end(system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution) -> float | None:

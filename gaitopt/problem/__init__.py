@@ -1,6 +1,7 @@
 """Problems: YAML files that say which gait of which walker is wanted, and how they are read, checked and changed."""
 
 from gaitopt.problem.catalogue import problem_names
+from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem
 from gaitopt.problem.scalars import RESULT_SCALARS
 from gaitopt.problem.schema import problem_schema
@@ -18,6 +19,7 @@ from gaitopt.problem.sections import (
 from gaitopt.problem.source import parse_value
 
 __all__ = [
+    "NO_ENERGY",
     "RESULT_SCALARS",
     "ConstantTorqueSpec",
     "ControlSpec",
@@ -29,6 +31,7 @@ __all__ = [
     "PDSpec",
     "Problem",
     "Range",
+    "lacks_energy",
     "load_problem",
     "parse_problem",
     "parse_value",

@@ -152,12 +152,12 @@ class PDSpec(Section):
     kp: Annotated[
         Finite,
         Field(ge=0, description="gain on the angle [N m/rad]"),
-        Within(unit="torque", possible=(0, 1e4), usual=(0, 100)),
+        Within(unit="torque", possible=(0, 1000), usual=(0, 30)),
     ]
     kd: Annotated[
         Finite,
         Field(ge=0, description="gain on the rate [N m s/rad]"),
-        Within(unit="damping", possible=(0, 1e4), usual=(0, 100)),
+        Within(unit="damping", possible=(0, 100), usual=(0, 10)),
     ]
     reference: Annotated[GaitReference | CurveReference, Field(description="motion that the joints track")]
 
