@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
+MANY_PHASES = 10
+"""Known gaits have up to five; so many take more than half a minute."""
 NOT_A_GAIT = 4
 NOT_VERIFIED = 5
 
@@ -80,6 +82,9 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     from gaitopt.cli.progress import interruptible, solver_progress
     from gaitopt.errors import SolveError
 
+    phases = len(problem.sequence.phases)
+    if phases > MANY_PHASES:
+        console.print(f"large: {phases} phases in one step; each has equations of its own, so that this takes minutes")
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:
