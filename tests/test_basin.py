@@ -168,7 +168,7 @@ def test_grid_over_something_else_is_refused(gait, tmp_path):
 
 def test_grid_that_does_not_fit_is_refused_before_it_starts(gait, tmp_path):
     huge = Grid((Axis(key="dtheta1", lower=0.1, upper=1, count=10**7), Axis(key="dx", lower=0, upper=1, count=10**6)))
-    with pytest.raises(StorageError, match=r"10,000,000,000,000 points needs about .* GB on disk"):
+    with pytest.raises(StorageError, match=r"10,000,000,000,000 points need about .* TB on disk"):
         check_basin(plan_in(tmp_path, gait, grid=huge))
 
 

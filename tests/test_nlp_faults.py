@@ -69,8 +69,8 @@ class SineCompass(CompassBiped):
 
 def test_gradient_of_the_radius_knows_that_the_section_is_curved() -> None:
     gait = solve(load_problem("compass-passive-a"))
-    durations = [duration for _, duration in gait.step.phases]
-    plan = layout(gait.problem.sequence, durations, []).refined(gait.shooting.intervals)
+    durations = [duration for _, duration in gait.phases]
+    plan = layout(gait.problem.cycle, durations, []).refined(gait.shooting.intervals)
     t = Transcription(HybridSystem(SineCompass, NoControl()), plan, ())
     nodes = gait.shooting.states.T.copy()
     nodes[4] *= np.cos(nodes[1])

@@ -190,7 +190,7 @@ def test_the_slip_velocity_goes_with_the_slipping_impact():
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        ({"friction": -1}, "--set friction: -1 must be at least 0 (coefficient of friction mu)"),
+        ({"friction": -1}, "--set friction: -1 must be at least 0 and at most 1000 (coefficient of friction mu)"),
         ({"walker.leg_mas": 3}, "--set walker.leg_mas: unknown key; did you mean leg_mass or leg_com?"),
         ({"impact_law.x": 1}, "--set impact_law.x: impact_law is 'coulomb' and has no keys: set it as a whole"),
         ({"frction": 1, "name": "a/b"}, "--set frction: unknown key; did you mean friction?\n--set name: 'a/b' has"),

@@ -103,7 +103,8 @@ def test_feet_that_stay_together_are_no_step():
             },
             "the swing foot lands earlier, about 1.0",
         ),
-        ("compass-passive-stick", {"walker.slope": "-1 deg"}, "the swing foot leaves the ground instead of landing"),
+        ("compass-passive-stick", {"walker.slope": "-1 deg"}, "no energy comes in"),
+        ("rimless-wheel-stick", {"walker.slope": 0}, "passive walker on level or uphill ground cannot be periodic"),
     ],
 )
 def test_failures_are_told_in_words_of_the_walk(name, overrides, words):
@@ -137,12 +138,12 @@ def test_a_guess_that_stands_still_is_a_failure_and_no_error(name):
                 "gait.phases": ["slip_backward", "stick"],
                 "gait.impact": "slip_backward",
                 "gait.guess.durations": [0.85, 0.39],
-                "gait.guess.state": {"theta1": 5.4, "dtheta1": -9.6, "dtheta2": -46.8, "dx": -0.48},
+                "gait.guess.state": {"theta1": 1.5, "dtheta1": -9.6, "dtheta2": -46.8, "dx": -0.48},
             },
         ),
         pytest.param(
             "compass-passive-a",
-            {"gait.guess.state": {"theta1": -7.9, "dtheta1": 33.8, "dtheta2": -45.5}},
+            {"gait.guess.state": {"theta1": -1.5, "dtheta1": 33.8, "dtheta2": -45.5}},
             marks=pytest.mark.slow,
         ),
         pytest.param(

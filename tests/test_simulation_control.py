@@ -119,7 +119,7 @@ def test_deviations_pass_a_jump_of_the_torque_unchanged(
 ) -> None:
     """A breakpoint lies at a fixed time for all neighbours: it is no event, even where the foot begins to slip."""
     mapped, xi, h = ReturnMap(staircase((0.3, 0.32), *levels, friction=friction), Mode.STICK), START[[0, 3, 4]], 1e-6
-    step = mapped(xi).step
+    (step,) = mapped(xi).steps
     assert step is not None
     assert [arc.mode for arc in step.arcs] == modes
     columns = [(mapped(xi + h * unit).xi - mapped(xi - h * unit).xi) / (2 * h) for unit in np.eye(3)]

@@ -11,8 +11,10 @@ from gaitopt.problem import load_problem
 from gaitopt.store import read_lines
 from gaitopt.store.lock import only_writer
 from gaitopt.study import solved as study
-from gaitopt.study.grid import Axis, Grid, check_room
+from gaitopt.study.front import design_front
+from gaitopt.study.grid import Axis, Grid, check_room, size_words
 from gaitopt.study.jobs import SetAside, Workers
+from gaitopt.study.multistart import multistart
 from gaitopt.study.solved import JOBS_FILE
 from gaitopt.study.sweep import TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
 
@@ -118,9 +120,34 @@ def test_grid_with_a_point_that_is_no_problem_is_refused_before_it_starts(tmp_pa
         check_sweep(wheel_sweep(tmp_path, Axis(key="friction", lower=-0.1, upper=0.4, count=3)))
 
 
-def test_grid_that_does_not_fit_is_refused_with_its_size():
-    with pytest.raises(StorageError, match=r"1,000,000 points needs about 6 GB on disk, but 1 GB are free"):
-        check_room(10**6, [("of memory", 10, 10**9), ("on disk", 6000, 10**9)])
+def test_grid_that_does_not_fit_is_refused_with_its_size(tmp_path):
+    with pytest.raises(StorageError, match=r"1,000,000 points need about 6 PB on disk, but .*B are free: choose fewer"):
+        check_room(10**6, tmp_path, disk=6 * 10**9, memory=1)
+
+
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [
+        (0, "0 B"),
+        (36_000, "36 kB"),
+        (999, "999 B"),
+        (2_500_000, "2.5 MB"),
+        (6 * 10**9, "6 GB"),
+        (10**300, "over 1000 EB"),
+    ],
+)
+def test_sizes_are_in_units_that_suit_them(size, words):
+    assert size_words(size) == words
+
+
+def test_front_and_starts_that_do_not_fit_are_refused_before_they_start(tmp_path):
+    design = load_problem("compass-torque-efficient")
+    axis = Axis(key="constraints.speed", lower=0.3, upper=0.4, count=50_000_000)
+    with pytest.raises(StorageError, match=r"100,000,000 points need about"):
+        design_front(design, axis, tmp_path)
+    with pytest.raises(StorageError, match=r"100,000,000 points need about"):
+        multistart(design, 100_000_000, tmp_path)
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

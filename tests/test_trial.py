@@ -31,8 +31,8 @@ def gait() -> Gait:
 @cache
 def transcription(free: tuple[str, ...] = ()) -> tuple[Transcription, NDArray[np.float64]]:
     """The gait's equations, and the solution."""
-    durations = [duration for _, duration in gait().step.phases]
-    plan = layout(gait().problem.sequence, durations, gait().system.control.breakpoints)
+    durations = [duration for _, duration in gait().phases]
+    plan = layout(gait().problem.cycle, durations, gait().system.control.breakpoints)
     equations = Transcription(gait().system, plan.refined(list(gait().shooting.intervals)), free)
     values = [gait().p[gait().system.parameters.index(key)] for key in free]
     return equations, equations.pack(gait().shooting.states.T, np.array(durations), values)

@@ -13,7 +13,10 @@ def holds_branch(run: str) -> bool:
     """Whether ``run`` is a folder with a branch in it."""
     from gaitopt.store import BRANCH_FILE
 
-    return (Path(run) / BRANCH_FILE).is_file()
+    try:
+        return (Path(run) / BRANCH_FILE).is_file()
+    except OSError:  # no name of a folder
+        return False
 
 
 def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":

@@ -24,6 +24,8 @@ WorkersOption = Annotated[
 SchedulerOption = Annotated[
     str | None, typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask scheduler, tcp://host:8786.")
 ]
+LONGEST_COUNT = 100
+"""Characters of a number of values that are read; far fewer are accepted."""
 LINE_EVERY = 5.0
 """Seconds between two lines of progress where there is no terminal."""
 
@@ -50,7 +52,7 @@ def _axis(text: str) -> "Axis":
 
     key, spans = key_value(text, "--over")
     parts = spans.split(":")
-    if len(parts) != 3 or not parts[2].strip().isdecimal():
+    if len(parts) != 3 or not parts[2].strip().isdecimal() or len(parts[2]) > LONGEST_COUNT:
         raise ValueError(f"{text}: write --over {key}=LO:HI:N, for instance {key}=0.1:0.3:20")
     numbers = []
     for part in parts[:2]:

@@ -9,6 +9,7 @@ import typer
 from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.continuation import continue_
+from gaitopt.cli.endings import check_working_folder, internal_error, shown_warnings
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
 from gaitopt.cli.report import report
@@ -21,6 +22,7 @@ from gaitopt.errors import GaitoptError
 
 INTERNAL_ERROR = 1
 USAGE = 2
+STORAGE = 6
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 """Whoever read our output has gone; the code that a shell gives a program ended by SIGPIPE."""
@@ -60,7 +62,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         main(["--help"])
         return USAGE
     try:
-        return _run(arguments)
+        check_working_folder()
+        with shown_warnings():
+            return _run(arguments)
     except GaitoptError as error:
         return _say(str(error), error.exit_code, arguments)
     except typer.TyperException as error:
@@ -71,9 +75,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
         return BROKEN_PIPE
+    except OSError as error:
+        if error.strerror is None:  # raised by a library, not by the system
+            return _say(internal_error(error), INTERNAL_ERROR, arguments)
+        return _say(f"{error.strerror}: {error.filename or 'file or connection'}", STORAGE, arguments)
     except Exception as error:  # noqa: BLE001 - the last resort, so that no traceback reaches a user unasked
-        words = f"internal error: {type(error).__name__}: {error}; rerun with --debug for the traceback"
-        return _say(words, INTERNAL_ERROR, arguments)
+        return _say(internal_error(error), INTERNAL_ERROR, arguments)
 
 
 def _run(arguments: list[str]) -> int:

@@ -36,6 +36,8 @@ def report(
     from gaitopt.report import branch_report, comparison_report
     from gaitopt.store import write_whole
 
+    if output is not None and (not output.name or output.is_dir()):
+        raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
     if len(runs) == 1 and holds_branch(runs[0]):
         page, place = branch_report(*stored_branch(runs[0])), Path(runs[0]) / REPORT
     else:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
+MANY_PHASES = 10
+"""Known gaits have up to five; so many take more than half a minute."""
 NOT_A_GAIT = 4
 NOT_VERIFIED = 5
 
@@ -53,7 +55,7 @@ def solve(
     from gaitopt.study.jobs import make_workers
 
     console = narration(quiet=quiet)
-    found = asked(problem, changes)
+    found = asked(problem, changes, console)
     found = started(found, start, console) if start else found
     folder = output or run_folder(found)
     check_folder(folder, found)
@@ -80,6 +82,9 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     from gaitopt.cli.progress import interruptible, solver_progress
     from gaitopt.errors import SolveError
 
+    phases = len(problem.cycle.phases)
+    if phases > MANY_PHASES:
+        console.print(f"large: {phases} phases in one step; each has equations of its own, so that this takes minutes")
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:

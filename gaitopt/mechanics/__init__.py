@@ -10,7 +10,7 @@ from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
 from gaitopt.mechanics.rimless_wheel import RimlessWheel
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.system import HybridSystem, ending_margin, margin_names, margin_scales, margin_unit
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, registered_walkers
+from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, refused_walkers, registered_walkers
 
 __all__ = [
     "BeyondEnd",
@@ -42,5 +42,6 @@ __all__ = [
     "margin_names",
     "margin_scales",
     "margin_unit",
+    "refused_walkers",
     "registered_walkers",
 ]

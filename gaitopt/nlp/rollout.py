@@ -29,6 +29,8 @@ FIRST_STEP = 2.5e-5
 """In natural units; short enough not to jump over a slip that has only just come into being."""
 LONGEST_STEP = 50.0
 """In natural units of time, 20 s for legs of 1.6 m: no walker takes longer over a step."""
+MOST_STEPS = 3000
+"""Of the integrator in one phase: the longest step takes some hundreds."""
 SHORTEST_PHASE = 0.05
 """Part of a step for a phase whose end is not found, and for which no time seems to be left."""
 
@@ -90,6 +92,7 @@ def roll_out(
     for phase, mode in enumerate(cycle.phases):
         if phase > 0 and cycle.impact_before(phase) is not None:
             time, z = 0.0, after_impact(system, p, cycle.impacts[cycle.step_of(phase) - 1], z)
+        z = np.nan_to_num(z)  # of a motion that has broken down
         if mode is Mode.STICK:
             z[-1] = 0.0
         known = None if durations is None else durations[phase]
@@ -124,12 +127,17 @@ def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> 
     A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
     way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), np.abs(state[n + 1 : 2 * n + 1])
     time = system.scales(p).time
+    if not np.isfinite(way).all():
+        return LONGEST_STEP * time
     moving = (way > 0) & (rates > 0)
     return float(np.min(way[moving] / rates[moving], initial=LONGEST_STEP * time)) if moving.any() else time
 
 
 def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array, duration: float) -> OdeSolution:
-    """Motion in one mode across the control's breakpoints, until ``duration`` is over or the walker falls."""
+    """Motion in one mode across the control's breakpoints, until ``duration`` is over or the walker falls.
+
+    A motion that breaks down at once stands still: what comes of it is seen by the solver.
+    """
     flow, margins, scales = system.flow(mode), system.margins(mode), system.scales(p)
     data = [system.control.data(k) for k in range(len(system.control.breakpoints) + 1)]
 
@@ -150,12 +158,32 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
         z,
         "DOP853",
         dense_output=True,
-        events=upright,
+        events=(upright, _StepLimit()),
         rtol=RTOL,
         atol=ATOL * system.state_scales(scales),
         first_step=min(FIRST_STEP * scales.time, end - time) or None,
     )
-    return solution.sol
+    return solution.sol if solution.sol.interpolants else _still(time, end, z)
+
+
+def _still(time: float, end: float, z: Array) -> OdeSolution:
+    return solve_ivp(lambda t, state: np.zeros_like(state), (time, end), z, dense_output=True).sol
+
+
+class _StepLimit:
+    """Event that ends an integration after too many steps; in time it falls through zero within the last one."""
+
+    terminal, direction = True, -1
+
+    def __init__(self) -> None:
+        self._left, self._before, self._end = MOST_STEPS, -np.inf, np.inf
+
+    def __call__(self, t: float, state: Array) -> float:
+        self._left -= 1
+        if self._left == 0:
+            self._end = (self._before + t) / 2
+        self._before = t
+        return self._end - t
 
 
 def _phase_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution) -> float | None:

@@ -20,7 +20,7 @@ from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
-from gaitopt.problem import Problem
+from gaitopt.problem import NO_ENERGY, Problem, lacks_energy
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def solve_gait(
     if attempt.result.status is not Status.CONVERGED:
         message = attempt.result.words
         if attempt.result.status is not Status.INTERRUPTED:
-            message = f"{message}: {_explain(attempt, guess)}"
+            message = f"{message}: {NO_ENERGY if lacks_energy(problem) else _explain(attempt, guess)}"
         return Gait(problem=problem, system=system, p=p, status=attempt.result.status, message=message, solver=solver)
     return _finish(problem, attempt, solver)
 

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -141,16 +140,9 @@ def check_basin(plan: BasinPlan) -> None:
     StorageError
         If the grid does not fit in memory or on disk.
     """
-    import psutil
-
     plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
     choose_engine(plan.engine)
-    parent = next(folder for folder in (plan.folder.absolute(), *plan.folder.absolute().parents) if folder.exists())
-    room = (
-        ("on disk", STATE_BYTES_DISK, shutil.disk_usage(parent).free),
-        ("of memory", STATE_BYTES_MEMORY, psutil.virtual_memory().available),
-    )
-    check_room(plan.grid.size, room)
+    check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
 
 
 def walk_basin(

@@ -12,7 +12,7 @@ from typing import Any
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Status
 from gaitopt.problem import Problem
-from gaitopt.study.grid import Axis
+from gaitopt.study.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Axis, check_room
 from gaitopt.study.jobs import Workers
 from gaitopt.study.solved import problem_job, solve_all
 
@@ -70,9 +70,12 @@ def design_front(
     ------
     ProblemError
         If the problem has no objective, or a value is wrong for it.
+    StorageError
+        If the designs do not fit in memory or on disk.
     """
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
+    check_room(2 * axis.count, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
     problems = {float(value): problem.replace({axis.key: float(value)}) for value in axis.values}
     best: dict[float, Record] = {}
     neighbour: Record | None = None

@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import json
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -16,15 +15,11 @@ from gaitopt.errors import ProblemError, StorageError
 from gaitopt.problem import Problem
 from gaitopt.store import Table, csv_text, json_text, read_object, write_whole
 from gaitopt.store.files import make_folder, read_text
-from gaitopt.study.grid import Axis, Grid, check_room
+from gaitopt.study.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Axis, Grid, check_room
 from gaitopt.study.jobs import Job, Workers
 from gaitopt.study.solved import SET_ASIDE, problem_job, solve_all
 
 TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
-POINT_BYTES_DISK = 6_000
-"""Of the record of one gait, as JSON and in the table."""
-POINT_BYTES_MEMORY = 40_000
-"""Of one problem with its record."""
 SCALARS = (
     "period", "step_length", "speed", "work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared",
     "peak_torque", "slip_distance", "foot_clearance", "spectral_radius", "required_friction", "impulse_ratio",
@@ -106,14 +101,8 @@ def check_sweep(sweep: Sweep) -> None:
     StorageError
         If the grid does not fit in memory or on disk.
     """
-    import psutil
-
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
-    folder = sweep.folder.absolute()
-    parent = next(place for place in (folder, *folder.parents) if place.exists())
-    memory, disk = psutil.virtual_memory().available, shutil.disk_usage(parent).free
-    room = (("on disk", POINT_BYTES_DISK, disk), ("of memory", POINT_BYTES_MEMORY, memory))
-    check_room(sweep.grid.size, room)
+    check_room(sweep.grid.size, sweep.folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
     _ = sweep.jobs
 
 

@@ -139,6 +139,11 @@ def check_request(gait: Gait, request: Request) -> None:
     if request.parameter not in names:
         near = ", ".join(get_close_matches(request.parameter, names, n=3, cutoff=0.3)) or ", ".join(names)
         raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}; did you mean {near}?")
+    if isinstance(gait.problem.parameters.get(request.parameter), int):
+        raise UnknownNameError(
+            f"--param {request.parameter}: is a whole number, along which there is no family; "
+            f"solve for one value after the other with --set {request.parameter}=N"
+        )
     value = float(gait.p[names.index(request.parameter)])
     for to in request.to:
         if to == value or not np.isfinite(to):
