@@ -82,6 +82,24 @@ def absolute_integral(values: Array, duration: float) -> float:
     return float(np.abs(np.diff(evaluate(primitive, ends))).sum()) * duration / 2
 
 
+def integrals(columns: Array, duration: float) -> Array:
+    """Integrals of many curves, shape (m, n), over an interval of the given duration; shape (n,)."""
+    return np.asarray(_weights(columns.shape[0]) @ columns) * duration / 2
+
+
+def signed_integrals(values: Array, columns: Array, duration: float) -> Array:
+    """Integrals of curves (m, n) multiplied by the sign of the curve through ``values`` (m,); shape (n,)."""
+    changes = roots(values)
+    primitive = np.asarray(chebyshev.chebint(coefficients(columns)), dtype=float)
+    pieces = np.diff(evaluate(primitive, np.concatenate([[-1.0], changes, [1.0]])), axis=0)
+    sign = 1.0 if integral(values, 1.0) >= 0 else -1.0
+    if changes.size:
+        own = np.asarray(chebyshev.chebint(coefficients(values)), dtype=float)
+        signs = np.sign(np.diff(evaluate(own, np.concatenate([[-1.0], changes, [1.0]]))))
+        return np.asarray(signs @ pieces) * duration / 2
+    return np.asarray(sign * pieces[0]) * duration / 2
+
+
 def roots(values: Array) -> Array:
     """Roots in (-1, 1) at which the curve changes sign, ascending; at an end itself rounding decides."""
     s, to_fine = _fine(values.shape[0])
@@ -91,6 +109,12 @@ def roots(values: Array) -> Array:
         return np.zeros(0)
     found = _newton(coefficients(values), s[before], s[before + 1])
     return found[np.abs(found) < 1]
+
+
+def critical(values: Array) -> Array:
+    """Points in (-1, 1) where the curve has extrema, ascending."""
+    c = _derivative(coefficients(values))
+    return roots(evaluate(np.append(c, 0.0), points(values.shape[0])))
 
 
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:

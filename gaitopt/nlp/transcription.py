@@ -92,7 +92,7 @@ class Transcription:
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and what each one says."""
         rows, labels = [], []
-        for expression, label in (*self._node_margins(), *self._impact_margins()):
+        for expression, label in (*self._node_margins(), *self.impact_margins()):
             rows.append(expression)
             labels.append(label)
         return vertcat(*rows), tuple(labels)
@@ -214,11 +214,12 @@ class Transcription:
                 if name in ("touchdown", "upright"):
                     continue
                 for k in range(arc.intervals + 1):
-                    if not self._is_zero_by_event(i, k, name):
+                    if not self.is_zero_by_event(i, k, name):
                         rows.append((margins[row, k], Label(name=name, phase=arc.phase, node=first + k)))
         return rows
 
-    def _is_zero_by_event(self, index: int, k: int, name: str) -> bool:
+    def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
+        """Whether an event makes a margin zero at node ``k`` of an arc."""
         arc, modes = self.layout.arcs[index], self.layout.sequence.phases
         if k == 0 and arc.start is None and name == "slip_velocity":
             return arc.phase > 0 or self.layout.sequence.impact is Mode.STICK
@@ -226,7 +227,8 @@ class Transcription:
             return name == ending_margin(arc.mode, modes[arc.phase + 1])
         return False
 
-    def _impact_margins(self) -> list[tuple[MX, Label]]:
+    def impact_margins(self) -> list[tuple[MX, Label]]:
+        """Margins of the impact."""
         mode = self.layout.sequence.impact
         _, impulse, slip, lift, painleve = self.system.impact(mode)(self.Z[:, -1], self.p)
         F_t, F_n = impulse[0], impulse[1]
