@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gaitopt.nlp.between import Touch, touched_margins
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
-from gaitopt.nlp.outcome import EXTREMA, Outcome
+from gaitopt.nlp.outcome import EXTREMA, RADIUS, Outcome
 from gaitopt.nlp.search import SMALL, search
 from gaitopt.nlp.stability import certified_radius
 from gaitopt.nlp.transcription import Transcription
@@ -25,7 +25,6 @@ from gaitopt.problem import Problem, Range
 
 Array = NDArray[np.float64]
 
-RADIUS = "spectral_radius"
 CLEARANCE = 1e-8
 """Force [N] or impulse [N s] that a design keeps from the edge of the friction cone, where optima like to lie: more
 than the rounding that would decide there, and less than anyone could measure."""
@@ -73,7 +72,7 @@ class Program:
         self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
         self._offsets = MX.sym("offset", len(self.names))
         self._outcome = Outcome(transcription, SMOOTHING * transcription.system.weight(transcription.p))
-        self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA}
+        self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA and name != RADIUS}
         self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
         extrema = np.array([self._extremum(name, w) for name in self._extrema])
@@ -114,7 +113,7 @@ class Program:
         if self._radius is not None and name == RADIUS:
             value = self._radius(self.transcription.w, self.transcription.parameters)
         else:
-            value = self._extrema[name] if name in EXTREMA else self._outcome.value(name)
+            value = self._extrema[name] if name in self._extrema else self._outcome.value(name)
         return value + self._offsets[self.names.index(name)]
 
     def at_reach(self, x: Array) -> bool:

@@ -13,7 +13,7 @@ from casadi import MX, Function, jacobian, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait import curves
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import Mode, margin_scales
 from gaitopt.nlp.sensitivity import ArcCurves, Curve, Sensitivity
 from gaitopt.nlp.transcription import Transcription
 
@@ -41,6 +41,7 @@ class Scalars:
 
     def __init__(self, sensitivity: Sensitivity) -> None:
         self._s, self._t = sensitivity, sensitivity.transcription
+        self.n_free = len(self._t.free)
         values, by = at_impact(self._t)(sensitivity.at.w, sensitivity.at.p)
         self._impact = np.asarray(values).ravel()
         self._impact_slopes = np.asarray(by.sparse() @ sensitivity.slopes)
@@ -75,23 +76,39 @@ class Scalars:
             return float(s.at.w[k]), s.slopes[k]
         return self._smooth[name]()
 
+    def curvature(self, name: str) -> Array | None:
+        """What |power| adds to the second derivatives of a scalar, shape (n_free, n_free); None where nothing.
+
+        With P = u w its changes of sign move, 2 P_v P_v' / |dP/dt| at each, and torque and rate change together,
+        the integral of sign(P) (u_v w_v' + w_v u_v'). Where both vanish nearly at once either is large, and only
+        their sum is right. The second derivatives of the motion itself are left out.
+        """
+        if name != "absolute_cost_of_transport":
+            return None
+        total = np.zeros((self.n_free, self.n_free))
+        for arc in self._s.arcs:
+            for u, rate, power in zip(arc.torque, arc.rate, arc.power, strict=True):
+                total += _bent(u, rate, power)
+        return total / self._weighted_length()[0]
+
     def pieces(self, name: str) -> list[Piece]:
         """The values whose extremum a scalar is."""
         return list(self._extrema[name]())
 
-    def margins(self) -> Iterator[tuple[str, str, float, Array]]:
-        """Kind, key, value and derivatives of every margin: at its minima along the arcs, and of the impact."""
-        t = self._t
+    def margins(self) -> Iterator[tuple[str, float, Piece]]:
+        """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact."""
+        t, scales = self._t, self._t.system.scales(self._s.p)
         for k, arc in enumerate(self._s.arcs):
-            last = t.layout.arcs[k].intervals
-            for name, curve in arc.margins.items():
+            last, mode = t.layout.arcs[k].intervals, arc.arc.mode
+            for (name, curve), unit in zip(arc.margins.items(), margin_scales(mode, scales), strict=True):
                 if name in ("touchdown", "upright"):
                     continue
                 ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]
                 for piece in _extremes(curve, f"{name} {k}", ends):
-                    yield name, piece.key, piece.value, piece.gradient
+                    yield name, float(unit), piece
         for row, (_, label) in enumerate(t.impact_margins(), start=4):
-            yield label.name, f"impact {label.name}", float(self._impact[row]), self._impact_slopes[row]
+            key, unit = f"impact {label.name}", scales.impulse if label.name.startswith("impulse") else 1.0
+            yield label.name, unit, Piece(key=key, value=float(self._impact[row]), gradient=self._impact_slopes[row])
 
     def _period(self) -> Valued:
         t, s = self._t, self._s
@@ -156,19 +173,30 @@ def _passing(arc: ArcCurves) -> float:
 
 def _extremes(curve: Curve, key: str, ends: list[float] | None = None, after: float = -1.0) -> Iterator[Piece]:
     """The curve at its extrema and at the given ends of the arc, both unless they are given."""
-    for s in [-1.0, 1.0] if ends is None else ends:
-        value, slope = curve.at(s)
-        yield Piece(key=f"{key} end {s:+.0f}", value=value, gradient=slope)
-    for number, s in enumerate(curves.critical(curve.values)):
-        if s > after:
-            value, slope = curve.at(float(s))
-            yield Piece(key=f"{key} extremum {number}", value=value, gradient=slope)
+    inside = [s for s in curves.critical(curve.values) if s > after]
+    places = [*([-1.0, 1.0] if ends is None else ends), *inside]
+    names = [*(f"{key} end {s:+.0f}" for s in places[: len(places) - len(inside)]), *(f"{key} extremum {k}" for k in range(len(inside)))]
+    for name, value, slope in zip(names, *curve.at(np.array(places)), strict=True):
+        yield Piece(key=name, value=float(value), gradient=slope)
 
 
 def _both_signs(pieces: Iterator[Piece]) -> Iterator[Piece]:
     for piece in pieces:
         yield piece
         yield Piece(key=f"-{piece.key}", value=-piece.value, gradient=-piece.gradient)
+
+
+def _bent(torque: Curve, rate: Curve, power: Curve) -> Array:
+    """Second derivatives of the integral of |power| as far as they follow from first ones; (n_free, n_free)."""
+    n = power.stretch.size
+    both = np.einsum("mi,mj->mij", torque.slopes, rate.slopes)
+    both = (both + both.transpose(0, 2, 1)).reshape(-1, n * n)
+    bent = curves.signed_integrals(power.values, both, power.duration).reshape(n, n)
+    places = curves.roots(power.values)
+    speeds = np.abs(curves.slopes(power.values, places)) * 2 / power.duration
+    for moved, speed in zip(power.at(places)[1], speeds, strict=True):
+        bent += 2 * np.outer(moved, moved) / speed
+    return bent
 
 
 def _total(terms: Iterator[Valued]) -> Valued:

@@ -53,10 +53,10 @@ class Curve:
         change = curves.signed_integrals(self.values, self.slopes, self.duration)
         return value, change + value * self.stretch / self.duration
 
-    def at(self, s: float) -> tuple[float, Array]:
-        """Value and derivatives at one point in [-1, 1]."""
-        both = curves.evaluate(curves.coefficients(np.column_stack([self.values, self.slopes])), np.array(s))
-        return float(both[0]), both[1:]
+    def at(self, s: Array) -> tuple[Array, Array]:
+        """Values (k,) and derivatives (k, n_free) at points (k,) in [-1, 1]."""
+        both = curves.evaluate(curves.coefficients(np.column_stack([self.values, self.slopes])), s)
+        return both[:, 0], both[:, 1:]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +66,7 @@ class ArcCurves:
     arc: Arc
     force: tuple[Curve, ...]
     torque: tuple[Curve, ...]
+    rate: tuple[Curve, ...]
     power: tuple[Curve, ...]
     height: Curve
     ahead: Curve
@@ -107,7 +108,7 @@ def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
 
 def _arc_curves(t: Transcription, at: Linearisation, slopes: Array, index: int, arc: Arc) -> ArcCurves:
     layout, system = t.layout.arcs[index], t.system
-    n_shape, names = system.n_shape, margin_names(arc.mode)
+    names = margin_names(arc.mode)
     starts, ends = _ends(t, slopes, index)
     stretch = ends - starts
     dt = starts + np.multiply.outer((curves.points(arc.times.size) + 1) / 2, stretch)
@@ -122,27 +123,27 @@ def _arc_curves(t: Transcription, at: Linearisation, slopes: Array, index: int, 
         Curve(values=value, slopes=slope, duration=arc.duration, stretch=stretch)
         for value, slope in zip(values, total, strict=True)
     ]
-    n_u = (n_q - 4 - len(names)) // 2
-    assert n_shape > 0
+    n_u = (n_q - 4 - len(names)) // 3
     return ArcCurves(
         arc=arc,
         force=tuple(every[:2]),
         height=every[2],
         ahead=every[3],
         torque=tuple(every[4 : 4 + n_u]),
-        power=tuple(every[4 + n_u : 4 + 2 * n_u]),
-        margins=dict(zip(names, every[4 + 2 * n_u :], strict=True)),
+        rate=tuple(every[4 + n_u : 4 + 2 * n_u]),
+        power=tuple(every[4 + 2 * n_u : 4 + 3 * n_u]),
+        margins=dict(zip(names, every[4 + 3 * n_u :], strict=True)),
     )
 
 
 @lru_cache(maxsize=64)
 def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
-    """(t, z, p, r) -> force, swing foot's height and lead, torques, powers, margins; and their derivatives by t, z, v."""
+    """(t, z, p, r) -> force, swing foot's height and lead, torques, motor rates, powers, margins; and their derivatives by t, z, v."""
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
-    force, torque, power, foot, _, _ = system.observation(mode)(t, z, p, r)
+    force, torque, power, foot, _, rate = system.observation(mode)(t, z, p, r)
     margins = system.margins(mode)(t, z, p, r)
-    values = vertcat(force, foot[1], foot[0] - z[system.n_shape], torque, power, margins)
+    values = vertcat(force, foot[1], foot[0] - z[system.n_shape], torque, rate, power, margins)
     by = vertcat(t, z, *(p[system.parameters.index(name)] for name in free))
     return Function(f"quantities_{mode}", [t, z, p, r], cse([values, jacobian(values, by)]))
 

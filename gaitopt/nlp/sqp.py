@@ -1,0 +1,253 @@
+"""Sequential quadratic programming in the freed parameters, and how far a point is from being optimal.
+
+    min  g' d + d' H d / 2    s.t.  A d + b >= 0,        H by damped BFGS updates of the Lagrangian's Hessian
+
+Each quadratic program is a problem of least distance, solved by nonnegative least squares: Lawson & Hanson (1974),
+chapter 23. Few unknowns and exact gradients make it as precise as the gait is. Unknowns and objective are counted in
+their typical sizes throughout.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import nnls
+
+from gaitopt.nlp.reduced import Point, Reduced, Row
+from gaitopt.nlp.search import SMALL
+
+Array = NDArray[np.float64]
+
+MAX_ITERATIONS = 200
+OPTIMAL = 1e-8
+"""KKT residual at which a search ends; what is promised is ``OPTIMALITY``."""
+FEASIBLE = 1e-11
+"""Violation of a constraint in its natural unit at which a search ends: a digit above the rounding of a gait."""
+ACTIVE = 1e-7
+"""A constraint is active where so small a change of the unknowns, relative to their sizes, would violate it."""
+FARTHEST = 0.3
+"""Longest step, relative to the sizes of the unknowns."""
+SHORTEST = 1e-4
+"""Part of a step after which a line search gives up."""
+ARMIJO = 1e-4
+DAMPING = 0.2
+RELAXED = 1e4
+"""Weight of the slack of a quadratic program that has no solution."""
+PENALTY = 2.0
+"""Weight of violations in the merit function, in multipliers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optimum:
+    """Where a search ended.
+
+    Attributes
+    ----------
+    point : the point.
+    kkt : least norm of the objective's gradient less nonnegative multiples of those of the active constraints.
+    multipliers : of the active constraints, by their keys.
+    iterations : how many.
+    """
+
+    point: Point
+    kkt: float
+    multipliers: dict[str, float]
+    iterations: int
+
+
+def kkt_residual(point: Point, sizes: Array) -> tuple[float, dict[str, float]]:
+    """Residual of the optimality conditions at a point, and the multipliers that make it least.
+
+    Parameters
+    ----------
+    sizes : typical sizes of the unknowns, shape (n_u,); the objective's is its value.
+    """
+    gradient = point.gradient * sizes / _objective_size(point)
+    rows, columns = [], []
+    for row in point.rows:
+        column = row.gradient * sizes
+        length = float(np.linalg.norm(column))
+        if length > 0 and (row.equality or row.value / length <= ACTIVE):
+            for sign in (1.0, -1.0) if row.equality else (1.0,):
+                rows.append((row, sign / length))
+                columns.append(sign * column / length)
+    if not columns:
+        return float(np.linalg.norm(gradient)), {}
+    weights, residual = nnls(np.array(columns).T, gradient)
+    multipliers: dict[str, float] = {}
+    for (row, scale), weight in zip(rows, weights, strict=True):
+        if weight > 0:
+            multipliers[row.key] = multipliers.get(row.key, 0.0) + scale * weight
+    return float(residual), multipliers
+
+
+def optimise(
+    problem: Reduced, start: Point, sizes: Array, *, step: Callable[[int, float], bool] | None = None
+) -> Optimum:
+    """The optimum next to a point.
+
+    Parameters
+    ----------
+    sizes : typical sizes of the unknowns, shape (n_u,).
+    step : called at every iteration with its number and the largest violation; True ends the search.
+    """
+    point, rest, penalty, damage = start, np.eye(sizes.size), 0.0, 0
+    kkt, multipliers = kkt_residual(point, sizes)
+    best = Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=0)
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        if (kkt < OPTIMAL and point.violation < FEASIBLE) or (step is not None and step(iteration, point.violation)):
+            break
+        model = _Model(point, sizes, rest, multipliers)
+        d, weights = model.solve()
+        penalty = max(PENALTY * float(np.abs(weights).max(initial=0.0)), penalty / PENALTY)
+        after = _line_search(problem, model, d, penalty)
+        if after is None:
+            if damage:
+                break
+            rest, damage = np.eye(sizes.size), 1
+            continue
+        rest = _updated(rest, model, weights, after, sizes)
+        point, damage = after, 0
+        kkt, multipliers = kkt_residual(point, sizes)
+        import os
+        if os.environ.get("SQP"): print(iteration, point.objective, point.violation, kkt, np.abs(d).max(), penalty, sorted((round(float(v),6),k) for k,v in multipliers.items())[-4:])
+    return Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration)
+
+
+class _Model:
+    """The quadratic program at a point, in sizes."""
+
+    def __init__(self, point: Point, sizes: Array, rest: Array, multipliers: Mapping[str, float]) -> None:
+        self.point, self.sizes = point, sizes
+        self.scale = _objective_size(point)
+        self.H = _definite(rest + _stiff(point, sizes, multipliers))
+        self.gradient = point.gradient * sizes / self.scale
+        reach = 2 * FARTHEST * np.sqrt(sizes.size)
+        lengths = [float(np.linalg.norm(row.gradient * sizes)) for row in point.rows]
+        near = [(row, a) for row, a in zip(point.rows, lengths, strict=True) if a > 0 and row.value < reach * a]
+        self.rows = [row for row, _ in near]
+        self.A = np.array([row.gradient * sizes for row in self.rows]).reshape(-1, sizes.size)
+        self.b = np.array([row.value for row in self.rows])
+        self.equality = np.array([row.equality for row in self.rows], dtype=bool)
+
+    def solve(self, shift: Array | float = 0.0) -> tuple[Array, Array]:
+        """Step and multipliers of the rows; shapes (n_u,) and (n_rows,).
+
+        Parameters
+        ----------
+        shift : added to the values of the rows.
+        """
+        n, b = self.sizes.size, self.b + shift
+        box = np.vstack([np.eye(n), -np.eye(n)])
+        A, c = np.vstack([self.A, -self.A[self.equality], box]), np.concatenate([b, -b[self.equality], np.full(2 * n, FARTHEST)])
+        solution = least_distance(self.H, self.gradient, A, c)
+        if solution is None:  # the linearised constraints contradict each other: all of them are relaxed alike
+            H = np.zeros((n + 1, n + 1))
+            H[:n, :n], H[n, n] = self.H, RELAXED
+            slack = np.maximum(0.0, -c)[:, None]
+            solution = least_distance(H, np.append(self.gradient, 0.0), np.hstack([A, slack]), c)
+        assert solution is not None, "relaxed constraints have a solution"
+        d, weights = solution
+        m = self.b.size
+        multipliers = weights[:m].copy()
+        multipliers[self.equality] -= weights[m : m + int(self.equality.sum())]
+        return d[:n], multipliers
+
+
+def least_distance(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:
+    """min g'd + d'Hd/2 s.t. A d + b >= 0: solution and multipliers, or None where the constraints contradict."""
+    L = np.linalg.cholesky(H)
+    free = -solve_triangular(L, g, lower=True)
+    G = solve_triangular(L, A.T, lower=True).T
+    lengths = np.maximum(np.linalg.norm(G, axis=1), SMALL)
+    G, h = G / lengths[:, None], (-b - G @ free) / lengths
+    target = np.zeros(g.size + 1)
+    target[-1] = 1.0
+    weights, distance = nnls(np.vstack([G.T, h]), target)
+    residual = np.vstack([G.T, h]) @ weights - target
+    if distance < CONTRADICTION:
+        return None
+    y = -residual[:-1] / residual[-1]
+    return np.asarray(solve_triangular(L.T, y + free)), weights / -residual[-1] / lengths
+
+
+CONTRADICTION = 1e-9
+FLATTEST = 1e-2
+
+
+def _line_search(problem: Reduced, model: _Model, d: Array, penalty: float) -> Point | None:
+    """The first point along a step that is better; a full step that is not is corrected to second order once."""
+    now = _merit(model.point, model.scale, penalty)
+    slope = float(model.gradient @ d) - penalty * _violations(model.point)
+    part = 1.0
+    while part >= SHORTEST:
+        trial = problem.moved(model.point, part * d * model.sizes)
+        if trial is not None:
+            if _merit(trial, model.scale, penalty) <= now + ARMIJO * part * min(slope, 0.0) + ROUNDING:
+                return trial
+            if part == 1.0:
+                corrected = _corrected(problem, model, trial, d)
+                if corrected is not None and _merit(corrected, model.scale, penalty) <= now + ARMIJO * min(slope, 0.0) + ROUNDING:
+                    return corrected
+        part /= 2
+    return None
+
+
+ROUNDING = 1e-13
+
+
+def _corrected(problem: Reduced, model: _Model, trial: Point, d: Array) -> Point | None:
+    """A full step with the curvature of the constraints taken into account."""
+    values = {row.key: row.value for row in trial.rows}
+    predicted = model.b + model.A @ d
+    shift = np.array([values.get(row.key, q) - q for row, q in zip(model.rows, predicted, strict=True)])
+    return problem.moved(model.point, model.solve(shift)[0] * model.sizes)
+
+
+def _updated(rest: Array, model: _Model, weights: Array, after: Point, sizes: Array) -> Array:
+    """Powell's damped BFGS update of the Lagrangian's Hessian; what it is without its stiff part, (n_u, n_u)."""
+    gradients = {row.key: row.gradient for row in after.rows}
+    s = (after.u - model.point.u) / sizes
+    y = after.gradient * sizes / model.scale - model.gradient
+    for row, a, weight in zip(model.rows, model.A, weights, strict=True):
+        if weight != 0.0 and row.key in gradients:
+            y -= weight * (gradients[row.key] * sizes - a)
+    stiff = _stiff(after, sizes, {row.key: w for row, w in zip(model.rows, weights, strict=True)})
+    H = _definite(rest + stiff)
+    Hs = H @ s
+    curvature = float(s @ Hs)
+    if curvature <= 0:
+        return rest
+    if s @ y < DAMPING * curvature:
+        part = (1 - DAMPING) * curvature / (curvature - s @ y)
+        y = part * y + (1 - part) * Hs
+    return np.asarray(H - np.outer(Hs, Hs) / curvature + np.outer(y, y) / (s @ y) - stiff)
+
+
+def _stiff(point: Point, sizes: Array, multipliers: Mapping[str, float]) -> Array:
+    """Stiff part of the Hessian of the Lagrangian, in sizes."""
+    total = point.curvature / _objective_size(point)
+    for row in point.rows:
+        if row.curvature is not None:
+            total = total - multipliers.get(row.key, 0.0) * row.curvature
+    return np.asarray(sizes[:, None] * total * sizes)
+
+
+def _definite(H: Array) -> Array:
+    """The nearest matrix that is positive definite enough."""
+    values, vectors = np.linalg.eigh(H)
+    return np.asarray((vectors * np.maximum(values, FLATTEST)) @ vectors.T)
+
+
+def _merit(point: Point, scale: float, penalty: float) -> float:
+    return point.objective / scale + penalty * _violations(point)
+
+
+def _violations(point: Point) -> float:
+    return sum(row.violation for row in point.rows)
+
+
+def _objective_size(point: Point) -> float:
+    return max(abs(point.objective), SMALL)
