@@ -59,10 +59,10 @@ def assemble_gait(
     )
 
 
-def assemble_step(problem: Transcription, w: Array, p: Array) -> Step:
-    """The step that ``w`` describes."""
+def assemble_step(problem: Transcription, w: Array, p: Array, counts: tuple[int, ...] = COUNTS) -> Step:
+    """The step that ``w`` describes; its arcs at the first of ``counts`` Chebyshev points that resolve them."""
     nodes, _, freed = problem.unpack(w)
-    arcs = tuple(_arc(problem, w, p, index) for index in range(len(problem.layout.arcs)))
+    arcs = tuple(_arc(problem, w, p, index, counts) for index in range(len(problem.layout.arcs)))
     full = problem.full_parameters(p, freed)
     return Step(arcs=arcs, impact=impact_record(problem.system, problem.layout.sequence.impact, nodes[:, -1], full))
 
@@ -79,9 +79,9 @@ def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) ->
     )
 
 
-def _arc(problem: Transcription, w: Array, p: Array, index: int) -> Arc:
+def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[int, ...]) -> Arc:
     layout = problem.layout.arcs[index]
-    for count in COUNTS:
+    for count in counts:
         times, states = problem.sample(w, p, index, count)
         if curves.tail(states) < curves.RESOLVED:
             break

@@ -133,7 +133,7 @@ class Reduced:
 
     def _point(self, s: Sensitivity) -> Point | None:
         freed = s.transcription.unpack(s.at.w)[2]
-        values = _Values(s, self._radius(s), self.levels)
+        values = _Values(Scalars(s), self._radius(s), self.levels)
         if values.escaped(self._problem):
             return None
         objective, gradient = 0.0, np.zeros(freed.size + len(self.levels))
@@ -185,8 +185,8 @@ class _Radius:
 class _Values:
     """Scalars with derivatives in u = (freed parameters, levels)."""
 
-    def __init__(self, s: Sensitivity, radius: _Radius | None, levels: tuple[str, ...]) -> None:
-        self.scalars, self._radius, self._levels = Scalars(s), radius, levels
+    def __init__(self, scalars: Scalars, radius: _Radius | None, levels: tuple[str, ...]) -> None:
+        self.scalars, self._radius, self._levels = scalars, radius, levels
 
     def extended(self, gradient: Array, level: Array | float = 0.0) -> Array:
         """A derivative in the freed parameters with that in the levels; shape (n_u,)."""

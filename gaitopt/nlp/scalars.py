@@ -6,7 +6,7 @@ place, since there the place does not matter. |power| is integrated between its 
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import MX, Function, jacobian, vertcat
@@ -57,6 +57,7 @@ class Scalars:
                 _total(c.absolute_integral() for a in sensitivity.arcs for c in a.power), self._weighted_length()
             ),
         }
+        self._known: dict[str, Valued] = {}
         self._extrema: dict[str, Callable[[], Iterator[Piece]]] = {
             "peak_torque": self._torques,
             "required_friction": self._friction,
@@ -74,7 +75,9 @@ class Scalars:
         if name.startswith("state."):
             k = t.system.state_names.index(name.removeprefix("state."))
             return float(s.at.w[k]), s.slopes[k]
-        return self._smooth[name]()
+        if name not in self._known:
+            self._known[name] = self._smooth[name]()
+        return self._known[name]
 
     def curvature(self, name: str) -> Array | None:
         """What |power| adds to the second derivatives of a scalar, shape (n_free, n_free); None where nothing.
@@ -83,8 +86,10 @@ class Scalars:
         the integral of sign(P) (u_v w_v' + w_v u_v'). Where both vanish nearly at once either is large, and only
         their sum is right. The second derivatives of the motion itself are left out.
         """
-        if name != "absolute_cost_of_transport":
-            return None
+        return self._power_curvature if name == "absolute_cost_of_transport" else None
+
+    @cached_property
+    def _power_curvature(self) -> Array:
         total = np.zeros((self.n_free, self.n_free))
         for arc in self._s.arcs:
             for u, rate, power in zip(arc.torque, arc.rate, arc.power, strict=True):
@@ -193,9 +198,9 @@ def _bent(torque: Curve, rate: Curve, power: Curve) -> Array:
     both = (both + both.transpose(0, 2, 1)).reshape(-1, n * n)
     bent = curves.signed_integrals(power.values, both, power.duration).reshape(n, n)
     places = curves.roots(power.values)
-    speeds = np.abs(curves.slopes(power.values, places)) * 2 / power.duration
+    speeds = curves.slopes(power.values, places)
     for moved, speed in zip(power.at(places)[1], speeds, strict=True):
-        bent += 2 * np.outer(moved, moved) / speed
+        bent += np.outer(moved, moved) * power.duration / abs(speed)
     return bent
 
 

@@ -26,6 +26,10 @@ from gaitopt.nlp.variation import step_derivatives
 Array = NDArray[np.float64]
 
 
+COUNTS = (17, 25, 33, 65, 129, 257)
+"""Chebyshev points tried in turn until an arc is resolved; every point costs a step."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
     """A quantity along one arc.
@@ -101,7 +105,7 @@ def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
     n = at.residual.size
     answer = -splu(at.square).solve(at.jacobian[:, n:].toarray())
     slopes = np.vstack([answer, np.eye(answer.shape[1])])
-    step = assemble_step(transcription, at.w, at.p)
+    step = assemble_step(transcription, at.w, at.p, COUNTS)
     arcs = tuple(_arc_curves(transcription, at, slopes, k, arc) for k, arc in enumerate(step.arcs))
     return Sensitivity(transcription=transcription, at=at, step=step, slopes=slopes, arcs=arcs)
 

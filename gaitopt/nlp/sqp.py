@@ -15,26 +15,33 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
+from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.reduced import Point, Reduced, Row
 from gaitopt.nlp.search import SMALL
 
 Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 200
-OPTIMAL = 1e-8
-"""KKT residual at which a search ends; what is promised is ``OPTIMALITY``."""
-FEASIBLE = 1e-11
-"""Violation of a constraint in its natural unit at which a search ends: a digit above the rounding of a gait."""
+OPTIMALITY, MET = 1e-6, 1e-9
+"""KKT residual, and violation of constraints in their natural units, of a design that is called converged."""
+OPTIMAL, FEASIBLE = 1e-8, 1e-11
+"""The same where a search ends, as far down as the rounding of a gait allows."""
 ACTIVE = 1e-7
 """A constraint is active where so small a change of the unknowns, relative to their sizes, would violate it."""
+NEGLIGIBLE = 1e-6
+"""Gradient of a constraint, in its natural unit and sizes, below which the unknowns do not govern it."""
 FARTHEST = 0.3
 """Longest step, relative to the sizes of the unknowns."""
 SHORTEST = 1e-4
 """Part of a step after which a line search gives up."""
 ARMIJO = 1e-4
-DAMPING = 0.2
+"""Part of the gain that the slope promises which a step must reach."""
 RELAXED = 1e4
-"""Weight of the slack of a quadratic program that has no solution."""
+"""Curvature of the slack of a quadratic program whose constraints contradict each other."""
+DAMPING = 0.2
+"""Part of the curvature so far that an update must leave, Powell (1978)."""
+ROUNDING = 1e-13
+"""Of the merit."""
 PENALTY = 2.0
 """Weight of violations in the merit function, in multipliers."""
 
@@ -49,12 +56,24 @@ class Optimum:
     kkt : least norm of the objective's gradient less nonnegative multiples of those of the active constraints.
     multipliers : of the active constraints, by their keys.
     iterations : how many.
+    interrupted : whether it was asked to stop.
     """
 
     point: Point
     kkt: float
     multipliers: dict[str, float]
     iterations: int
+    interrupted: bool
+
+    @property
+    def shortcoming(self) -> str | None:
+        """What it lacks to be an optimum."""
+        if not self.point.violation < MET:
+            worst = max(self.point.rows, key=lambda row: row.violation)
+            return f"{worst.about} is only met to {worst.violation:.2g}"
+        if not self.kkt < OPTIMALITY:
+            return f"stalled: the optimality conditions are only met to {self.kkt:.2g}"
+        return None
 
 
 def kkt_residual(point: Point, sizes: Array) -> tuple[float, dict[str, float]]:
@@ -69,7 +88,7 @@ def kkt_residual(point: Point, sizes: Array) -> tuple[float, dict[str, float]]:
     for row in point.rows:
         column = row.gradient * sizes
         length = float(np.linalg.norm(column))
-        if length > 0 and (row.equality or row.value / length <= ACTIVE):
+        if length > NEGLIGIBLE and (row.equality or row.value / length <= ACTIVE):
             for sign in (1.0, -1.0) if row.equality else (1.0,):
                 rows.append((row, sign / length))
                 columns.append(sign * column / length)
@@ -84,36 +103,43 @@ def kkt_residual(point: Point, sizes: Array) -> tuple[float, dict[str, float]]:
 
 
 def optimise(
-    problem: Reduced, start: Point, sizes: Array, *, step: Callable[[int, float], bool] | None = None
+    problem: Reduced,
+    start: Point,
+    sizes: Array,
+    *,
+    progress: Progress | None = None,
+    should_stop: Callable[[], bool] | None = None,
 ) -> Optimum:
     """The optimum next to a point.
 
     Parameters
     ----------
     sizes : typical sizes of the unknowns, shape (n_u,).
-    step : called at every iteration with its number and the largest violation; True ends the search.
+    progress : called at every iteration with its number and the largest violation.
+    should_stop : polled at every iteration; True ends the search.
     """
-    point, rest, penalty, damage = start, np.eye(sizes.size), 0.0, 0
-    kkt, multipliers = kkt_residual(point, sizes)
-    best = Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=0)
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        if (kkt < OPTIMAL and point.violation < FEASIBLE) or (step is not None and step(iteration, point.violation)):
+    point, rest, penalty = start, np.eye(sizes.size), 0.0
+    fresh = True
+    for iteration in range(MAX_ITERATIONS + 1):
+        kkt, multipliers = kkt_residual(point, sizes)
+        if progress is not None:
+            progress(iteration, point.violation)
+        interrupted = should_stop is not None and should_stop()
+        if interrupted or (kkt < OPTIMAL and point.violation < FEASIBLE):
             break
         model = _Model(point, sizes, rest, multipliers)
         d, weights = model.solve()
         penalty = max(PENALTY * float(np.abs(weights).max(initial=0.0)), penalty / PENALTY)
         after = _line_search(problem, model, d, penalty)
-        if after is None:
-            if damage:
-                break
-            rest, damage = np.eye(sizes.size), 1
-            continue
-        rest = _updated(rest, model, weights, after, sizes)
-        point, damage = after, 0
-        kkt, multipliers = kkt_residual(point, sizes)
+        if after is not None:
+            rest, point, fresh = _updated(rest, model, weights, after, sizes), after, False
+        elif fresh:
+            break
+        else:
+            rest, fresh = np.eye(sizes.size), True
         import os
         if os.environ.get("SQP"): print(iteration, point.objective, point.violation, kkt, np.abs(d).max(), penalty, sorted((round(float(v),6),k) for k,v in multipliers.items())[-4:])
-    return Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration)
+    return Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted)
 
 
 class _Model:
@@ -126,11 +152,15 @@ class _Model:
         self.gradient = point.gradient * sizes / self.scale
         reach = 2 * FARTHEST * np.sqrt(sizes.size)
         lengths = [float(np.linalg.norm(row.gradient * sizes)) for row in point.rows]
-        near = [(row, a) for row, a in zip(point.rows, lengths, strict=True) if a > 0 and row.value < reach * a]
+        near = [(row, a) for row, a in zip(point.rows, lengths, strict=True) if a > NEGLIGIBLE and row.value < reach * a]
         self.rows = [row for row, _ in near]
         self.A = np.array([row.gradient * sizes for row in self.rows]).reshape(-1, sizes.size)
         self.b = np.array([row.value for row in self.rows])
         self.equality = np.array([row.equality for row in self.rows], dtype=bool)
+
+    def by_key(self, weights: Array) -> dict[str, float]:
+        """Multipliers of the rows by their keys."""
+        return {row.key: float(w) for row, w in zip(self.rows, weights, strict=True)}
 
     def solve(self, shift: Array | float = 0.0) -> tuple[Array, Array]:
         """Step and multipliers of the rows; shapes (n_u,) and (n_rows,).
@@ -180,22 +210,17 @@ FLATTEST = 1e-2
 def _line_search(problem: Reduced, model: _Model, d: Array, penalty: float) -> Point | None:
     """The first point along a step that is better; a full step that is not is corrected to second order once."""
     now = _merit(model.point, model.scale, penalty)
-    slope = float(model.gradient @ d) - penalty * _violations(model.point)
+    slope = min(0.0, float(model.gradient @ d) - penalty * _violations(model.point))
     part = 1.0
     while part >= SHORTEST:
+        goal = now + ARMIJO * part * slope + ROUNDING
         trial = problem.moved(model.point, part * d * model.sizes)
-        if trial is not None:
-            if _merit(trial, model.scale, penalty) <= now + ARMIJO * part * min(slope, 0.0) + ROUNDING:
-                return trial
-            if part == 1.0:
-                corrected = _corrected(problem, model, trial, d)
-                if corrected is not None and _merit(corrected, model.scale, penalty) <= now + ARMIJO * min(slope, 0.0) + ROUNDING:
-                    return corrected
+        if trial is not None and _merit(trial, model.scale, penalty) > goal and part == 1.0:
+            trial = _corrected(problem, model, trial, d)
+        if trial is not None and _merit(trial, model.scale, penalty) <= goal:
+            return trial
         part /= 2
     return None
-
-
-ROUNDING = 1e-13
 
 
 def _corrected(problem: Reduced, model: _Model, trial: Point, d: Array) -> Point | None:
@@ -214,7 +239,7 @@ def _updated(rest: Array, model: _Model, weights: Array, after: Point, sizes: Ar
     for row, a, weight in zip(model.rows, model.A, weights, strict=True):
         if weight != 0.0 and row.key in gradients:
             y -= weight * (gradients[row.key] * sizes - a)
-    stiff = _stiff(after, sizes, {row.key: w for row, w in zip(model.rows, weights, strict=True)})
+    stiff = _stiff(after, sizes, model.by_key(weights))
     H = _definite(rest + stiff)
     Hs = H @ s
     curvature = float(s @ Hs)
