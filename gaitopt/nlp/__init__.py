@@ -3,7 +3,17 @@
 from gaitopt.nlp.design import find_gait, free_parameters
 from gaitopt.nlp.family import Family
 from gaitopt.nlp.integrator import integrate_to
+from gaitopt.nlp.neighbourhood import Neighbourhood, neighbourhood
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
 
-__all__ = ["Family", "find_gait", "free_parameters", "integrate_to", "roll_out", "solve_gait"]
+__all__ = [
+    "Family",
+    "Neighbourhood",
+    "find_gait",
+    "free_parameters",
+    "integrate_to",
+    "neighbourhood",
+    "roll_out",
+    "solve_gait",
+]

@@ -19,6 +19,7 @@ from gaitopt.nlp.conflict import conflicts
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import Layout, layout
 from gaitopt.nlp.newton import polish
+from gaitopt.nlp.outcome import RADIUS
 from gaitopt.nlp.program import Program
 from gaitopt.nlp.reduced import Reduced
 from gaitopt.nlp.refinement import refine
@@ -35,6 +36,8 @@ MAX_ROUNDS = 12
 """Times that a smoothed search may be taken up again where its reach or a breakpoint of the control has stopped it."""
 MAX_MESHES = 3
 """Times that an optimum may need a finer mesh than the gait from which it was reached."""
+COALESCED = 1e-3
+"""Distance of two multipliers, relative to their modulus, at which rounding begins to count by its root."""
 CREDITED = 1.2
 """Ratio of absolute to net cost above which a design is said to live on credited negative work."""
 
@@ -221,10 +224,10 @@ def _warm(gait: Gait, free: tuple[str, ...]) -> Start:
     assert gait.step is not None
     step = gait.step
     freed = np.array([gait.p[gait.system.parameters.index(name)] for name in free])
-    return Start(durations=np.array([d for _, d in step.phases]), states=lambda t: _states(step, t), freed=freed)
+    return Start(durations=np.array([d for _, d in step.phases]), states=lambda t: step_states(step, t), freed=freed)
 
 
-def _states(step: Step, times: Array) -> Array:
+def step_states(step: Step, times: Array) -> Array:
     """States (n_z, n) of a step at times since impact (n,)."""
     ends = np.array([arc.end for arc in step.arcs[:-1]])
     columns = []
@@ -236,9 +239,19 @@ def _states(step: Step, times: Array) -> Array:
 
 
 def _verdict(gait: Gait) -> str:
-    """That it is solved, and whether its net cost owes something to negative work."""
+    """That it is solved, and what should be known about the cost and the radius."""
+    words, problem = ["solved"], gait.problem
     net, absolute = gait.measures["cost_of_transport"], gait.measures["absolute_cost_of_transport"]
-    asked = {"cost_of_transport", "work"} & {*gait.problem.objective, *gait.problem.constraints}
-    if asked and net is not None and absolute is not None and absolute > CREDITED * abs(net):
-        return f"solved; the net cost {net:.4g} credits negative work, the absolute cost is {absolute:.4g}"
-    return "solved"
+    concerned = {*problem.objective, *problem.constraints}
+    if {"cost_of_transport", "work"} & concerned and net is not None and absolute is not None:
+        if absolute > CREDITED * abs(net):
+            words.append(f"the net cost {net:.4g} credits negative work, the absolute cost is {absolute:.4g}")
+    if RADIUS in concerned and _coalesce(gait.multipliers):
+        words.append("multipliers at the radius coalesce, where it is not a Lipschitz function of the parameters")
+    return "; ".join(words)
+
+
+def _coalesce(multipliers: NDArray[np.complex128]) -> bool:
+    """Whether a multiplier of the largest modulus has another one next to it."""
+    distances = np.sort(np.abs(multipliers - multipliers[0]))
+    return bool(distances.size > 1 and distances[1] < COALESCED * abs(multipliers[0]))

@@ -14,9 +14,12 @@ from gaitopt.errors import SolveError
 from gaitopt.gait import Gait, curves
 from gaitopt.mechanics import Mode, margin_names, margin_scales
 from gaitopt.nlp.assembly import assemble_gait
+from gaitopt.nlp.design import free_parameters, step_states
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import polish
-from gaitopt.nlp.search import freed_sizes
+from gaitopt.nlp.outcome import RADIUS
+from gaitopt.nlp.refinement import refine
+from gaitopt.nlp.search import SMALL, freed_sizes
 from gaitopt.nlp.transcription import Transcription
 
 Array = NDArray[np.float64]
@@ -49,6 +52,18 @@ class Neighbourhood:
     gain: float
     freed: Array
 
+    def to_record(self) -> dict[str, float]:
+        """JSON-able record."""
+        return {"tried": self.tried, "feasible": self.feasible, "gain": self.gain}
+
+    @property
+    def words(self) -> str:
+        """What was seen, in a sentence."""
+        seen = f"{self.feasible} of {self.tried} neighbours meet all constraints"
+        if self.gain > BETTER:
+            return f"{seen}; NOT an optimum, one of them is better by {self.gain:.2g} of the objective"
+        return f"{seen}, and none of them is better" if self.feasible else f"{seen}: nothing can be said"
+
     @property
     def optimal(self) -> bool:
         """Whether no neighbour is better."""
@@ -57,7 +72,6 @@ class Neighbourhood:
 
 def neighbourhood(
     gait: Gait,
-    bounds: Array,
     *,
     directions: int = 200,
     radii: tuple[float, ...] = RADII,
@@ -69,7 +83,6 @@ def neighbourhood(
     Parameters
     ----------
     gait : a converged design with an objective.
-    bounds : of the freed parameters; shape (2, n_free).
     directions, radii, seed : random directions, and how far to go in each.
     progress : called with the number of directions done and their total.
 
@@ -80,7 +93,7 @@ def neighbourhood(
     """
     if gait.step is None or not gait.freed or not gait.problem.objective:
         raise SolveError(f"{gait.problem.name} is no optimum: it needs freed parameters and an objective")
-    search, rng = _Search(gait, bounds), np.random.default_rng(seed)
+    search, rng = _Search(gait), np.random.default_rng(seed)
     feasible, best, freed = 0, -np.inf, search.freed
     for number in range(directions):
         direction = rng.normal(size=search.freed.size)
@@ -99,26 +112,29 @@ def neighbourhood(
 class _Search:
     """Neighbours of one gait."""
 
-    def __init__(self, gait: Gait, bounds: Array) -> None:
+    def __init__(self, gait: Gait) -> None:
         assert gait.step is not None
-        assert gait.shooting is not None
-        self._gait, self._bounds = gait, bounds
-        self.freed = np.array(list(gait.freed.values()))
-        self.sizes = freed_sizes(self.freed, bounds)
+        self._gait = gait
+        free = free_parameters(gait.problem, gait.system)
+        self._bounds = np.array(list(free.values())).T
+        self.freed = np.array([gait.freed[name] for name in free])
+        self.sizes = freed_sizes(self.freed, self._bounds)
         durations = np.array([duration for _, duration in gait.step.phases])
         plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints)
-        self._transcription = Transcription(gait.system, plan.refined(gait.shooting.intervals), tuple(gait.freed))
-        self._w = self._transcription.pack(gait.shooting.states.T, durations, self.freed)
-        self._slopes, self._by_freed = np.zeros((self._w.size, self.freed.size)), np.zeros((0, self.freed.size))
-        ahead, behind = ([self._values(self.freed + s * h) for h in np.diag(DIFFERENCE * self.sizes)] for s in (1, -1))
-        if any(values is None for values in (*ahead, *behind)):
-            raise SolveError(f"{gait.problem.name}: the gait is lost at once when its parameters change")
-        pairs = zip(ahead, behind, 2 * DIFFERENCE * self.sizes, strict=True)
-        both = [((a.rows - b.rows) / h, (a.w - b.w) / h) for a, b, h in pairs]  # type: ignore[union-attr]
-        self._by_freed, self._slopes = (np.array(columns).T for columns in zip(*both, strict=True))
-        here = self._values(self.freed)
-        assert here is not None, "the gait itself is one"
-        self._objective = here.objective
+        coarse = Transcription(gait.system, plan, tuple(free))
+        w = coarse.pack(step_states(gait.step, plan.node_times(durations)), durations, self.freed)
+        refined = refine(coarse, polish(coarse, w, gait.p).at)
+        self._transcription, self._w = refined.transcription, refined.at.w
+        self._slopes = np.zeros((self._w.size, self.freed.size))
+        slopes, by_freed = [], []
+        for step in np.diag(DIFFERENCE * self.sizes):
+            ahead, behind = self._values(self.freed + step), self._values(self.freed - step)
+            if ahead is None or behind is None:
+                raise SolveError(f"{gait.problem.name}: the gait is lost at once when its parameters change")
+            by_freed.append((ahead.rows - behind.rows) / (2 * step.sum()))
+            slopes.append((ahead.w - behind.w) / (2 * step.sum()))
+        self._by_freed, self._slopes = np.array(by_freed).T, np.array(slopes).T
+        self._objective = sum(weight * _scalar(gait, name) for name, weight in gait.problem.objective.items())
 
     def feasible(self, freed: Array) -> tuple[float, Array] | None:
         """Relative gain and place of the feasible point next to ``freed``; None where there is none."""
@@ -144,7 +160,7 @@ class _Search:
         if not at.size < SOLVED or not t.layout.in_order(t.unpack(at.w)[1], t.system.control.breakpoints):
             return None
         solved = assemble_gait(gait.problem, t, at, errors=np.zeros(t.n_phases), message="", solver={})
-        return _Values(w=at.w, **_measured(solved))
+        return _measured(solved, at.w)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,30 +173,32 @@ class _Values:
     equality: NDArray[np.bool_]
 
 
-def _measured(gait: Gait) -> dict[str, object]:
-    known = {
-        **gait.measures,
-        "spectral_radius": gait.spectral_radius,
-        **dict(zip(gait.system.parameters, gait.p, strict=True)),
-        **{f"state.{name}": value for name, value in zip(gait.system.state_names, gait.state, strict=True)},
-    }
-    rows, equality = _margins(gait), list[bool]()
-    equality += [False] * len(rows)
+def _measured(gait: Gait, w: Array) -> _Values:
+    rows = [(value, False) for value in _margins(gait)]
     for name, span in gait.problem.constraints.items():
-        unit = max(abs(b) for b in (span.minimum, span.maximum, 1e-3) if np.isfinite(b))
-        values = np.abs(gait.multipliers) if name == "spectral_radius" else [float(known[name])]
+        unit = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
+        values = np.abs(gait.multipliers) if name == RADIUS else np.array([_scalar(gait, name)])
         if span.minimum == span.maximum:
-            rows += [(span.maximum - max(values)) / unit]
-            equality += [True]
+            rows.append((span.maximum - values.max(), True))
             continue
         if np.isfinite(span.maximum):
-            rows += [(span.maximum - value) / unit for value in values]
-            equality += [False] * len(values)
+            rows += [((span.maximum - value) / unit, False) for value in values]
         if np.isfinite(span.minimum):
-            rows += [(max(values) - span.minimum) / unit]
-            equality += [False]
-    objective = sum(weight * float(known[name]) for name, weight in gait.problem.objective.items())
-    return {"objective": objective, "rows": np.array(rows), "equality": np.array(equality)}
+            rows.append(((values.max() - span.minimum) / unit, False))
+    objective = sum(weight * _scalar(gait, name) for name, weight in gait.problem.objective.items())
+    values, equality = (np.array(column) for column in zip(*rows, strict=True))
+    return _Values(w=w, objective=objective, rows=values, equality=equality)
+
+
+def _scalar(gait: Gait, name: str) -> float:
+    """A scalar of the result by name."""
+    if name in gait.system.parameters:
+        return float(gait.p[gait.system.parameters.index(name)])
+    if name.startswith("state."):
+        return float(gait.state[gait.system.state_names.index(name.removeprefix("state."))])
+    value = gait.spectral_radius if name == RADIUS else gait.measures[name]
+    assert value is not None, "a constraint is on something that the gait has"
+    return value
 
 
 def _margins(gait: Gait) -> list[float]:
@@ -199,4 +217,8 @@ def _margins(gait: Gait) -> list[float]:
     if impact.mode is Mode.STICK:
         f_t, f_n = impact.stick_impulse / scales.impulse
         return [*rows, f_n, friction * f_n + f_t, friction * f_n - f_t]
-    return [*rows, float(impact.impulse[1]) / scales.impulse, impact.mode.direction * float(impact.state[-1]) / scales.speed]
+    return [
+        *rows,
+        float(impact.impulse[1]) / scales.impulse,
+        impact.mode.direction * float(impact.state[-1]) / scales.speed,
+    ]

@@ -20,7 +20,14 @@ from gaitopt.nlp.transcription import Transcription
 Array = NDArray[np.float64]
 
 RADIUS = "spectral_radius"
-EXTREMA = {RADIUS: 1, "peak_torque": 1, "required_friction": 1, "impulse_ratio": 1, "foot_clearance": 1, "min_normal_force": -1}
+EXTREMA = {
+    RADIUS: 1,
+    "peak_torque": 1,
+    "required_friction": 1,
+    "impulse_ratio": 1,
+    "foot_clearance": 1,
+    "min_normal_force": -1,
+}
 """Scalars that are the largest (1) or smallest (-1) of some values: of a curve, or of a number and its negative."""
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.outcome import EXTREMA, RADIUS, Outcome
-from gaitopt.nlp.reduced import CLEARANCE
+from gaitopt.nlp.rows import CLEARANCE
 from gaitopt.nlp.search import SMALL, search
 from gaitopt.nlp.stability import certified_radius
 from gaitopt.nlp.transcription import Transcription

@@ -180,7 +180,10 @@ def _extremes(curve: Curve, key: str, ends: list[float] | None = None, after: fl
     """The curve at its extrema and at the given ends of the arc, both unless they are given."""
     inside = [s for s in curves.critical(curve.values) if s > after]
     places = [*([-1.0, 1.0] if ends is None else ends), *inside]
-    names = [*(f"{key} end {s:+.0f}" for s in places[: len(places) - len(inside)]), *(f"{key} extremum {k}" for k in range(len(inside)))]
+    names = [
+        *(f"{key} end {s:+.0f}" for s in places[: len(places) - len(inside)]),
+        *(f"{key} extremum {k}" for k in range(len(inside))),
+    ]
     for name, value, slope in zip(names, *curve.at(np.array(places)), strict=True):
         yield Piece(key=name, value=float(value), gradient=slope)
 

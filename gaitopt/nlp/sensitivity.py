@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from casadi import SX, Function, cse, horzcat, jacobian, vertcat
+from casadi import SX, Function, cse, jacobian, vertcat
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
@@ -142,7 +142,7 @@ def _arc_curves(t: Transcription, at: Linearisation, slopes: Array, index: int, 
 
 @lru_cache(maxsize=64)
 def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
-    """(t, z, p, r) -> force, swing foot's height and lead, torques, motor rates, powers, margins; and their derivatives by t, z, v."""
+    """(t, z, p, r) -> force, swing foot's height and lead, torques, motor rates, powers, margins; their Jacobian."""
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
     force, torque, power, foot, _, rate = system.observation(mode)(t, z, p, r)
@@ -156,7 +156,10 @@ def _ends(t: Transcription, slopes: Array, index: int) -> tuple[Array, Array]:
     """Derivatives of the times at which an arc starts and ends; each of shape (n_free,)."""
     first = t.system.n_z * t.n_nodes
     durations = slopes[first : first + t.n_phases]
-    zero, one = t.layout.arc_times(np.zeros(t.n_phases))[index], [t.layout.arc_times(e)[index] for e in np.eye(t.n_phases)]
+    zero, one = (
+        t.layout.arc_times(np.zeros(t.n_phases))[index],
+        [t.layout.arc_times(e)[index] for e in np.eye(t.n_phases)],
+    )
     by = np.array(one) - np.array(zero)
     return by[:, 0] @ durations, by[:, 1] @ durations
 
@@ -174,7 +177,14 @@ def _state_slopes(t: Transcription, at: Linearisation, slopes: Array, index: int
     at_node = t.layout.first_nodes[index] + k
     full = t.full_parameters(at.p, freed)
     by = step_derivatives(
-        t.system, layout.mode, t.free, nodes[:, at_node], times, arc.times - times, full, t.system.control.data(layout.segment)
+        t.system,
+        layout.mode,
+        t.free,
+        nodes[:, at_node],
+        times,
+        arc.times - times,
+        full,
+        t.system.control.data(layout.segment),
     )
     d_nodes = slopes[: n_z * t.n_nodes].reshape(t.n_nodes, n_z, -1)[at_node]
     moved = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)

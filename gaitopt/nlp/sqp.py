@@ -1,10 +1,10 @@
-"""Sequential quadratic programming in the freed parameters, and how far a point is from being optimal.
+"""Sequential quadratic programming in the freed parameters.
 
-    min  g' d + d' H d / 2    s.t.  A d + b >= 0,        H by damped BFGS updates of the Lagrangian's Hessian
+    min  g' d + d' H d / 2    s.t.  A d + b >= 0,        H = stiff part + rest
 
-Each quadratic program is a problem of least distance, solved by nonnegative least squares: Lawson & Hanson (1974),
-chapter 23. Few unknowns and exact gradients make it as precise as the gait is. Unknowns and objective are counted in
-their typical sizes throughout.
+The stiff part of the Lagrangian's Hessian, from the changes of sign of the power, is known; the rest is learnt by
+damped BFGS updates (Powell 1978; structured: Dennis, Martinez & Tapia 1989). Unknowns and objective are counted in their
+typical sizes throughout.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,12 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.optimize import nnls
 
 from gaitopt.nlp.ipopt import Progress
-from gaitopt.nlp.reduced import Point, Reduced, Row
-from gaitopt.nlp.search import SMALL
+from gaitopt.nlp.optimality import NEGLIGIBLE, kkt_residual, objective_size
+from gaitopt.nlp.quadratic import least_distance
+from gaitopt.nlp.reduced import Point, Reduced
 
 Array = NDArray[np.float64]
 
@@ -26,16 +25,14 @@ OPTIMALITY, MET = 1e-6, 1e-9
 """KKT residual, and violation of constraints in their natural units, of a design that is called converged."""
 OPTIMAL, FEASIBLE = 1e-8, 1e-11
 """The same where a search ends, as far down as the rounding of a gait allows."""
-ACTIVE = 1e-7
-"""A constraint is active where so small a change of the unknowns, relative to their sizes, would violate it."""
-NEGLIGIBLE = 1e-6
-"""Gradient of a constraint, in its natural unit and sizes, below which the unknowns do not govern it."""
 FARTHEST = 0.3
 """Longest step, relative to the sizes of the unknowns."""
 SHORTEST = 1e-4
 """Part of a step after which a line search gives up."""
 ARMIJO = 1e-4
 """Part of the gain that the slope promises which a step must reach."""
+FLATTEST = 1e-2
+"""Least curvature of a quadratic program."""
 RELAXED = 1e4
 """Curvature of the slack of a quadratic program whose constraints contradict each other."""
 DAMPING = 0.2
@@ -76,32 +73,6 @@ class Optimum:
         return None
 
 
-def kkt_residual(point: Point, sizes: Array) -> tuple[float, dict[str, float]]:
-    """Residual of the optimality conditions at a point, and the multipliers that make it least.
-
-    Parameters
-    ----------
-    sizes : typical sizes of the unknowns, shape (n_u,); the objective's is its value.
-    """
-    gradient = point.gradient * sizes / _objective_size(point)
-    rows, columns = [], []
-    for row in point.rows:
-        column = row.gradient * sizes
-        length = float(np.linalg.norm(column))
-        if length > NEGLIGIBLE and (row.equality or row.value / length <= ACTIVE):
-            for sign in (1.0, -1.0) if row.equality else (1.0,):
-                rows.append((row, sign / length))
-                columns.append(sign * column / length)
-    if not columns:
-        return float(np.linalg.norm(gradient)), {}
-    weights, residual = nnls(np.array(columns).T, gradient)
-    multipliers: dict[str, float] = {}
-    for (row, scale), weight in zip(rows, weights, strict=True):
-        if weight > 0:
-            multipliers[row.key] = multipliers.get(row.key, 0.0) + scale * weight
-    return float(residual), multipliers
-
-
 def optimise(
     problem: Reduced,
     start: Point,
@@ -137,8 +108,6 @@ def optimise(
             break
         else:
             rest, fresh = np.eye(sizes.size), True
-        import os
-        if os.environ.get("SQP"): print(iteration, point.objective, point.violation, kkt, np.abs(d).max(), penalty, sorted((round(float(v),6),k) for k,v in multipliers.items())[-4:])
     return Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted)
 
 
@@ -147,12 +116,14 @@ class _Model:
 
     def __init__(self, point: Point, sizes: Array, rest: Array, multipliers: Mapping[str, float]) -> None:
         self.point, self.sizes = point, sizes
-        self.scale = _objective_size(point)
+        self.scale = objective_size(point)
         self.H = _definite(rest + _stiff(point, sizes, multipliers))
         self.gradient = point.gradient * sizes / self.scale
         reach = 2 * FARTHEST * np.sqrt(sizes.size)
         lengths = [float(np.linalg.norm(row.gradient * sizes)) for row in point.rows]
-        near = [(row, a) for row, a in zip(point.rows, lengths, strict=True) if a > NEGLIGIBLE and row.value < reach * a]
+        near = [
+            (row, a) for row, a in zip(point.rows, lengths, strict=True) if a > NEGLIGIBLE and row.value < reach * a
+        ]
         self.rows = [row for row, _ in near]
         self.A = np.array([row.gradient * sizes for row in self.rows]).reshape(-1, sizes.size)
         self.b = np.array([row.value for row in self.rows])
@@ -171,7 +142,10 @@ class _Model:
         """
         n, b = self.sizes.size, self.b + shift
         box = np.vstack([np.eye(n), -np.eye(n)])
-        A, c = np.vstack([self.A, -self.A[self.equality], box]), np.concatenate([b, -b[self.equality], np.full(2 * n, FARTHEST)])
+        A, c = (
+            np.vstack([self.A, -self.A[self.equality], box]),
+            np.concatenate([b, -b[self.equality], np.full(2 * n, FARTHEST)]),
+        )
         solution = least_distance(self.H, self.gradient, A, c)
         if solution is None:  # the linearised constraints contradict each other: all of them are relaxed alike
             H = np.zeros((n + 1, n + 1))
@@ -184,27 +158,6 @@ class _Model:
         multipliers = weights[:m].copy()
         multipliers[self.equality] -= weights[m : m + int(self.equality.sum())]
         return d[:n], multipliers
-
-
-def least_distance(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:
-    """min g'd + d'Hd/2 s.t. A d + b >= 0: solution and multipliers, or None where the constraints contradict."""
-    L = np.linalg.cholesky(H)
-    free = -solve_triangular(L, g, lower=True)
-    G = solve_triangular(L, A.T, lower=True).T
-    lengths = np.maximum(np.linalg.norm(G, axis=1), SMALL)
-    G, h = G / lengths[:, None], (-b - G @ free) / lengths
-    target = np.zeros(g.size + 1)
-    target[-1] = 1.0
-    weights, distance = nnls(np.vstack([G.T, h]), target)
-    residual = np.vstack([G.T, h]) @ weights - target
-    if distance < CONTRADICTION:
-        return None
-    y = -residual[:-1] / residual[-1]
-    return np.asarray(solve_triangular(L.T, y + free)), weights / -residual[-1] / lengths
-
-
-CONTRADICTION = 1e-9
-FLATTEST = 1e-2
 
 
 def _line_search(problem: Reduced, model: _Model, d: Array, penalty: float) -> Point | None:
@@ -253,7 +206,7 @@ def _updated(rest: Array, model: _Model, weights: Array, after: Point, sizes: Ar
 
 def _stiff(point: Point, sizes: Array, multipliers: Mapping[str, float]) -> Array:
     """Stiff part of the Hessian of the Lagrangian, in sizes."""
-    total = point.curvature / _objective_size(point)
+    total = point.curvature / objective_size(point)
     for row in point.rows:
         if row.curvature is not None:
             total = total - multipliers.get(row.key, 0.0) * row.curvature
@@ -272,7 +225,3 @@ def _merit(point: Point, scale: float, penalty: float) -> float:
 
 def _violations(point: Point) -> float:
     return sum(row.violation for row in point.rows)
-
-
-def _objective_size(point: Point) -> float:
-    return max(abs(point.objective), SMALL)

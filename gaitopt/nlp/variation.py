@@ -176,7 +176,14 @@ def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:
 
 
 def step_derivatives(
-    system: HybridSystem, mode: Mode, free: tuple[str, ...], nodes: Array, times: Array, lengths: Array, p: Array, r: Array
+    system: HybridSystem,
+    mode: Mode,
+    free: tuple[str, ...],
+    nodes: Array,
+    times: Array,
+    lengths: Array,
+    p: Array,
+    r: Array,
 ) -> Array:
     """Derivatives of K steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free).
 
