@@ -7,12 +7,12 @@ freed parameters alone goes on to that of the exact problem, as the gait is meas
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.gait import Gait, Status, Step, curves
+from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.conflict import conflicts
@@ -23,10 +23,11 @@ from gaitopt.nlp.outcome import RADIUS
 from gaitopt.nlp.program import Program
 from gaitopt.nlp.reduced import Reduced
 from gaitopt.nlp.refinement import refine
-from gaitopt.nlp.rollout import Rollout, roll_out
+from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.search import SMALL, freed_sizes
 from gaitopt.nlp.solve import solve_gait, trouble
 from gaitopt.nlp.sqp import optimise
+from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_states
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
@@ -40,28 +41,6 @@ COALESCED = 1e-3
 """Distance of two multipliers, relative to their modulus, at which rounding begins to count by its root."""
 CREDITED = 1.2
 """Ratio of absolute to net cost above which a design is said to live on credited negative work."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Start:
-    """Where a design starts.
-
-    Attributes
-    ----------
-    durations : ndarray, shape (n_phases,) - [s].
-    states : from times since impact (n,) to states (n_z, n).
-    freed : ndarray, shape (n_free,) - values of the freed parameters.
-    """
-
-    durations: Array
-    states: Callable[[Array], Array]
-    freed: Array
-
-
-def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
-    """Bounds of all unknown parameters by dotted key: those of the file, and those of the control law itself."""
-    asked = {key: (free.lower, free.upper) for key, free in problem.free.items()}
-    return asked | {f"control.{name}": bounds for name, bounds in system.control.unknowns.items()}
 
 
 def find_gait(
@@ -87,7 +66,7 @@ def find_gait(
     if first.status is Status.INTERRUPTED:
         return first
     design = _Design(problem, system, progress, should_stop)
-    gait = design.run(_guess(problem, system) if first.step is None else _warm(first, design.free))
+    gait = design.run(guessed(problem, system) if first.step is None else known(first, design.free))
     return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
 
 
@@ -193,49 +172,10 @@ class _Design:
         rolled = roll_out(
             self._system, t.full_parameters(self._p, freed), self._problem.sequence, nodes[:, 0], list(durations)
         )
-        return Start(durations=durations, states=_rolled(rolled), freed=freed)
+        return Start(durations=durations, states=rolled_states(rolled), freed=freed)
 
     def _failed(self, status: Status, words: str, solver: dict[str, float]) -> Gait:
         return Gait(problem=self._problem, system=self._system, p=self._p, status=status, message=words, solver=solver)
-
-
-def _guess(problem: Problem, system: HybridSystem) -> Start:
-    """The motion rolled out from the guess, which does not close."""
-    p = system.values(problem.parameters)
-    state = np.array([problem.guess.state[name] for name in system.state_names])
-    rolled = roll_out(system, p, problem.sequence, state, problem.guess.durations)
-    free = free_parameters(problem, system)
-    freed = np.array([p[system.parameters.index(name)] for name in free])
-    return Start(durations=np.array(rolled.durations), states=_rolled(rolled), freed=freed)
-
-
-def _rolled(rollout: Rollout) -> Callable[[Array], Array]:
-    ends = np.cumsum(rollout.durations)[:-1]
-
-    def states(times: Array) -> Array:
-        phases = np.searchsorted(ends, times, side="right")
-        return np.hstack([rollout(phase, np.array([t])) for phase, t in zip(phases, times, strict=True)])
-
-    return states
-
-
-def _warm(gait: Gait, free: tuple[str, ...]) -> Start:
-    """A gait that is known."""
-    assert gait.step is not None
-    step = gait.step
-    freed = np.array([gait.p[gait.system.parameters.index(name)] for name in free])
-    return Start(durations=np.array([d for _, d in step.phases]), states=lambda t: step_states(step, t), freed=freed)
-
-
-def step_states(step: Step, times: Array) -> Array:
-    """States (n_z, n) of a step at times since impact (n,)."""
-    ends = np.array([arc.end for arc in step.arcs[:-1]])
-    columns = []
-    for t in times:
-        arc = step.arcs[int(np.searchsorted(ends, t, side="right"))]
-        s = np.clip(2 * (t - arc.start) / arc.duration - 1, -1, 1)
-        columns.append(np.polynomial.chebyshev.chebval(s, curves.coefficients(arc.states)))
-    return np.array(columns).T
 
 
 def _verdict(gait: Gait) -> str:
@@ -243,9 +183,9 @@ def _verdict(gait: Gait) -> str:
     words, problem = ["solved"], gait.problem
     net, absolute = gait.measures["cost_of_transport"], gait.measures["absolute_cost_of_transport"]
     concerned = {*problem.objective, *problem.constraints}
-    if {"cost_of_transport", "work"} & concerned and net is not None and absolute is not None:
-        if absolute > CREDITED * abs(net):
-            words.append(f"the net cost {net:.4g} credits negative work, the absolute cost is {absolute:.4g}")
+    by_net = bool({"cost_of_transport", "work"} & concerned)
+    if by_net and net is not None and absolute is not None and absolute > CREDITED * abs(net):
+        words.append(f"the net cost {net:.4g} credits negative work, the absolute cost is {absolute:.4g}")
     if RADIUS in concerned and _coalesce(gait.multipliers):
         words.append("multipliers at the radius coalesce, where it is not a Lipschitz function of the parameters")
     return "; ".join(words)

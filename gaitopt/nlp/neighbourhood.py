@@ -14,12 +14,12 @@ from gaitopt.errors import SolveError
 from gaitopt.gait import Gait, curves
 from gaitopt.mechanics import Mode, margin_names, margin_scales
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.design import free_parameters, step_states
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.outcome import RADIUS
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.search import SMALL, freed_sizes
+from gaitopt.nlp.start import free_parameters, step_states
 from gaitopt.nlp.transcription import Transcription
 
 Array = NDArray[np.float64]

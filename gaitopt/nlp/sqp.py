@@ -3,8 +3,8 @@
     min  g' d + d' H d / 2    s.t.  A d + b >= 0,        H = stiff part + rest
 
 The stiff part of the Lagrangian's Hessian, from the changes of sign of the power, is known; the rest is learnt by
-damped BFGS updates (Powell 1978; structured: Dennis, Martinez & Tapia 1989). Unknowns and objective are counted in their
-typical sizes throughout.
+damped BFGS updates (Powell 1978; structured: Dennis, Martinez & Tapia 1989). Unknowns and objective are counted in
+their typical sizes throughout.
 """
 
 from collections.abc import Callable, Mapping
