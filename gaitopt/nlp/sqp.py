@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MAX_ITERATIONS = 200
 OPTIMALITY, MET = 1e-6, 1e-9
 """KKT residual, and violation of constraints in their natural units, of a design that is called converged."""
-OPTIMAL, FEASIBLE = 1e-8, 1e-11
+OPTIMAL, FEASIBLE = 1e-7, 1e-11
 """The same where a search ends, as far down as the rounding of a gait allows."""
 FARTHEST = 0.3
 """Longest step, relative to the sizes of the unknowns."""
