@@ -17,10 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, vstack
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import SuperLU
 
 from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import factorise, overflow_allowed
 from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
@@ -99,6 +100,7 @@ class Curve:
         normal = self.coordinates(point.tangent)
         return self._correct(point.at.w + length * point.tangent, normal, point.factor, normal)
 
+    @overflow_allowed()
     def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
         """The point near ``point`` with the given value of the parameter."""
         slope = point.tangent[-1]
@@ -106,6 +108,7 @@ class Curve:
         predicted[-1] = value
         return self.start(predicted, point.tangent)
 
+    @overflow_allowed()
     def _correct(self, predicted: Array, normal: Array, factor: SuperLU | None, forward: Array) -> CurvePoint | None:
         w, last = predicted.copy(), np.inf
         for iteration in range(ITERATIONS):
@@ -143,6 +146,6 @@ class Curve:
         values = normal / self._scales
         row = csc_matrix((values, (np.zeros(values.size, dtype=int), self._indices)), shape=(1, at.w.size))
         try:
-            return splu(vstack([at.jacobian, row], format="csc"))
+            return factorise(vstack([at.jacobian, row], format="csc"))
         except RuntimeError:  # exactly singular
             return None

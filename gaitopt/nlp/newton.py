@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import factorise, overflow_allowed
 from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
@@ -60,12 +60,14 @@ class Polished:
     regular: bool
 
 
+@overflow_allowed()
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
     residual = np.asarray(problem.violation(w, p)).ravel()
     return Linearisation(w=w, p=p, residual=residual, jacobian=variation(problem).jacobian(w, p))
 
 
+@overflow_allowed()
 def polish(problem: Transcription, w: Array, p: Array) -> Polished:
     """Bring a solution of IPOPT down to rounding; freed parameters stay where they are."""
     best = linearise(problem, w, p)
@@ -73,7 +75,7 @@ def polish(problem: Transcription, w: Array, p: Array) -> Polished:
         if best.size < NEWTON_TOLERANCE:
             break
         try:
-            step = splu(best.square).solve(best.residual)
+            step = factorise(best.square).solve(best.residual)
         except RuntimeError:  # singular
             return Polished(at=best, regular=False)
         trial = best.w.copy()
@@ -96,7 +98,7 @@ def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array,
     difference = np.asarray(problem.halved_defects(at.w, at.p)).ravel()
     right = np.zeros(at.residual.size)
     right[: difference.size] = -difference
-    nodes, durations, _ = problem.unpack(splu(at.square).solve(right))
+    nodes, durations, _ = problem.unpack(factorise(at.square).solve(right))
     return nodes, durations
 
 
@@ -121,7 +123,7 @@ def section_response(problem: Transcription, at: Linearisation) -> tuple[Array, 
     reset = -opened[n - n_z :, last].toarray()[indices]
     opened = opened.tolil()
     opened[n - n_z :, last] = 0.0
-    factor = splu(opened.tocsc())
+    factor = factorise(opened.tocsc())
     full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
     lift = np.asarray(system.lift_jacobian(at.w[system.section(Mode.SLIP_FORWARD)], full))
     right = np.zeros((n, indices.size))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from gaitopt.nlp.integrator import ORDER
 from gaitopt.nlp.newton import Linearisation, integration_error, polish
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,7 @@ class Refined:
         return bool(self.errors.max() < ERROR_TOLERANCE)
 
 
+@overflow_allowed()
 def refine(transcription: Transcription, at: Linearisation, tolerance: float = ERROR_TOLERANCE) -> Refined:
     """Cut phases with too large an error finer, and polish, until the errors are below the tolerance.
 
@@ -61,6 +63,7 @@ def refine(transcription: Transcription, at: Linearisation, tolerance: float = E
     return current
 
 
+@overflow_allowed()
 def phase_errors(transcription: Transcription, at: Linearisation) -> Array:
     """Largest estimated error of the states in each phase, and of its duration; shape (n_phases,).
 

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin, margin_names
 from gaitopt.nlp.layout import Layout
+from gaitopt.nlp.trial import overflow_allowed
 
 Array = NDArray[np.float64]
 
@@ -63,6 +64,7 @@ class Rollout:
         return np.hstack([*pieces, self(len(durations) - 1, np.array([durations.sum()]))])
 
 
+@overflow_allowed()
 def roll_out(
     system: HybridSystem,
     p: Array,

@@ -19,6 +19,7 @@ from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
@@ -136,6 +137,7 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
     )
 
 
+@overflow_allowed()
 def trouble(refined: Refined) -> str | None:
     """What keeps a solution of IPOPT from being a gait, looked at without IPOPT."""
     transcription, at = refined.transcription, refined.at
@@ -161,6 +163,7 @@ def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
     return np.asarray(function(w, p)).ravel()
 
 
+@overflow_allowed()
 def _explain(attempt: Attempt, guess: Rollout) -> str:
     """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open."""
     transcription, p = attempt.transcription, attempt.p

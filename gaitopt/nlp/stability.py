@@ -29,6 +29,7 @@ from scipy.optimize import brentq
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.newton import linearise, section_response
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 
 Array = NDArray[np.float64]
 
@@ -161,12 +162,15 @@ class _Answers:
             self._asked, self._answer = asked, self._found(w, p)
         return self._answer
 
+    @overflow_allowed()
     def _found(self, w: Array, p: Array) -> _Answer | None:
         if not np.isfinite(w).all():
             return None
         try:
             V, M, adjoint = section_response(self._t, linearise(self._t, w, p))
         except RuntimeError:  # singular
+            return None
+        if not np.isfinite(M).all():
             return None
         radius, P = smoothed_radius(M)
         return _Answer(V=V, M=M, adjoint=adjoint, radius=radius, P=P)

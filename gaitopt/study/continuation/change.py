@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
 from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 from gaitopt.study.continuation.locate import Location, locate
 from gaitopt.study.continuation.monitors import Name, Reading
@@ -78,6 +79,7 @@ def _active(event: Location) -> list[tuple[Name, Reading]]:
     return sorted(found, key=lambda pair: pair[0].phase is not None)
 
 
+@overflow_allowed()
 def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: float) -> tuple[Piece, Station] | None:
     """The successor at a distance past the event, if it holds there."""
     value = station.value + offset
