@@ -51,7 +51,9 @@ def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):
         assert extreme == pytest.approx(EXTREMA[name] * stable_slip.measures[name], rel=1e-11)
 
 
-@pytest.mark.parametrize("name", ["compass-torque-stable-slip", "compass-pd-impact-slip"])
+@pytest.mark.parametrize(
+    "name", ["compass-torque-slip", pytest.param("compass-pd-impact-slip", marks=pytest.mark.slow)]
+)
 def test_derivatives_of_exact_scalars_are_those_of_central_differences(name):
     gait = solve(load_problem(name))
     free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))[:3]
@@ -60,15 +62,10 @@ def test_derivatives_of_exact_scalars_are_those_of_central_differences(name):
     direction = np.random.default_rng(1).normal(size=len(free)) * np.maximum(np.abs(freed), 0.1)
     here, h = scalars_at(t, w, gait.p, freed), 1e-4
 
+    around = [[scalars_at(t, w, gait.p, freed + k * s * direction) for k in (1, -1)] for s in (h, h / 2)]
+
     def difference(value):
-        wide, narrow = (
-            (
-                value(scalars_at(t, w, gait.p, freed + s * direction))
-                - value(scalars_at(t, w, gait.p, freed - s * direction))
-            )
-            / (2 * s)
-            for s in (h, h / 2)
-        )
+        wide, narrow = ((value(a) - value(b)) / (2 * s) for (a, b), s in zip(around, (h, h / 2), strict=True))
         return (4 * narrow - wide) / 3
 
     for scalar in SMOOTH:
@@ -76,8 +73,8 @@ def test_derivatives_of_exact_scalars_are_those_of_central_differences(name):
         assert slope == pytest.approx(difference(lambda s, n=scalar: s.smooth(n)[0]), rel=1e-6, abs=1e-9)
     for scalar in PIECED:
         top = max(here.pieces(scalar), key=lambda piece, n=scalar: EXTREMA[n] * piece.value)
-        value = difference(lambda s, n=scalar: EXTREMA[n] * max(EXTREMA[n] * piece.value for piece in s.pieces(n)))
-        assert top.gradient @ direction == pytest.approx(value, rel=1e-6, abs=1e-7)
+        values = difference(lambda s, n=scalar: max(EXTREMA[n] * piece.value for piece in s.pieces(n)))
+        assert EXTREMA[scalar] * top.gradient @ direction == pytest.approx(values, rel=1e-6, abs=1e-7)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 5])
@@ -148,7 +145,7 @@ def test_three_moduli_meet_at_the_optimum_of_the_stable_slip(stable_slip):
 
 
 def test_no_feasible_neighbour_of_an_optimum_is_better(stable_slip):
-    searched = neighbourhood(stable_slip, directions=6, radii=(1e-2, 1e-3))
+    searched = neighbourhood(stable_slip, directions=5, radii=(1e-3,))
     assert searched.feasible > 0
     assert searched.optimal, searched.words
 
@@ -158,7 +155,7 @@ def test_a_point_beside_the_optimum_has_a_better_neighbour(stable_slip):
     gait = solve(beside)
     searched = neighbourhood(
         replace(gait, problem=stable_slip.problem),
-        directions=20,
+        directions=5,
         radii=(1e-3,),
     )
     assert not searched.optimal

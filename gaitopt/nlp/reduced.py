@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.newton import polish
+from gaitopt.nlp.newton import Linearisation, polish
 from gaitopt.nlp.outcome import EXTREMA, RADIUS
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.rows import Radius, Row, Values, margin_rows, span_rows
@@ -77,7 +77,7 @@ class Reduced:
             return None
         if not self._in_order(transcription, at.w):
             return self._recut(transcription, at.w, p)
-        return self._point(sensitivity(transcription, at))
+        return self._point(transcription, at)
 
     def moved(self, point: Point, step: Array) -> Point | None:
         """The point a step (n_u,) away; None where Newton's method finds no gait from here."""
@@ -94,9 +94,13 @@ class Reduced:
         plan = layout(t.layout.sequence, durations, t.system.control.breakpoints)
         cut = Transcription(t.system, plan, t.free)
         at = polish(cut, cut.pack(rolled.nodes(plan), durations, freed), p).at
-        return self._point(sensitivity(cut, at)) if at.size < SOLVED and self._in_order(cut, at.w) else None
+        return self._point(cut, at) if at.size < SOLVED and self._in_order(cut, at.w) else None
 
-    def _point(self, s: Sensitivity) -> Point | None:
+    def _point(self, t: Transcription, at: Linearisation) -> Point | None:
+        try:
+            s = sensitivity(t, at)
+        except RuntimeError:  # singular
+            return None
         freed = s.transcription.unpack(s.at.w)[2]
         values = Values(Scalars(s), self._radius(s), self.levels)
         if values.escaped(self._problem):

@@ -14,13 +14,13 @@ from functools import lru_cache
 import numpy as np
 from casadi import SX, Function, cse, jacobian, vertcat
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 
 from gaitopt.gait import Arc, Step, curves
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.nlp.assembly import assemble_step
 from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import factorise
 from gaitopt.nlp.variation import step_derivatives
 
 Array = NDArray[np.float64]
@@ -101,9 +101,15 @@ class Sensitivity:
 
 
 def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
-    """Curves and derivatives at a solution of the equalities."""
+    """Curves and derivatives at a solution of the equalities.
+
+    Raises
+    ------
+    RuntimeError
+        If the equalities are singular there, so that the gait is no function of the freed parameters.
+    """
     n = at.residual.size
-    answer = -splu(at.square).solve(at.jacobian[:, n:].toarray())
+    answer = -factorise(at.square).solve(at.jacobian[:, n:].toarray())
     slopes = np.vstack([answer, np.eye(answer.shape[1])])
     step = assemble_step(transcription, at.w, at.p, COUNTS)
     arcs = tuple(_arc_curves(transcription, at, slopes, k, arc) for k, arc in enumerate(step.arcs))
