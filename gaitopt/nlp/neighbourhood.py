@@ -24,7 +24,7 @@ from gaitopt.nlp.transcription import Transcription
 
 Array = NDArray[np.float64]
 
-RADII = (1e-1, 1e-2, 1e-3, 1e-4)
+RADII = (1e-2, 1e-3, 1e-4)
 """Distances of neighbours, relative to the sizes of the freed parameters."""
 FEASIBLE = 1e-9
 """Violation of a constraint, in its natural unit, that rounding may cause."""

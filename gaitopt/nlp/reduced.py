@@ -82,7 +82,9 @@ class Reduced:
     def moved(self, point: Point, step: Array) -> Point | None:
         """The point a step (n_u,) away; None where Newton's method finds no gait from here."""
         s, n = point.sensitivity, len(self.free)
-        return self.first(s.transcription, s.at.w + s.slopes @ step[:n], s.at.p)
+        w = s.at.w + s.slopes @ step[:n]
+        w[-n:] = np.clip(w[-n:], *self.bounds)  # to which the step keeps up to rounding
+        return self.first(s.transcription, w, s.at.p)
 
     def _in_order(self, t: Transcription, w: Array) -> bool:
         return t.layout.in_order(t.unpack(w)[1], t.system.control.breakpoints)
