@@ -37,8 +37,8 @@ RELAXED = 1e4
 """Curvature of the slack of a quadratic program whose constraints contradict each other."""
 DAMPING = 0.2
 """Part of the curvature so far that an update must leave, Powell (1978)."""
-ROUNDING = 1e-13
-"""Of the merit."""
+ROUNDING = 1e-11
+"""Of the merit: that of a gait, times the weight of its constraints."""
 PENALTY = 2.0
 """Weight of violations in the merit function, in multipliers."""
 
