@@ -24,7 +24,7 @@ PRESSING = 1e-4
 """Multiplier of a bound that stands in the way; the multipliers of the slack itself are of the order of one."""
 
 
-def conflicts(problem: Problem, program: Program, result: IpoptResult, offsets: Array) -> str | None:
+def conflicts(problem: Problem, program: Program, result: IpoptResult) -> str | None:
     """One line per constraint that cannot be met, or None where all can or nothing was found.
 
     Parameters
@@ -33,7 +33,7 @@ def conflicts(problem: Problem, program: Program, result: IpoptResult, offsets: 
     """
     if result.status is not Status.CONVERGED:
         return None
-    reached = dict(zip(program.names, program.values(result.w, offsets), strict=True))
+    reached = dict(zip(program.names, program.values(result.w), strict=True))
     obstacles = list(_obstacles(problem, program, result, reached))
     lines = []
     for name, span in problem.constraints.items():

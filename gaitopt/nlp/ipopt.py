@@ -19,10 +19,8 @@ Progress = Callable[[int, float], None]
 
 TOLERANCE = 1e-10
 """In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
-EXACT = 1e-11
-"""Violation of the constraints of a design: a margin at its edge is to stay there when the nodes are polished."""
-OPTIMALITY = 1e-6
-"""KKT residual of a design, in the sizes of its objective and unknowns."""
+NEAR_OPTIMUM = 1e-4
+"""KKT residual of a smoothed design, in the sizes of its objective and unknowns: ``nlp.sqp`` goes on from there."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
 MAX_ITERATIONS, MAX_DESIGN_ITERATIONS = 300, 600
@@ -156,8 +154,8 @@ class Ipopt:
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
-                "tol": TOLERANCE if objective is None else OPTIMALITY,
-                "constr_viol_tol": TOLERANCE if objective is None else EXACT,
+                "tol": TOLERANCE if objective is None else NEAR_OPTIMUM,
+                "constr_viol_tol": TOLERANCE,
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
                 "obj_scaling_factor": 1 / objective_size,

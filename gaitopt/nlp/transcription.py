@@ -82,7 +82,7 @@ class Transcription:
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and what each one says."""
         rows, labels = [], []
-        for expression, label in (*self._node_margins(), *self._onset_margins(), *self._impact_margins()):
+        for expression, label in (*self._node_margins(), *self._onset_margins(), *self.impact_margins()):
             rows.append(expression)
             labels.append(label)
         return vertcat(*rows), tuple(labels)
@@ -228,11 +228,12 @@ class Transcription:
                 if name in ("touchdown", "upright"):
                     continue
                 for k in range(arc.intervals + 1):
-                    if not self._is_zero_by_event(i, k, name):
+                    if not self.is_zero_by_event(i, k, name):
                         rows.append((margins[row, k], Label(name=name, phase=arc.phase, node=first + k)))
         return rows
 
-    def _is_zero_by_event(self, index: int, k: int, name: str) -> bool:
+    def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
+        """Whether an event makes a margin zero at node ``k`` of an arc."""
         arc, cycle = self.layout.arcs[index], self.layout.cycle
         if k == 0 and arc.start is None and name == "slip_velocity":
             return cycle.onset_order(arc.phase) > 0
@@ -253,7 +254,8 @@ class Transcription:
                 rows.append((-cone, Label(name="onset", phase=arc.phase, node=first)))
         return rows
 
-    def _impact_margins(self) -> list[tuple[MX, Label]]:
+    def impact_margins(self) -> list[tuple[MX, Label]]:
+        """Margins of the impacts."""
         return [row for step in range(len(self.layout.cycle.steps)) for row in self._margins_of_impact(step)]
 
     def _margins_of_impact(self, step: int) -> Iterator[tuple[MX, Label]]:

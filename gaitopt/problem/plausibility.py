@@ -82,8 +82,8 @@ def remarks(problem: "Problem") -> Iterator[Fault]:
         yield Fault(("walker",), NO_ENERGY)
     needed = abs(gravity[0] / gravity[1])
     if problem.static_friction < needed and not problem.free:
-        words = f"{problem.static_friction:g} is less than tan(slope) = {needed:.4g}: no steady gait holds on such a slope"
-        yield Fault(("friction",), words)
+        less = f"{problem.static_friction:g} is less than tan(slope) = {needed:.4g}"
+        yield Fault(("friction",), f"{less}: no steady gait holds on such a slope")
 
 
 def lacks_energy(problem: "Problem") -> bool:

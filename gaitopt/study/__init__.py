@@ -1,5 +1,6 @@
 """What a user does with problems and gaits: solve, verify, simulate."""
 
+from gaitopt.nlp import Neighbourhood, neighbourhood
 from gaitopt.study.batch import Returns, return_map
 from gaitopt.study.claims import Claim, Verification
 from gaitopt.study.simulate import Walk, simulate
@@ -9,11 +10,13 @@ from gaitopt.study.verify import verify
 
 __all__ = [
     "Claim",
+    "Neighbourhood",
     "Returns",
     "Verification",
     "Walk",
     "build_system",
     "gait_reference",
+    "neighbourhood",
     "return_map",
     "simulate",
     "solve",
