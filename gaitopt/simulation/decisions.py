@@ -82,11 +82,12 @@ class Decisions:
     def at_rest(self, t: float, z: Array, data: Array) -> Mode | Refusal:
         """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``."""
         tau, zeta = t / self._units.time, z / self._units.state
-        stick = self._margins(Mode.STICK, tau, zeta, data)
+        point = [output.copy() for output in self._point(Mode.STICK, tau, zeta, data)]
+        stick = dict(zip(margin_names(Mode.STICK), point[1].tolist(), strict=True))
         if not all(map(isfinite, stick.values())):
             return Refusal(Ending.NUMERICAL, "the contact forces are not finite")
         slips = {mode: self._margins(mode, tau, zeta, data) for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)}
-        leaves = self._leaves(tau, zeta, data)
+        leaves = self._leaves(tau, zeta, data, point)
         possible = [Mode.STICK] if stick["normal_force"] > 0 and not any(leaves.values()) else []
         possible += [m for m, s in slips.items() if leaves[m] and s["painleve"] > 0 and s["normal_force"] > 0]
         lifts = any(s["normal_force"] * s["painleve"] < 0 for s in slips.values())
@@ -119,19 +120,16 @@ class Decisions:
 
     def touches_down(self, mode: Mode, t: float, z: Array, data: Array) -> bool:
         """Whether the swing foot touches down at this very time, which ends an arc for another reason."""
-        _, margins, rates = self._points[mode](
-            t / self._units.time, z / self._units.state, self._units.parameters[mode], data
-        )
+        _, margins, rates = self._point(mode, t / self._units.time, z / self._units.state, data)
         touchdown = margin_names(mode).index("touchdown")
         return bool(lands(margins[touchdown], rates[touchdown]))
 
-    def _leaves(self, tau: float, zeta: Array, data: Array) -> dict[Mode, bool]:
+    def _leaves(self, tau: float, zeta: Array, data: Array, point: list[Array]) -> dict[Mode, bool]:
         """Which slips the foot is pushed into: the margins of the cone that do not hold for longer than an instant."""
-        events, parameters = self._points[Mode.STICK], self._units.parameters[Mode.STICK]
-        flow, margins, rates = (output.copy() for output in events(tau, zeta, parameters, data))
+        flow, margins, rates = point
         later = rates
-        if bends_decide(margins, rates).any():
-            later = events(tau + LOOK, zeta + LOOK * flow, parameters, data)[2]
+        if any(map(bends_decide, margins.tolist(), rates.tolist())):
+            later = self._point(Mode.STICK, tau + LOOK, zeta + LOOK * flow, data)[2]
         rows = zip(margin_names(Mode.STICK), margins.tolist(), rates.tolist(), (later - rates).tolist(), strict=True)
         left = {name: falls(name, margin, rate, change / LOOK) for name, margin, rate, change in rows}
         return {Mode.SLIP_FORWARD: left["cone_forward"], Mode.SLIP_BACKWARD: left["cone_backward"]}
@@ -174,6 +172,10 @@ class Decisions:
     def _painleve(self, mode: Mode, t: float, z: Array, data: Array) -> float:
         return float(self._system.margins(mode)(t, z, self._p, data)[margin_names(mode).index("painleve")])
 
+    def _point(self, mode: Mode, tau: float, zeta: Array, data: Array) -> tuple[Array, ...]:
+        """Rate of the state, margins and their rates; valid until the next call."""
+        return self._points[mode](tau, zeta, self._units.parameters[mode], data)
+
     def _margins(self, mode: Mode, tau: float, zeta: Array, data: Array) -> dict[str, float]:
-        margins = self._points[mode](tau, zeta, self._units.parameters[mode], data)[1]
+        margins = self._point(mode, tau, zeta, data)[1]
         return dict(zip(margin_names(mode), margins.tolist(), strict=True))

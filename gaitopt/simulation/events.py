@@ -33,6 +33,9 @@ INSTANT = 1e-9
 """Shortest time that is told apart: a margin that is negative for less, or a slip that lasts less, is none."""
 LINEAR = 1e-11
 """A move along the flow this short in time is linear, even within a slip that lasts ten instants."""
+NEAR = 1e-9
+"""The same from the root of a lifted margin, which lies this far away where the margin falls at a rate of 1e-3: the
+bend of a margin that is no slip then changes the root by 1e-15."""
 STEEP = 1e-3
 """A rate beyond which the bend of a margin at its edge makes no difference: one of a million would be needed."""
 LOOK = 1e-7
@@ -90,9 +93,9 @@ def fallen(
     ----------
     look : gives the rates a time ``LOOK`` later; called only where they matter.
     """
-    later = look() if any(map(bends_decide, margins, rates)) else rates
-    state = zip(names, margins, rates, later, strict=True)
-    broken = [name for name, margin, rate, soon in state if falls(name, margin, rate, (soon - rate) / LOOK)]
+    near = [k for k, margin in enumerate(margins) if margin <= EDGE and names[k] != "touchdown"]
+    later = look() if any(bends_decide(margins[k], rates[k]) for k in near) else rates
+    broken = [names[k] for k in near if falls(names[k], margins[k], rates[k], (later[k] - rates[k]) / LOOK)]
     return min(broken, key=PRIORITY.index, default=None)
 
 
@@ -132,7 +135,7 @@ def refine(k: int, point: Point, reach: Callable[[Point, float], Point]) -> tupl
     for _ in range(MAX_BISECTIONS):
         margin, rate = point.margins[k], point.rates[k]
         step = -margin / rate if rate < 0 else 0.0
-        if abs(step) <= LINEAR:
+        if abs(step) <= NEAR:
             return point.shifted(step)
         point = reach(point, float(np.clip(step, -CLOSE, CLOSE)))
     return point.time, point.state

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.events import EDGE, INSTANT, LINEAR, LOOK, PRIORITY, bends_decide, coincides, falls, lands, lift
+from gaitopt.simulation.events import EDGE, INSTANT, LOOK, NEAR, PRIORITY, bends_decide, coincides, falls, lands, lift
 from gaitopt.simulation.heyoka_functions import CompiledRows
 from gaitopt.simulation.heyoka_integrators import LANES, batch_integrator
 from gaitopt.simulation.heyoka_stepper import MAX_TAYLOR_STEPS, HeyokaStepper
@@ -120,7 +120,7 @@ class HeyokaBatch:
         fired = np.arange(rows.size), ends.events[rows]
         with np.errstate(divide="ignore", invalid="ignore"):
             shift = -margins[fired] / rates[fired]
-        linear = (rates[fired] < 0) & (np.abs(shift) <= LINEAR)
+        linear = (rates[fired] < 0) & (np.abs(shift) <= NEAR)
         shift = np.where(linear, shift, 0.0)
         ends.times[rows] += shift
         ends.states[rows] += shift[:, None] * flow
@@ -164,6 +164,7 @@ class _Lanes:
         self._rows = [-1] * LANES
         self._stops = np.zeros(LANES)
         self._counts = [0] * LANES
+        self._broken: set[int] = set()
 
     def run(self, waiting: Indices) -> None:
         """Integrate the arcs of the rows ``waiting``; their ends replace the starts in the arrivals."""
@@ -195,7 +196,9 @@ class _Lanes:
         if not 0 <= event < N_MARGINS:
             event = LIMIT if code == TIME_LIMIT else FAILURE
         arrivals.events[row], state = event, self._taylor.state[:, lane]
-        if np.isfinite(state).all():  # otherwise nothing is known beyond the start
+        if event == FAILURE and not np.isfinite(state).all():
+            self._broken.add(lane)  # nothing is known beyond the start
+        else:
             arrivals.times[row], arrivals.states[row] = self._taylor.time[lane], state
 
     def _load(self, lane: int, queue: Any) -> int:
@@ -207,9 +210,10 @@ class _Lanes:
             time, state, constants = self._arrivals.times[row], self._arrivals.states[row], self._constants[row]
             stop = self._limits[row]
         taylor = self._taylor
-        high, low = map(
-            np.nan_to_num, taylor.dtime
-        )  # the other lanes keep the low part of their time; some have failed
+        high, low = (part.copy() for part in taylor.dtime)  # the other lanes keep the low part of their time
+        for other in self._broken:
+            high[other], low[other] = 0.0, 0.0
+        self._broken.discard(lane)
         high[lane], low[lane] = time, 0.0
         taylor.set_dtime(high, low)
         taylor.state[:, lane], taylor.pars[:, lane] = state, constants

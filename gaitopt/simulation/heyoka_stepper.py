@@ -14,7 +14,19 @@ from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.buffered import Buffered
-from gaitopt.simulation.events import INSTANT, LOOK, PRIORITY, Point, coincides, fallen, is_armed, lift, refine
+from gaitopt.simulation.events import (
+    EDGE,
+    INSTANT,
+    LIFTS,
+    LOOK,
+    PRIORITY,
+    Point,
+    coincides,
+    fallen,
+    is_armed,
+    lift,
+    refine,
+)
 from gaitopt.simulation.heyoka_integrators import (
     Integrator,
     event_integrator,
@@ -45,6 +57,8 @@ class HeyokaStepper:
     def __init__(self, system: HybridSystem, p: Array, *, precision: type = float) -> None:
         self._system, self._units, self._precision = system, units(system, p), precision
         self._points = {mode: Buffered(natural_system(system).point(mode)) for mode in Mode}
+        for mode, function in self._points.items():
+            function.inputs[2][:] = self._units.parameters[mode]
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
         self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
 
@@ -56,7 +70,10 @@ class HeyokaStepper:
         if event is not None or limit <= time:
             return Arrival(time=time, state=state, event=event)
         taylor = self._loaded("events", mode, data, start.time, start.state)
-        taylor.pars[-len(names) :] = [lift(*row) for row in zip(names, start.margins, start.rates, strict=True)]
+        taylor.pars[-len(names) :] = [
+            LIFTS[name] if margin > EDGE else lift(name, margin, rate)
+            for name, margin, rate in zip(names, start.margins, start.rates, strict=True)
+        ]
         taylor.reset_cooldowns()
         outcome = taylor.propagate_until(self._precision(limit / unit.time), max_steps=MAX_TAYLOR_STEPS)[0]
         end, zeta = float(taylor.time), np.array(taylor.state, dtype=float)
@@ -111,7 +128,7 @@ class HeyokaStepper:
         together = [
             name
             for name, m, r, first in zip(names, near.margins, near.rates, start.margins, strict=True)
-            if coincides(m + shift * r, r) and (is_armed(name, first) or end > start.time + INSTANT)
+            if r < 0 and coincides(m + shift * r, r) and (is_armed(name, first) or end > start.time + INSTANT)
         ]
         return min((names[k], *together), key=PRIORITY.index), end, zeta
 
@@ -125,5 +142,9 @@ class HeyokaStepper:
         return list(self._point(mode, data, *point.shifted(LOOK)).rates)
 
     def _point(self, mode: Mode, data: Array, tau: float, zeta: Array) -> Point:
-        flow, margins, rates = self._points[mode](tau, zeta, self._units.parameters[mode], data)
+        function = self._points[mode]
+        time, state, _, segment = function.inputs  # the parameters stay
+        time[0], state[:], segment[:] = tau, zeta, data
+        function.evaluate()
+        flow, margins, rates = function.outputs
         return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
