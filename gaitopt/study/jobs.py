@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from queue import Empty, Queue
 from typing import Any
 
-from gaitopt.study.cluster import ALLOWED_DEATHS, connected
+from gaitopt.study.cluster import ALLOWED_DEATHS, check_address, connected
 
 AHEAD = 4
 """Jobs submitted per worker beyond the one at hand, so that no worker waits for us."""
@@ -54,7 +54,15 @@ class Workers:
 
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
-    """So many processes of this machine (None: one per core), or those of a scheduler."""
+    """So many processes of this machine (None: one per core), or those of a scheduler.
+
+    Raises
+    ------
+    UnknownNameError
+        If the address of the scheduler cannot be one, or lacks certificates.
+    """
+    if scheduler is not None:
+        check_address(scheduler)
     return Workers(scheduler=scheduler) if count is None else Workers(count=count, scheduler=scheduler)
 
 
