@@ -34,9 +34,9 @@ def front(
     Every design is kept as soon as it is found; the same command goes on where it was.
     """
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.progress import interruptible
     from gaitopt.cli.runs import asked
-    from gaitopt.store import begin_run, check_folder, json_text, run_folder, write_whole
+    from gaitopt.cli.signals import interruptible
+    from gaitopt.store import check_folder, json_text, replacing, run_folder, write_whole, writing
     from gaitopt.study.front import design_front
 
     axes, found = grid(over).axes, asked(problem, changes)
@@ -44,16 +44,17 @@ def front(
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
     folder = output or run_folder(found)
     check_folder(folder, found)
-    begin_run(folder, found)
-    with interruptible() as interrupted, job_progress(narration(quiet=quiet), "designs") as progress:
-        points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
-    if points is None:
-        raise KeyboardInterrupt
-    records = [point.to_record() for point in points]
-    record = {"problem": found.name, "over": str(axes[0]), "points": records}
     path = folder / f"front-{axes[0].key}.json"
-    write_whole(path, json_text(record) + "\n")
-    figures = _draw(found, axes[0].key, records, path.with_suffix(""))
+    with writing(folder, found):
+        with interruptible() as interrupted, job_progress(narration(quiet=quiet), "designs") as progress:
+            points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
+        if points is None:
+            raise KeyboardInterrupt
+        records = [point.to_record() for point in points]
+        record = {"problem": found.name, "over": str(axes[0]), "points": records}
+        with replacing(folder, path.name):
+            write_whole(path, json_text(record) + "\n")
+        figures = _draw(found, axes[0].key, records, path.with_suffix(""))
     if json:
         print_json({**record, "file": str(path), "figures": figures})
     else:

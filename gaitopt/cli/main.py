@@ -11,8 +11,10 @@ from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.continuation import continue_
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
+from gaitopt.cli.printable import printable
 from gaitopt.cli.report import report
 from gaitopt.cli.reproduce import reproduce
+from gaitopt.cli.signals import listening
 from gaitopt.cli.simulate import simulate
 from gaitopt.cli.solve import solve
 from gaitopt.cli.sweep import sweep
@@ -21,7 +23,6 @@ from gaitopt.errors import GaitoptError
 
 INTERNAL_ERROR = 1
 USAGE = 2
-INTERRUPTED = 130
 BROKEN_PIPE = 141
 """Whoever read our output has gone; the code that a shell gives a program ended by SIGPIPE."""
 
@@ -59,21 +60,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not arguments:
         main(["--help"])
         return USAGE
-    try:
-        return _run(arguments)
-    except GaitoptError as error:
-        return _say(str(error), error.exit_code, arguments)
-    except typer.TyperException as error:
-        command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
-        return _say(f"{error.format_message()} (see {command} --help)", error.exit_code, arguments)
-    except KeyboardInterrupt:
-        return _say("interrupted", INTERRUPTED, arguments)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
-        return BROKEN_PIPE
-    except Exception as error:  # noqa: BLE001 - the last resort, so that no traceback reaches a user unasked
-        words = f"internal error: {type(error).__name__}: {error}; rerun with --debug for the traceback"
-        return _say(words, INTERNAL_ERROR, arguments)
+    with listening() as ending:
+        try:
+            return _run(arguments)
+        except GaitoptError as error:
+            return _say(str(error), error.exit_code, arguments)
+        except typer.TyperException as error:
+            command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
+            return _say(f"{error.format_message()} (see {command} --help)", error.exit_code, arguments)
+        except KeyboardInterrupt:
+            return _say(ending.words, ending.exit_code, arguments)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
+            return BROKEN_PIPE
+        except Exception as error:  # noqa: BLE001 - the last resort, so that no traceback reaches a user unasked
+            if ending:  # compiled code has made an error of its own of the interrupt
+                return _say(ending.words, ending.exit_code, arguments)
+            words = f"internal error: {type(error).__name__}: {error}; rerun with --debug for the traceback"
+            return _say(words, INTERNAL_ERROR, arguments)
 
 
 def _run(arguments: list[str]) -> int:
@@ -92,6 +96,6 @@ def _say(message: str, code: int, arguments: list[str]) -> int:
     if "--debug" in arguments:
         import traceback
 
-        traceback.print_exc()
-    sys.stderr.write(f"gaitopt: {message}\n")
+        sys.stderr.write(printable(traceback.format_exc()))
+    sys.stderr.write(printable(f"gaitopt: {message}\n"))
     return code

@@ -3,19 +3,22 @@
 from gaitopt.store.branch import BRANCH_FILE, begin_branch, branch_folder, stored_records, write_branch_table
 from gaitopt.store.files import write_whole
 from gaitopt.store.lines import LineWriter, read_lines
-from gaitopt.store.manifest import Manifest, read_manifest
+from gaitopt.store.manifest import Manifest, read_manifest, read_sealed, replacing
 from gaitopt.store.run import (
     GAIT_FILE,
     Run,
     begin_run,
     check_folder,
     find_run,
+    growing,
     read_object,
     read_problem,
     read_run,
     run_folder,
+    stored_lines,
     write_run,
     write_walk,
+    writing,
 )
 from gaitopt.store.text import Table, csv_text, json_text
 from gaitopt.store.tiles import has_tile, read_tile, write_tile
@@ -33,6 +36,7 @@ __all__ = [
     "check_folder",
     "csv_text",
     "find_run",
+    "growing",
     "has_tile",
     "json_text",
     "read_lines",
@@ -40,12 +44,16 @@ __all__ = [
     "read_object",
     "read_problem",
     "read_run",
+    "read_sealed",
     "read_tile",
+    "replacing",
     "run_folder",
+    "stored_lines",
     "stored_records",
     "write_branch_table",
     "write_run",
     "write_tile",
     "write_walk",
     "write_whole",
+    "writing",
 ]

@@ -9,17 +9,33 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
-from gaitopt.errors import SolveError
+from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Gait
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, choose_engine
-from gaitopt.store import has_tile, json_text, read_object, read_problem, read_tile, write_tile, write_whole
+from gaitopt.store import (
+    begin_run,
+    has_tile,
+    json_text,
+    read_object,
+    read_problem,
+    read_sealed,
+    read_tile,
+    replacing,
+    write_tile,
+    write_whole,
+    writing,
+)
 from gaitopt.store.files import make_folder
+from gaitopt.store.manifest import MANIFEST_FILE
+from gaitopt.store.records import validated
+from gaitopt.store.tiles import TILE_FILE
 from gaitopt.study.basin import Attractor, Attractors, Fates, follow, outcome_counts
 from gaitopt.study.batch import section_states, step_map
-from gaitopt.study.grid import Axis, Grid, check_room
+from gaitopt.study.grid import Grid, check_room
 from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
 
 Labels = NDArray[np.int32]
@@ -31,6 +47,8 @@ STATE_BYTES_DISK = 48
 STATE_BYTES_MEMORY = 16
 """Of the labels and step counts that are held of the whole grid at once."""
 BASIN_FILE = "basin.json"
+NUMBER = "number"
+"""Key of a tile's own number in its file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,8 +159,6 @@ def check_basin(plan: BasinPlan) -> None:
     StorageError
         If the grid does not fit in memory or on disk.
     """
-    import psutil
-
     plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
     choose_engine(plan.engine)
     parent = next(folder for folder in (plan.folder.absolute(), *plan.folder.absolute().parents) if folder.exists())
@@ -175,26 +191,41 @@ def walk_basin(
     SolveError
         If a tile kills its workers.
     """
-    make_folder(plan.place)
+    with writing(plan.folder, plan.problem):
+        if not (plan.folder / MANIFEST_FILE).exists():
+            begin_run(plan.folder, plan.problem)
+        make_folder(plan.place, parents=False)
+        if not _walk_tiles(plan, workers, progress, should_stop):
+            return None
+        basin = _assembled(plan.place, plan.problem, plan.grid, plan.base)
+        names = [TILE_FILE.format(tile) for tile in plan.tiles]
+        with replacing(plan.folder, *(f"{plan.place.name}/{name}" for name in (*names, BASIN_FILE))):
+            write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
+    return basin
+
+
+def _walk_tiles(
+    plan: BasinPlan,
+    workers: Workers,
+    progress: Callable[[int, int], None] | None,
+    should_stop: Callable[[], bool] | None,
+) -> bool:
+    """Walk the tiles that are not on disk, each written as soon as it is finished; whether all are there."""
     missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
     done, total = len(plan.tiles) - len(missing), len(plan.tiles)
     engine = choose_engine(plan.engine, steps=plan.grid.size)
     p = tuple(plan.start.p.tolist()) if isinstance(plan.start, Gait) else None
-    asked = TileTask(problem=plan.problem, p=p, engine=engine, grid=plan.grid, base=plan.base, max_steps=plan.max_steps)
-    jobs = [Job(key=f"{plan.key}-{tile}", argument=(asked, tile)) for tile in missing]
+    task = TileTask(problem=plan.problem, p=p, engine=engine, grid=plan.grid, base=plan.base, max_steps=plan.max_steps)
+    jobs = [Job(key=f"{plan.key}-{tile}", argument=(task, tile)) for tile in missing]
     for key, fates in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
         tile = int(key.rpartition("-")[2])
         if isinstance(fates, SetAside):
             raise SolveError(f"tile {tile} of the basin was given up: {fates.reason}; the others are kept")
-        write_tile(plan.place, tile, {f.name: getattr(fates, f.name) for f in fields(fates)})
+        write_tile(plan.place, tile, {NUMBER: tile, **{f.name: getattr(fates, f.name) for f in fields(fates)}})
         done += 1
         if progress is not None:
             progress(done, total)
-    if done < total:
-        return None
-    basin = _assembled(plan.place, plan.problem, plan.grid, plan.base)
-    write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
-    return basin
+    return done == total
 
 
 def read_basin(place: Path) -> Basin:
@@ -205,9 +236,21 @@ def read_basin(place: Path) -> Basin:
     StorageError
         If the folder holds no finished basin, or is broken.
     """
-    record = read_object(place / BASIN_FILE)
-    grid = Grid(tuple(Axis(**axis) for axis in record["over"]))
-    return _assembled(place, read_problem(place.parent), grid, record["base"])
+    run, own = place.resolve().parent, place.resolve().name
+    stored = validated(_Stored, read_object(run, f"{own}/{BASIN_FILE}"), place / BASIN_FILE)
+    grid = validated(Grid, {"axes": stored.over}, place / BASIN_FILE)
+    check_room(grid.size, [("of memory", STATE_BYTES_MEMORY, psutil.virtual_memory().available)])
+    for tile in range(-(-grid.size // TILE)):
+        read_sealed(run, f"{own}/{TILE_FILE.format(tile)}")
+    return _assembled(place, read_problem(run), grid, stored.base)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Stored:
+    """What is read of the file of a basin."""
+
+    over: list[dict[str, Any]]
+    base: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,14 +265,21 @@ class TileTask:
     max_steps: int
 
 
-def walk_tile(argument: tuple[TileTask, int], _: None = None) -> Fates:
-    """Fates of the states of one tile, in whatever process."""
+def walk_tile(argument: tuple[TileTask, int], _: None = None, should_stop: Callable[[], bool] | None = None) -> Fates:
+    """Fates of the states of one tile, in whatever process.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` became true.
+    """
     task, tile = argument
     numbers = np.arange(tile * TILE, min((tile + 1) * TILE, task.grid.size))
     values = dict(zip([axis.key for axis in task.grid.axes], task.grid.points(numbers).T, strict=True))
     names = task.problem.walker.section_names(slipping=True)
     xi = np.column_stack([values.get(name, np.full(len(numbers), task.base.get(name))) for name in names])
-    return follow(step_map(task.problem, task.p, task.engine), section_states(task.problem, xi), task.max_steps)
+    walk = step_map(task.problem, task.p, task.engine)
+    return follow(walk, section_states(task.problem, xi), task.max_steps, should_stop=should_stop)
 
 
 def _assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
@@ -238,7 +288,7 @@ def _assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:
-        fates = Fates(**read_tile(place, tile))
+        fates = _fates(place, tile, min(TILE, grid.size - done))
         rows = slice(done, done + len(fates.steps))
         labels[rows], endings[rows], steps[rows] = attractors.add(fates), fates.endings, fates.steps
         done, tile = rows.stop, tile + 1
@@ -246,3 +296,19 @@ def _assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]
         problem=problem, grid=grid, base=base, attractors=attractors.found,
         labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
     )  # fmt: skip
+
+
+def _fates(place: Path, tile: int, count: int) -> Fates:
+    """The fates of one tile.
+
+    Raises
+    ------
+    StorageError
+        If the file holds anything else.
+    """
+    arrays = read_tile(place, tile)
+    number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Fates)}
+    if number != tile or arrays.keys() != names or any(len(np.atleast_1d(a)) != count for a in arrays.values()):
+        path = place / TILE_FILE.format(tile)
+        raise StorageError(f"{path} is not tile {tile} of {count} states: delete it, and its states are walked again")
+    return Fates(**arrays)

@@ -12,6 +12,7 @@ from typing import Any
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Status
 from gaitopt.problem import Problem
+from gaitopt.store import begin_run, writing
 from gaitopt.study.grid import Axis
 from gaitopt.study.jobs import Workers
 from gaitopt.study.solved import problem_job, solve_all
@@ -74,6 +75,21 @@ def design_front(
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
     problems = {float(value): problem.replace({axis.key: float(value)}) for value in axis.values}
+    with writing(folder, problem):
+        begin_run(folder, problem)
+        best = _walk(problems, folder, progress, should_stop)
+    if best is None:
+        return None
+    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+
+
+def _walk(
+    problems: dict[float, Problem],
+    folder: Path,
+    progress: Progress | None,
+    should_stop: Callable[[], bool] | None,
+) -> dict[float, Record] | None:
+    """The better gait of both directions for every value; None if it was stopped."""
     best: dict[float, Record] = {}
     neighbour: Record | None = None
     for done, value in enumerate([*problems, *reversed(problems)], start=1):
@@ -84,7 +100,7 @@ def design_front(
         neighbour = best[value] if best[value]["status"] == Status.CONVERGED else neighbour
         if progress is not None:
             progress(done, 2 * len(problems))
-    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+    return best
 
 
 def _design(

@@ -14,6 +14,7 @@ import numpy as np
 from gaitopt.gait import Status
 from gaitopt.mechanics import BezierTracking, Mode
 from gaitopt.problem import Problem
+from gaitopt.store import begin_run, writing
 from gaitopt.study.jobs import Workers
 from gaitopt.study.solved import problem_job, solve_all
 from gaitopt.study.system import build_system
@@ -87,7 +88,9 @@ def multistart(
     """
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
     jobs = [problem_job(p) for p in problems]
-    found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
+    with writing(folder, problem):
+        begin_run(folder, problem)
+        found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
     return None if found is None else _distinct(problems, [found[job.key] for job in jobs])
 
 
