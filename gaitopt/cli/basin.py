@@ -38,7 +38,7 @@ def basin(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.signals import interruptible
     from gaitopt.simulation import choose_engine
-    from gaitopt.store import writing
+    from gaitopt.store import adding, writing
     from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
     from gaitopt.study.jobs import make_workers
 
@@ -55,7 +55,9 @@ def basin(
             raise KeyboardInterrupt
         record = {**found.to_record(), "run": str(plan.place)}
         if len(points.axes) == 2:
-            record["figures"] = [str(path) for path in draw_basin(found, DEFAULT_FORMATS, plan.place)]
+            with adding(folder, plan.place) as figures:
+                figures += draw_basin(found, DEFAULT_FORMATS, plan.place)
+            record["figures"] = [str(path) for path in figures]
     if json:
         print_json(record)
     else:

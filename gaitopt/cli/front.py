@@ -36,7 +36,7 @@ def front(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
-    from gaitopt.store import check_folder, json_text, replacing, run_folder, write_whole, writing
+    from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
     from gaitopt.study.front import design_front
 
     axes, found = grid(over).axes, asked(problem, changes)
@@ -54,15 +54,16 @@ def front(
         record = {"problem": found.name, "over": str(axes[0]), "points": records}
         with replacing(folder, path.name):
             write_whole(path, json_text(record) + "\n")
-        figures = _draw(found, axes[0].key, records, path.with_suffix(""))
+        with adding(folder, folder) as figures:
+            figures += _draw(found, axes[0].key, records, path.with_suffix(""))
     if json:
-        print_json({**record, "file": str(path), "figures": figures})
+        print_json({**record, "file": str(path), "figures": [str(path) for path in figures]})
     else:
         _print(results(), axes[0].key, points, str(path))
     return _exit_code(points)
 
 
-def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", stem: Path) -> list[str]:
+def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", stem: Path) -> list[Path]:
     """The objective over what is varied; where a bound is varied, over the scalar that it bounds."""
     from gaitopt.figures.front import pareto_front
     from gaitopt.figures.style import save
@@ -74,7 +75,7 @@ def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", s
     first = bounded if bounded in drawn[0] else "value"
     second = next(iter(problem.objective)) if len(problem.objective) == 1 else "objective"
     figure = pareto_front({problem.name: drawn}, first, second if second in drawn[0] else "objective", varied=bounded)
-    return [str(path) for path in save(figure, stem)]
+    return save(figure, stem)
 
 
 def _exit_code(points: "list[FrontPoint]") -> int:

@@ -39,7 +39,7 @@ def sweep(
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import UnknownNameError
-    from gaitopt.store import check_folder, run_folder, writing
+    from gaitopt.store import adding, check_folder, run_folder, writing
     from gaitopt.study.jobs import make_workers
     from gaitopt.study.sweep import SCALARS, TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
 
@@ -59,7 +59,9 @@ def sweep(
         place = asked_for.place
         record = sweep_record(asked_for, records) | {"table": str(place / TABLE_FILE), "run": str(place)}
         if len(points.axes) <= 2:
-            record["figures"] = [str(path) for path in draw_sweep(points, records, [what], DEFAULT_FORMATS, place)]
+            with adding(folder, place) as figures:
+                figures += draw_sweep(points, records, [what], DEFAULT_FORMATS, place)
+            record["figures"] = [str(path) for path in figures]
     if json:
         print_json(record)
     else:

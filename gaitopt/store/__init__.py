@@ -2,23 +2,20 @@
 
 from gaitopt.store.branch import BRANCH_FILE, begin_branch, branch_folder, stored_records, write_branch_table
 from gaitopt.store.files import write_whole
+from gaitopt.store.folder import adding, check_folder, growing, stored_lines, writing
 from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.manifest import Manifest, read_manifest, read_sealed, replacing
 from gaitopt.store.run import (
     GAIT_FILE,
     Run,
     begin_run,
-    check_folder,
     find_run,
-    growing,
     read_object,
     read_problem,
     read_run,
     run_folder,
-    stored_lines,
     write_run,
     write_walk,
-    writing,
 )
 from gaitopt.store.text import Table, csv_text, json_text
 from gaitopt.store.tiles import has_tile, read_tile, write_tile
@@ -30,6 +27,7 @@ __all__ = [
     "Manifest",
     "Run",
     "Table",
+    "adding",
     "begin_branch",
     "begin_run",
     "branch_folder",

@@ -13,9 +13,10 @@ from typing import Any
 from gaitopt.errors import StorageError
 from gaitopt.problem import Problem
 from gaitopt.store.files import write_whole
+from gaitopt.store.folder import check_folder, stored_lines
 from gaitopt.store.lines import lines_text
 from gaitopt.store.manifest import replacing
-from gaitopt.store.run import begin_run, check_folder, run_folder, stored_lines
+from gaitopt.store.run import begin_run, run_folder
 from gaitopt.store.text import Table, csv_text
 
 BRANCH_FILE = "branch.jsonl"

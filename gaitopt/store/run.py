@@ -5,17 +5,15 @@ complete. A run that was killed in between is simply written again. Whoever writ
 """
 
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.problem import Problem, restore_problem
-from gaitopt.store.files import TEMPORARY_SUFFIX, make_folder, parsed, reason, write_whole
-from gaitopt.store.lines import LineWriter, read_lines
-from gaitopt.store.lock import LOCK_FILE, WRITER_FILE, only_writer
+from gaitopt.store.files import parsed, write_whole
+from gaitopt.store.folder import check_folder, writing
 from gaitopt.store.manifest import (
     MANIFEST_FILE,
     Manifest,
@@ -56,40 +54,6 @@ def run_folder(problem: Problem, results: Path = RESULTS) -> Path:
     """Folder of a problem's run, ``results/NAME-HASH8``; no name leads out of ``results``."""
     name = re.sub(r"[^\w.-]+", "-", problem.name)[:LONGEST_NAME].strip(".-") or "problem"
     return results / f"{name}-{problem.digest[:8]}"
-
-
-def check_folder(folder: Path, problem: Problem) -> None:
-    """Refuse a folder that may not be written for this problem, before anything is computed or written.
-
-    Raises
-    ------
-    StorageError
-        If it holds another problem's run, anything that is not a run, a broken run, or a newer one.
-    """
-    if not _entries(folder):
-        return
-    manifest = read_manifest(folder)
-    if manifest.hash != problem.digest:
-        raise StorageError(
-            f"{folder} holds another problem ({manifest.problem}, hash {manifest.hash[:8]}, not {problem.name}, "
-            f"hash {problem.digest[:8]}); it was left alone: name another folder with -o, or delete this one"
-        )
-
-
-@contextmanager
-def writing(folder: Path, problem: Problem) -> Iterator[None]:
-    """Hold the run folder of a problem for writing, made if it is not there; may be nested.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else, another process holds it, or it cannot be used.
-    """
-    check_folder(folder, problem)
-    make_folder(folder)
-    with only_writer(folder):
-        check_folder(folder, problem)  # another process may have been first
-        yield
 
 
 def begin_run(folder: Path, problem: Problem) -> Path:
@@ -144,43 +108,6 @@ def _write_motion(
             write_whole(folder / table[0], csv_text(table[1]))
             write_whole(folder / record[0], json_text(record[1], indent=2) + "\n")
     return folder
-
-
-@contextmanager
-def growing(folder: Path, name: str) -> Iterator[LineWriter]:
-    """Append to a file of records of a run folder; how far it got is entered into the manifest at the end.
-
-    Raises
-    ------
-    StorageError
-        If the file is broken or cannot be written.
-    """
-    for _ in stored_lines(folder, name):
-        pass  # checks what is there against the manifest
-    complete = False
-    try:
-        with LineWriter(folder / name) as lines:
-            yield lines
-        complete = True
-    except (KeyboardInterrupt, GeneratorExit):
-        complete = True
-        raise
-    finally:
-        if complete:
-            seal(folder, name)
-
-
-def stored_lines(folder: Path, name: str) -> Iterator[dict[str, Any]]:
-    """The records of a file of a run folder in order; none if it is not there.
-
-    Raises
-    ------
-    StorageError
-        If the folder is no run, or a line is altered, missing or moved.
-    """
-    known = read_manifest(folder).files.get(name)
-    if known is not None or (folder / name).exists():
-        yield from read_lines(folder / name, known)
 
 
 def read_run(folder: Path) -> Run:
@@ -254,15 +181,3 @@ def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:
     folder = run_folder(problem, results)
     check_folder(folder, problem)
     return folder if (folder / GAIT_FILE).is_file() else None
-
-
-def _entries(folder: Path) -> list[str]:
-    """Names in a folder that may not exist yet, apart from what a killed writer left behind."""
-    try:
-        names = [path.name for path in folder.iterdir()]
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another with -o") from error
-    ours = {LOCK_FILE, WRITER_FILE}
-    return [n for n in names if n not in ours and not (n.startswith(".") and n.endswith(TEMPORARY_SUFFIX))]

@@ -4,15 +4,13 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import psutil
-from numpy.typing import NDArray
 
-from gaitopt.errors import SolveError, StorageError
+from gaitopt.errors import SolveError
 from gaitopt.gait import Gait
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, choose_engine
@@ -20,10 +18,6 @@ from gaitopt.store import (
     begin_run,
     has_tile,
     json_text,
-    read_object,
-    read_problem,
-    read_sealed,
-    read_tile,
     replacing,
     write_tile,
     write_whole,
@@ -31,71 +25,17 @@ from gaitopt.store import (
 )
 from gaitopt.store.files import make_folder
 from gaitopt.store.manifest import MANIFEST_FILE
-from gaitopt.store.records import validated
 from gaitopt.store.tiles import TILE_FILE
-from gaitopt.study.basin import Attractor, Attractors, Fates, follow, outcome_counts
+from gaitopt.study.basin import Fates, follow
+from gaitopt.study.basin_tiles import BASIN_FILE, NUMBER, STATE_BYTES_MEMORY, Basin, assembled
 from gaitopt.study.batch import section_states, step_map
 from gaitopt.study.grid import Grid, check_room
 from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
-
-Labels = NDArray[np.int32]
 
 TILE = 4096
 """States of one tile: some ten seconds of walking, and what is lost by a kill."""
 STATE_BYTES_DISK = 48
 """Of the fate of one state, compressed."""
-STATE_BYTES_MEMORY = 16
-"""Of the labels and step counts that are held of the whole grid at once."""
-BASIN_FILE = "basin.json"
-NUMBER = "number"
-"""Key of a tile's own number in its file."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Basin:
-    """Where every state of a grid goes.
-
-    Attributes
-    ----------
-    problem, grid : what was asked.
-    base : the section coordinates that the grid does not vary.
-    attractors : the gaits that were found; ``labels`` counts them.
-    labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
-    endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Fates``.
-    steps : ndarray, grid's shape - steps until it settled or failed.
-    """
-
-    problem: Problem
-    grid: Grid
-    base: dict[str, float]
-    attractors: tuple[Attractor, ...]
-    labels: Labels
-    endings: Labels
-    steps: Labels
-
-    def to_record(self) -> dict[str, Any]:
-        """One JSON object: the gaits with their shares, and the failures by name."""
-        names = self.problem.walker.section_names(slipping=True)
-        gaits = [
-            {
-                "kind": str(gait),
-                "period": gait.period,
-                "phases": [str(mode) for mode in gait.phases],
-                "impact": str(gait.impact),
-                "state": dict(zip(names, gait.state.tolist(), strict=True)),
-                "states": gait.count,
-                "share": gait.count / self.grid.size,
-            }
-            for gait in self.attractors
-        ]
-        return {
-            "problem": self.problem.name,
-            "over": [asdict(axis) for axis in self.grid.axes],
-            "base": self.base,
-            "states": self.grid.size,
-            "gaits": gaits,
-            "failures": outcome_counts(self.endings),
-        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,7 +137,7 @@ def walk_basin(
         make_folder(plan.place, parents=False)
         if not _walk_tiles(plan, workers, progress, should_stop):
             return None
-        basin = _assembled(plan.place, plan.problem, plan.grid, plan.base)
+        basin = assembled(plan.place, plan.problem, plan.grid, plan.base)
         names = [TILE_FILE.format(tile) for tile in plan.tiles]
         with replacing(plan.folder, *(f"{plan.place.name}/{name}" for name in (*names, BASIN_FILE))):
             write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
@@ -228,31 +168,6 @@ def _walk_tiles(
     return done == total
 
 
-def read_basin(place: Path) -> Basin:
-    """The basin in its own folder, which lies in the run folder of its problem.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no finished basin, or is broken.
-    """
-    run, own = place.resolve().parent, place.resolve().name
-    stored = validated(_Stored, read_object(run, f"{own}/{BASIN_FILE}"), place / BASIN_FILE)
-    grid = validated(Grid, {"axes": stored.over}, place / BASIN_FILE)
-    check_room(grid.size, [("of memory", STATE_BYTES_MEMORY, psutil.virtual_memory().available)])
-    for tile in range(-(-grid.size // TILE)):
-        read_sealed(run, f"{own}/{TILE_FILE.format(tile)}")
-    return _assembled(place, read_problem(run), grid, stored.base)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Stored:
-    """What is read of the file of a basin."""
-
-    over: list[dict[str, Any]]
-    base: dict[str, float]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TileTask:
     """What a worker has to know of a basin."""
@@ -280,35 +195,3 @@ def walk_tile(argument: tuple[TileTask, int], _: None = None, should_stop: Calla
     xi = np.column_stack([values.get(name, np.full(len(numbers), task.base.get(name))) for name in names])
     walk = step_map(task.problem, task.p, task.engine)
     return follow(walk, section_states(task.problem, xi), task.max_steps, should_stop=should_stop)
-
-
-def _assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
-    """The whole basin from its tiles, one after the other."""
-    attractors = Attractors()
-    labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
-    done, tile = 0, 0
-    while done < grid.size:
-        fates = _fates(place, tile, min(TILE, grid.size - done))
-        rows = slice(done, done + len(fates.steps))
-        labels[rows], endings[rows], steps[rows] = attractors.add(fates), fates.endings, fates.steps
-        done, tile = rows.stop, tile + 1
-    return Basin(
-        problem=problem, grid=grid, base=base, attractors=attractors.found,
-        labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
-    )  # fmt: skip
-
-
-def _fates(place: Path, tile: int, count: int) -> Fates:
-    """The fates of one tile.
-
-    Raises
-    ------
-    StorageError
-        If the file holds anything else.
-    """
-    arrays = read_tile(place, tile)
-    number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Fates)}
-    if number != tile or arrays.keys() != names or any(len(np.atleast_1d(a)) != count for a in arrays.values()):
-        path = place / TILE_FILE.format(tile)
-        raise StorageError(f"{path} is not tile {tile} of {count} states: delete it, and its states are walked again")
-    return Fates(**arrays)
