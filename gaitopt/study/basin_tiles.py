@@ -128,6 +128,6 @@ def _fates(place: Path, tile: int, most: int) -> Fates:
     counts = {len(np.atleast_1d(array)) for array in arrays.values()}
     if number != tile or arrays.keys() != names or len(counts) != 1 or not 0 < min(counts) <= most:
         raise StorageError(
-            f"{place / name} is not tile {tile} of this basin: delete it, and its states are walked again"
+            f"{place / name} is not tile {tile}: delete it, and its states are walked again"
         )
     return Fates(**arrays)
