@@ -127,7 +127,5 @@ def _fates(place: Path, tile: int, most: int) -> Fates:
     number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Fates)}
     counts = {len(np.atleast_1d(array)) for array in arrays.values()}
     if number != tile or arrays.keys() != names or len(counts) != 1 or not 0 < min(counts) <= most:
-        raise StorageError(
-            f"{place / name} is not tile {tile}: delete it, and its states are walked again"
-        )
+        raise StorageError(f"{place / name} is not tile {tile}: delete it, and its states are walked again")
     return Fates(**arrays)
