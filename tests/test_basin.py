@@ -20,7 +20,8 @@ from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.store import begin_run
 from gaitopt.study import basin_run
 from gaitopt.study.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
-from gaitopt.study.basin_run import BasinPlan, check_basin, read_basin, walk_basin
+from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
+from gaitopt.study.basin_tiles import read_basin
 from gaitopt.study.batch import Returns, step_map
 from gaitopt.study.grid import Axis, Grid
 from gaitopt.study.jobs import Workers

@@ -2,6 +2,9 @@
 
 import csv
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +12,7 @@ from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.problem import load_problem
 from gaitopt.store import read_lines
-from gaitopt.store.lock import only_writer
+from gaitopt.store.manifest import seal
 from gaitopt.study import solved as study
 from gaitopt.study.front import design_front
 from gaitopt.study.grid import Axis, Grid, check_room, size_words
@@ -104,8 +107,19 @@ def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monk
 
 
 def test_two_sweeps_of_a_problem_do_not_write_at_once(tmp_path):
-    with only_writer(tmp_path / JOBS_FILE), pytest.raises(StorageError, match="another process is writing"):
-        run_sweep(wheel_sweep(tmp_path), HERE)
+    other = """
+import pathlib, sys
+from gaitopt.store.lock import only_writer
+with only_writer(pathlib.Path(sys.argv[1])):
+    input(print("locked", flush=True))
+"""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", other, tmp_path], **pipes) as process:
+        process.stdout.readline()
+        with pytest.raises(StorageError, match=rf"being written by process {process.pid} \(-c .*since 20"):
+            run_sweep(wheel_sweep(tmp_path), HERE)
+        process.communicate(b"\n")
+    run_sweep(wheel_sweep(tmp_path), HERE)
 
 
 def test_grid_over_something_else_than_a_parameter_is_refused(tmp_path):
@@ -196,5 +210,8 @@ def test_finished_sweep_is_drawn_again_from_its_folder_unless_it_is_broken(tmp_p
     assert "choose from period" in capsys.readouterr().err
     lines = (tmp_path / record["table"]).read_text().splitlines()
     (tmp_path / record["table"]).write_text("\n".join(lines[:-1]) + "\n")
+    assert main(["plot", record["run"]]) == 6
+    assert "table.csv:5: altered since it was written" in capsys.readouterr().err
+    seal(Path(record["run"]).parent, "/".join(Path(record["table"]).parts[-2:]))
     assert main(["plot", record["run"]]) == 6
     assert "has 3 rows for 4 points" in capsys.readouterr().err

@@ -51,23 +51,24 @@ def solve(
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.starts import print_optima, sampled_optima, started
-    from gaitopt.store import check_folder, run_folder
+    from gaitopt.store import run_folder, writing
     from gaitopt.study.jobs import make_workers
 
     console = narration(quiet=quiet)
     found = asked(problem, changes, console)
     found = started(found, start, console) if start else found
     folder = output or run_folder(found)
-    check_folder(folder, found)
-    best, about = found, dict[str, Any]()
-    if starts > 1:
-        optima = sampled_optima(found, starts, folder, seed, spread, make_workers(workers, scheduler), console)
-        best = optima[0].problem if optima else found
-        about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
-        if not json:
-            print_optima(results(), optima, starts)
-    gait = replace(solve_verified(best, console), problem=found)
-    return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
+    jobs_at = make_workers(workers, scheduler)
+    with writing(folder, found):
+        best, about = found, dict[str, Any]()
+        if starts > 1:
+            optima = sampled_optima(found, starts, folder, seed, spread, jobs_at, console)
+            best = optima[0].problem if optima else found
+            about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
+            if not json:
+                print_optima(results(), optima, starts)
+        gait = replace(solve_verified(best, console), problem=found)
+        return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
 
 
 def solve_verified(problem: "Problem", console: "Console") -> "Gait":
@@ -79,7 +80,8 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
     from gaitopt import study
-    from gaitopt.cli.progress import interruptible, solver_progress
+    from gaitopt.cli.progress import solver_progress
+    from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
 
     phases = len(problem.cycle.phases)

@@ -70,11 +70,9 @@ def sampled_optima(
     KeyboardInterrupt
         If Ctrl-C was pressed.
     """
-    from gaitopt.cli.progress import interruptible
-    from gaitopt.store import begin_run
+    from gaitopt.cli.signals import interruptible
     from gaitopt.study.multistart import multistart
 
-    begin_run(folder, problem)
     with interruptible() as interrupted, job_progress(console, "starts") as progress:
         optima = multistart(
             problem,

@@ -14,6 +14,7 @@ import numpy as np
 from gaitopt.gait import Status
 from gaitopt.mechanics import BezierTracking, Mode
 from gaitopt.problem import Problem
+from gaitopt.store import begin_run, writing
 from gaitopt.study.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, check_room
 from gaitopt.study.jobs import Workers
 from gaitopt.study.solved import problem_job, solve_all
@@ -94,7 +95,9 @@ def multistart(
     check_room(starts, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
     jobs = [problem_job(p) for p in problems]
-    found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
+    with writing(folder, problem):
+        begin_run(folder, problem)
+        found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
     return None if found is None else _distinct(problems, [found[job.key] for job in jobs])
 
 

@@ -2,7 +2,6 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import accumulate, groupby, pairwise
 from typing import Any
 
@@ -13,8 +12,8 @@ from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Arc, Gait, Status, Step, measure
 from gaitopt.mechanics import Cycle, HybridSystem, Mode
 from gaitopt.nlp.assembly import impact_record
-from gaitopt.problem import restore_problem
 from gaitopt.store import Run, Table
+from gaitopt.store.run import restored_problem
 from gaitopt.study.system import build_system
 
 Array = NDArray[np.float64]
@@ -33,9 +32,7 @@ def restore_gait(run: Run) -> Gait:
     SolveError
         If the run holds a failed attempt.
     """
-    problem = replace(restore_problem(run.resolved), text=run.problem_text)
-    if problem.digest != run.manifest.hash:
-        raise StorageError(f"{run.folder}: resolved.json does not have the manifest's hash; the run is broken")
+    problem = restored_problem(run.folder, run.resolved, run.problem_text)
     if run.gait.get("status") != Status.CONVERGED:
         raise SolveError(f"{run.folder} holds no gait: {run.gait.get('status')}, {run.gait.get('message')}")
     system = build_system(problem)
