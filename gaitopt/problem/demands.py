@@ -115,6 +115,9 @@ def check_unknowns(
     asked: Asked, objective: Mapping[str, float], constraints: Mapping[str, Range], faults: list[Fault]
 ) -> None:
     """Whether the free parameters are neither too few nor too many for what is asked."""
+    if asked.unknowns and asked.cycle is not None and len(asked.cycle.steps) > 1:
+        message = "several steps and unknown parameters do not go together yet: give numbers, or a gait of one step"
+        faults.append(Fault(("gait", "steps"), message))
     equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
     if not asked.unknowns and (objective or constraints):
         path: Key = ("objective",) if objective else ("constraints",)

@@ -236,6 +236,9 @@ def _build(
         untracked = ", ".join(angle for angle in fields["walker"].tracked if angle not in reference.walker.shape)
         found = f"the reference {shown(name)} is a {reference.walker.model}"
         faults += [Fault(key, f"{found}, which has no {untracked} to track")] if untracked else []
+    if reference and len(reference.cycle.steps) > 1:
+        message = f"the reference {shown(name)} has several steps, but its clock restarts at every impact"
+        faults.append(Fault(key, f"{message}: name a gait of one step"))
     raise_faults(faults, place)
     problem = Problem(**fields, reference=reference, path=origin.path, text=text)
     raise_faults(impossible(problem), place)
