@@ -138,7 +138,8 @@ class Program:
 
     def _physics(self) -> list[Rows]:
         margins, labels = self.transcription.inequalities
-        least = np.array([CLEARANCE if "cone" in label.name else 0.0 for label in labels])
+        scales = self.transcription.system.scales(self._p)
+        least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
         return [_zero("gait", self.transcription.equalities), _positive("margins", margins, least)]
 
     def _extremal(self, w: Array) -> list[Rows]:

@@ -20,9 +20,9 @@ from gaitopt.problem import Problem, Range
 
 Array = NDArray[np.float64]
 
-CLEARANCE = 1e-8
-"""Force [N] or impulse [N s] that a design keeps from the edge of the friction cone, where optima like to lie: more
-than the rounding that would decide there, and less than anyone could measure."""
+CLEARANCE = 1e-10
+"""Force or impulse, in natural units, that a design keeps from the edge of the friction cone, where optima like to lie:
+more than the rounding that would decide there, and less than anyone could measure."""
 SMALLEST_RADIUS = 1e-3
 """Multipliers below it are as good as zero: deviations vanish in a step."""
 LEFT = 1e-3
@@ -138,7 +138,7 @@ def margin_rows(values: Values) -> Iterator[Row]:
     for name, unit, piece in values.scalars.margins():
         least = CLEARANCE if "cone" in name else 0.0
         gradient = values.extended(piece.gradient) / unit
-        yield Row(about=name, key=piece.key, value=(piece.value - least) / unit, gradient=gradient)
+        yield Row(about=name, key=piece.key, value=piece.value / unit - least, gradient=gradient)
 
 
 def span_rows(values: Values, name: str, span: Range) -> Iterator[Row]:

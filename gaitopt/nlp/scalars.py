@@ -112,8 +112,8 @@ class Scalars:
                 for piece in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), piece
         for row, (_, label) in enumerate(t.impact_margins(), start=4):
-            key, unit = f"impact {label.name}", scales.impulse if label.name.startswith("impulse") else 1.0
-            yield label.name, unit, Piece(key=key, value=float(self._impact[row]), gradient=self._impact_slopes[row])
+            value, slope = float(self._impact[row]), self._impact_slopes[row]
+            yield label.name, label.unit(scales), Piece(key=f"impact {label.name}", value=value, gradient=slope)
 
     def _period(self) -> Valued:
         t, s = self._t, self._s
