@@ -1,4 +1,4 @@
-"""The two independent methods compared: shooting nodes of the NLP on the simulated step, their difference on a log axis."""
+"""The two independent methods compared: shooting nodes of the NLP on the simulated step, and their difference."""
 
 from collections.abc import Iterator, Sequence
 
