@@ -87,7 +87,7 @@ class SimulatedFamily:
 
     def multipliers_at(self, value: float) -> NDArray[np.complex128]:
         step = self.step_at(value)
-        return floquet_multipliers(self.map_at(value).jacobian(step))
+        return floquet_multipliers(self.map_at(value).jacobian([step]))
 
     def change_of_modes(self, low: float, high: float) -> float:
         """Where the modes change between two values."""

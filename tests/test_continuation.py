@@ -143,7 +143,7 @@ def test_a_target_must_differ_and_lie_within_the_bounds() -> None:
 
 
 def test_a_failed_attempt_cannot_be_continued() -> None:
-    failed = replace(passive(0.18), status=Status.NOT_CONVERGED, step=None)
+    failed = replace(passive(0.18), status=Status.NOT_CONVERGED, steps=())
     with pytest.raises(SolveError):
         continuation(failed, "friction", 0.1)
 

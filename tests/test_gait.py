@@ -29,7 +29,7 @@ def test_only_a_converged_gait_may_be_trusted() -> None:
     assert gait.converged
     assert gait.status is go.Status.CONVERGED
     for status in set(go.Status) - {go.Status.CONVERGED}:
-        failed = replace(gait, status=status, step=None)
+        failed = replace(gait, status=status, steps=())
         assert not failed.converged
         with pytest.raises(ValueError, match=f"rimless-wheel-stick is {status}"):
             _ = failed.state

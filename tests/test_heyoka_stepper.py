@@ -84,8 +84,8 @@ def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
     jacobians = []
     for kind in (HeyokaStepper, ScipyStepper):
         simulator = Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p))
-        step = simulator.run(gait.state).steps[0]
-        jacobians.append(ReturnMap(simulator, mode).jacobian(step))
+        steps = simulator.run(gait.state).steps
+        jacobians.append(ReturnMap(simulator, mode).jacobian(steps))
     np.testing.assert_allclose(*jacobians, rtol=1e-8, atol=1e-9)
 
 

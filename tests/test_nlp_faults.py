@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from casadi import MX, Function, asin, jacobian, sin, vertcat
 
-from gaitopt.mechanics import CompassBiped, HybridSystem, Mechanism, Mode, ModeSequence, NoControl
+from gaitopt.mechanics import CompassBiped, Cycle, HybridSystem, Mechanism, Mode, NoControl
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.stability import certified_radius
 from gaitopt.nlp.transcription import Transcription
@@ -21,7 +21,7 @@ FORWARD, BACKWARD, STICK = Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK
 @pytest.mark.parametrize("mode", [FORWARD, BACKWARD])
 def test_margin_of_a_slipping_impact_is_positive_where_the_foot_slips_as_the_mode_says(mode: Mode) -> None:
     system = HybridSystem(CompassBiped, NoControl())
-    t = Transcription(system, layout(ModeSequence((mode, STICK), mode), [0.1, 0.5], []))
+    t = Transcription(system, layout(Cycle.of_one_step((mode, STICK), mode), [0.1, 0.5], []))
     rows, labels = t.inequalities
     row = [label.name for label in labels].index("impact_slip_velocity")
     margin = Function("margin", [t.w, t.parameters], [rows[row]])
@@ -35,7 +35,7 @@ def test_margin_of_a_slipping_impact_is_positive_where_the_foot_slips_as_the_mod
 def test_event_that_ends_a_slip_from_rest_has_no_root_where_the_slip_has_no_length() -> None:
     """Slip velocity over duration tends to the acceleration; the velocity itself would be zero."""
     system = HybridSystem(CompassBiped, NoControl())
-    t = Transcription(system, layout(ModeSequence((FORWARD, STICK), STICK), [0.1, 0.5], []))
+    t = Transcription(system, layout(Cycle.of_one_step((FORWARD, STICK), STICK), [0.1, 0.5], []))
     start = np.array([-0.15, -0.15, 0, 0.73, -0.5, 0])
     rate = np.asarray(system.flow(FORWARD)(0, start, P, [])).ravel()
     event = system.n_z * (t.n_nodes - 1)

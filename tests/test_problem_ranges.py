@@ -109,4 +109,4 @@ def test_every_range_is_in_the_schema():
     assert "from 1e-06 sqrt(l/g) to 1000 sqrt(l/g)" in scalars["period"]["description"]
     assert scalars["spectral_radius"]["anyOf"][0]["minimum"] == 0
     assert schema["friction"]["anyOf"][0]["maximum"] == 1000
-    assert schema["gait"]["properties"]["phases"]["maxItems"] == 64
+    assert schema["gait"]["oneOf"][0]["properties"]["phases"]["maxItems"] == 64

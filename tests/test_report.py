@@ -69,7 +69,7 @@ def test_provenance_holds_the_problem_verbatim_and_its_hash(written):
 
 
 def test_a_failed_attempt_has_no_report():
-    failed = replace(gait("compass-passive-a"), status=Status.INFEASIBLE, step=None)
+    failed = replace(gait("compass-passive-a"), status=Status.INFEASIBLE, steps=())
     with pytest.raises(ValueError, match="converged"):
         gait_report(failed)
 

@@ -191,7 +191,7 @@ def test_a_compass_pushed_too_gently_does_not_walk() -> None:
 def test_the_passive_compass_gait_is_the_published_one() -> None:
     start = compass_gait(0.2)
     step = compass(0.2).run(start, dense=True).steps[0]
-    scalars = measure(compass_system(), compass_parameters(0.2), step)
+    scalars = measure(compass_system(), compass_parameters(0.2), [step])
     assert modes(step) == [STICK]
     assert step.period == pytest.approx(0.7446, abs=5e-5)
     assert start == pytest.approx([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0], abs=5e-5)
@@ -216,7 +216,7 @@ def test_constant_torques_carry_the_compass_over_level_ground() -> None:
     simulator = Simulator(system, p)
     settled = simulator.run(COMPASS_START, 150)
     step = simulator.run(settled.section_states[-1], dense=True).steps[0]
-    scalars = measure(system, p, step)
+    scalars = measure(system, p, [step])
     assert modes(step) == [STICK]
     assert scalars["speed"] == pytest.approx(0.634, abs=5e-4)
     assert scalars["cost_of_transport"] == pytest.approx(0.01747, abs=5e-6)

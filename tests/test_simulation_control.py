@@ -123,7 +123,7 @@ def test_deviations_pass_a_jump_of_the_torque_unchanged(
     assert step is not None
     assert [arc.mode for arc in step.arcs] == modes
     columns = [(mapped(xi + h * unit).xi - mapped(xi - h * unit).xi) / (2 * h) for unit in np.eye(3)]
-    assert np.column_stack(columns) == pytest.approx(mapped.jacobian(step), rel=1e-5, abs=1e-5)
+    assert np.column_stack(columns) == pytest.approx(mapped.jacobian([step]), rel=1e-5, abs=1e-5)
 
 
 def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:

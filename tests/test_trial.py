@@ -41,7 +41,8 @@ def transcription(free: tuple[str, ...] = ()) -> tuple[Transcription, NDArray[np
 @pytest.mark.parametrize("far", FAR)
 def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
     equations, w = transcription(("friction",))
-    curve = Curve(equations, gait().p, (1.0, 1.0, 1.0))
+    section = gait().system.section(equations.layout.cycle.impact)
+    curve = Curve(equations, gait().p, np.ones(section.size + equations.n_phases + 1))
     point = curve.start(w, np.append(np.zeros(w.size - 1), 1.0))
     assert point is not None
     assert curve.step(point, far) is None

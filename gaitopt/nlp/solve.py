@@ -64,6 +64,8 @@ def solve_gait(
     gait : its status says whether it is one; numerical failure is not an error.
     """
     p = system.values(problem.parameters)
+    if lacks_energy(problem):
+        return Gait(problem=problem, system=system, p=p, status=Status.INFEASIBLE, message=NO_ENERGY)
     began = time.perf_counter()
     state = np.array([problem.guess.state[name] for name in system.state_names])
     guess = roll_out(system, p, problem.cycle, state, problem.guess.durations)
@@ -77,7 +79,7 @@ def solve_gait(
     if attempt.result.status is not Status.CONVERGED:
         message = attempt.result.words
         if attempt.result.status is not Status.INTERRUPTED:
-            message = f"{message}: {NO_ENERGY if lacks_energy(problem) else _explain(attempt, guess)}"
+            message = f"{message}: {_explain(attempt, guess)}"
         return Gait(problem=problem, system=system, p=p, status=attempt.result.status, message=message, solver=solver)
     return _finish(problem, attempt, solver)
 

@@ -14,11 +14,11 @@ Array = NDArray[np.float64]
 
 MULTIPLIER_AGREEMENT = 1e-7
 PERTURBATION = 1e-6
-LINEAR_RANGE = (1e-9, 1e-3)
+LINEAR_RANGE = (1e-9, 4e-4)
 """Below it rounding rules, above it the curvature of the return map; in natural units, as the perturbation."""
 PERTURBED_STEPS = 50
 LINEARITY = 1e-3
-"""Rounding of a step, 1e-12, over the smallest deviation; third-order terms, a thousand times (1e-3)^2, in the largest.
+"""Rounding of a step, 1e-12, over the smallest deviation; third-order terms, 6000 times (4e-4)^2, in the largest.
 
 Opposite perturbations are followed together: the map's curvature drops out of half their difference, so that one
 tolerance serves all walkers; the gaits of the paper stay below 1e-5.
