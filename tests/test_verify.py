@@ -50,7 +50,7 @@ def with_states(gait: Gait, index: int, change: Callable[[Array], None]) -> Gait
 
 
 def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
-    return replace(gait, problem=replace(gait.problem, sequence=ModeSequence(phases=phases, impact=impact)))
+    return replace(gait, problem=replace(gait.problem, modes=ModeSequence(phases=phases, impact=impact)))
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitopt.cli.quantities import CONTROL_UNITS, QUANTITIES, number, state_unit, with_degrees
-from gaitopt.problem import PDSpec, Problem
+from gaitopt.problem import OpenSequence, PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
 STABILITY = {True: "stable", False: "unstable"}
@@ -48,10 +48,10 @@ def print_problem(console: Console, problem: Problem) -> None:
     section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), _walker(problem), numbers=(1,))
     section(console, "contact and control", ("key", "value", "unit"), _contact(problem), numbers=(1,))
     section(console, "one step", ("phase", "mode"), _sequence(problem))
-    state = (
-        (name, number(value), with_degrees(value, state_unit(name))) for name, value in problem.guess.state.items()
-    )
-    section(console, "guess, just after the impact", ("state", "value", "unit"), state, numbers=(1,))
+    if problem.start is not None:
+        values = problem.start.state.items()
+        state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values)
+        section(console, "guess, just after the impact", ("state", "value", "unit"), state, numbers=(1,))
     if problem.free:
         unknowns = ((key, number(f.lower), number(f.upper), number(f.guess)) for key, f in problem.free.items())
         section(console, "unknown parameters", ("key", "from", "to", "guess"), unknowns, numbers=(1, 2, 3))
@@ -142,6 +142,10 @@ def _contact(problem: Problem) -> Iterable[tuple[str, str, str]]:
 
 
 def _sequence(problem: Problem) -> Iterable[tuple[str, str]]:
+    if isinstance(problem.modes, OpenSequence):
+        yield "1, 2, ...", "to be found"
+        yield "impact", str(problem.modes.impact or "to be found")
+        return
     for index, mode in enumerate(problem.sequence.phases, start=1):
         yield str(index), str(mode)
     yield "impact", str(problem.sequence.impact)

@@ -13,6 +13,7 @@ from gaitopt.problem.sections import (
     GaitReference,
     Guess,
     NoControlSpec,
+    OpenSequence,
     PDSpec,
     Range,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "GaitReference",
     "Guess",
     "NoControlSpec",
+    "OpenSequence",
     "PDSpec",
     "Problem",
     "Range",

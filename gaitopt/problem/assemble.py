@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
+from gaitopt.mechanics.modes import ModeSequence
 from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
@@ -47,13 +48,14 @@ def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], fault
     friction = _read_friction(data, free, faults)
     control = _read_control(data.get("control", {"type": "none"}), model, free, faults)
     sequence, guess = read_gait(data, model, walker, faults)
-    fields: dict[str, Any] = {"walker": walker, "control": control, "sequence": sequence, "guess": guess, "free": free}
+    fields: dict[str, Any] = {"walker": walker, "control": control, "modes": sequence, "start": guess, "free": free}
     if head:
         fields |= {key: getattr(head, key) for key in HeadSection.model_fields}
     if friction:
         fields["friction"] = friction
     if model:
-        asked = Asked(walker=model, control=control, sequence=sequence, free=free)
+        known = sequence if isinstance(sequence, ModeSequence) else None
+        asked = Asked(walker=model, control=control, sequence=known, free=free)
         objective = read_objective(data.get("objective"), asked, faults)
         constraints = read_constraints(data.get("constraints"), asked, faults)
         if not faults:

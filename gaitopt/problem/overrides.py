@@ -6,6 +6,7 @@ from typing import Any
 
 from gaitopt.mechanics.modes import Mode
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
+from gaitopt.problem.initial import OPEN
 
 DURATIONS = ("gait", "guess", "durations")
 SLIP_VELOCITY = ("gait", "guess", "state", "dx")
@@ -17,7 +18,8 @@ def apply_overrides(
     """A copy of ``data`` with ``overrides``, and the place by which faults name them.
 
     A first guess that an override of the sequence has made meaningless goes, unless it is overridden as well: durations
-    when the number of phases changes, and the slip velocity when the impact sticks.
+    when the number of phases changes, and the slip velocity when the impact sticks. An override that opens the sequence
+    takes the impact and the durations with it.
     """
     changed = deepcopy(dict(data))
     place = OverridePlace({key: _path(key) for key in overrides})
@@ -76,6 +78,10 @@ def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden:
     if not isinstance(gait, Mapping) or not isinstance(gait.get("guess"), Mapping):
         return
     phases, guess = gait.get("phases"), gait["guess"]
+    if phases == OPEN and before["gait"]["phases"] != OPEN:
+        guess.pop("durations", None)
+        if not is_set(("gait", "impact")):
+            after["gait"].pop("impact", None)
     if isinstance(phases, list | tuple) and len(phases) != len(before["gait"]["phases"]) and not is_set(DURATIONS):
         guess.pop("durations", None)
     if gait.get("impact") == Mode.STICK and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):

@@ -16,6 +16,7 @@ from gaitopt.problem.sections import (
     GuessSection,
     HeadSection,
     NoControlSpec,
+    OpenGaitSection,
     PDSpec,
     is_angle,
     state_section,
@@ -103,7 +104,9 @@ def _gait(walkers: Any) -> dict[str, Any]:
     states = [_section(state_section(walker)) for walker in walkers]
     guess["properties"]["state"] = {"description": "state just after impact", "anyOf": states}
     gait["properties"]["guess"] = guess
-    return gait
+    open_gait = _section(OpenGaitSection)
+    open_gait["properties"]["guess"] = guess
+    return {"description": "the gait: its mode sequence, or that it is to be found", "oneOf": [gait, open_gait]}
 
 
 def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[str, Any]:

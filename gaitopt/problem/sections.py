@@ -18,6 +18,10 @@ from gaitopt.mechanics.units import Angle, NonNegative, Number, Positive, parse_
 from gaitopt.mechanics.walker import Walker
 
 
+MAX_STEPS = 64
+"""Of a cycle; beyond that a walk is taken for irregular."""
+
+
 class Section(BaseModel):
     """Base of every section: its fields are all the keys there are."""
 
@@ -39,6 +43,17 @@ class Range:
 
     minimum: float
     maximum: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenSequence:
+    """A mode sequence that is to be found: its impact if that is known, and the largest number of steps of a cycle."""
+
+    impact: Mode | None = None
+    steps: int = 1
+
+    def __str__(self) -> str:
+        return f"to be found; {self.impact or 'to be found'}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,6 +195,17 @@ class GaitSection(Section):
     phases: Annotated[tuple[Mode, ...], Field(description="modes of the stance foot in order")]
     impact: Annotated[Mode, Field(description="what the colliding foot does just after the impact that ends the step")]
     guess: Annotated[dict[str, Any], Field(description="first guess of state and durations")]
+
+
+class OpenGaitSection(Section):
+    """A gait whose mode sequence is to be found."""
+
+    phases: Annotated[Literal["auto"], Field(description="the modes are to be found")]
+    impact: Annotated[
+        Mode | None, Field(description="what the colliding foot does just after the impact; any mode if left out")
+    ] = None
+    steps: Annotated[int, Field(ge=1, le=MAX_STEPS, strict=True, description="steps of a cycle, at most")] = 1
+    guess: Annotated[dict[str, Any] | None, Field(description="state near which a gait is preferred")] = None
 
 
 class GuessSection(Section):
