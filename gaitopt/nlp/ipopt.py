@@ -72,7 +72,7 @@ class IpoptResult:
     kkt: float
 
 
-class _Watch(Callback):
+class Watch(Callback):
     """Reports every iteration, and stops IPOPT when asked to."""
 
     def __init__(
@@ -142,7 +142,7 @@ class Ipopt:
         value = Function("value", [w, p], [MX(0) if objective is None else objective, vertcat(*blocks)])
         slope = Function("slope", [w, p], [vertcat(*(jacobian(block, w) for block in blocks))])
         f, rows = value(unscaled * x, p)
-        self._watch = _Watch(w.numel(), rows.numel(), p.numel(), progress, should_stop)
+        self._watch = Watch(w.numel(), rows.numel(), p.numel(), progress, should_stop)
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,  # a point where the motion does not exist is IPOPT's business, as is Ctrl-C
