@@ -127,6 +127,8 @@ class Gait:
         return numbers.get("friction", numbers)
 
     def _motion_record(self) -> dict[str, Any]:
+        if self.problem.is_open:  # and none was found
+            return {"phases": [], "impact": None, "state": None}
         sequence = self.problem.sequence
         if self.step is None:
             modes = [{"mode": str(mode), "duration": None} for mode in sequence.phases]

@@ -10,8 +10,8 @@ mu the kinetic coefficient and d the drag of the friction law)
     ddx = -((f_t + mu s f_n)_stick + d) / (C_tt + mu s C_nt)
 
 An s strictly between -1 and 1 is the friction of a foot at rest, so that one formula holds for every mode of a foot
-whose mode is unknown. The denominator is det(C) w_n' M^-1 Gamma of eq. (6): where it loses its sign, the slip has no unique
-solution (the paradox of Painleve).  Gamus & Or (2013), eqs (2)-(6).
+whose mode is unknown. The denominator is det(C) w_n' M^-1 Gamma of eq. (6): where it loses its sign, the slip has no
+unique solution (the paradox of Painleve).  Gamus & Or (2013), eqs (2)-(6).
 """
 
 from dataclasses import dataclass

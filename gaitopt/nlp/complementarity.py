@@ -5,8 +5,8 @@
 
 at the stages of Radau IIA collocation on elements of free length. The products are summed over an element and over the
 velocities at its start, so that no mode can change inside an element: switches come to lie between elements. They are
-held below sigma, which goes to zero. The impact obeys the same law. Static friction is that of a slip here, and a slipping
-impact has Coulomb's impulse: what else a problem says, the fixed-sequence NLP and the simulator decide.
+held below sigma, which goes to zero. The impact obeys the same law. Static friction is that of a slip here, and a
+slipping impact has Coulomb's impulse: what else a problem says, the fixed-sequence NLP and the simulator decide.
 
 References
 ----------

@@ -89,15 +89,19 @@ class Watch(Callback):
         self._iteration, self._lower, self._upper = 0, lower, upper
 
     def get_n_in(self) -> int:
+        """What CasADi hands over."""
         return len(self._sizes)
 
     def get_n_out(self) -> int:
+        """Whether to stop."""
         return 1
 
     def get_sparsity_in(self, i: int) -> Sparsity:
+        """Shape of an input."""
         return Sparsity.dense(self._sizes[nlpsol_out(i)], 1)
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
+        """Report an iteration; nonzero stops IPOPT."""
         try:
             if self._progress is not None:
                 g = np.asarray(arg[2]).ravel()

@@ -40,7 +40,7 @@ RESULT_SCALARS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """What the names in an objective or a constraint may refer to; None where it is open or a fault has been found already."""
+    """What the names in an objective or a constraint may refer to; None where it is open or at fault."""
 
     walker: type[Walker]
     control: ControlSpec | None

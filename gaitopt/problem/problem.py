@@ -19,7 +19,16 @@ from gaitopt.problem.catalogue import find_problem
 from gaitopt.problem.faults import Fault, FilePlace, Key, Place, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
 from gaitopt.problem.record import problem_data
-from gaitopt.problem.sections import ControlSpec, CurveReference, Free, FrictionCoefficients, Guess, OpenSequence, PDSpec, Range
+from gaitopt.problem.sections import (
+    ControlSpec,
+    CurveReference,
+    Free,
+    FrictionCoefficients,
+    Guess,
+    OpenSequence,
+    PDSpec,
+    Range,
+)
 from gaitopt.problem.source import parse_source, read_text
 
 

@@ -17,7 +17,6 @@ from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.units import Angle, NonNegative, Number, Positive, parse_angle
 from gaitopt.mechanics.walker import Walker
 
-
 MAX_STEPS = 64
 """Of a cycle; beyond that a walk is taken for irregular."""
 

@@ -1,6 +1,7 @@
 """What a user does with problems and gaits: solve, verify, simulate."""
 
 from gaitopt.study.batch import Returns, return_map
+from gaitopt.study.find import Gaits, find
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.solve import solve
 from gaitopt.study.system import build_system, gait_reference
@@ -8,10 +9,12 @@ from gaitopt.study.verify import Claim, Verification, verify
 
 __all__ = [
     "Claim",
+    "Gaits",
     "Returns",
     "Verification",
     "Walk",
     "build_system",
+    "find",
     "gait_reference",
     "return_map",
     "simulate",

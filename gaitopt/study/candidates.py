@@ -1,8 +1,8 @@
 """Candidates of a search for gaits: a mode sequence with a motion, not yet solved nor verified.
 
 Two searches propose them. Walks of the simulator, which chooses its own modes, end near gaits or are led to them by
-Newton's method on the return map. A program with complementarity conditions in place of a mode sequence finds motions of
-any sequence, also where parameters are free and where no walk leads.
+Newton's method on the return map. A program with complementarity conditions in place of a mode sequence finds motions
+of any sequence, also where parameters are free and where no walk leads.
 """
 
 from collections.abc import Mapping

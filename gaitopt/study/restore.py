@@ -14,6 +14,7 @@ from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.problem import restore_problem
 from gaitopt.store import Run, Table
+from gaitopt.study.find import closed
 from gaitopt.study.system import build_system
 
 SAME_TIME = 1e-14
@@ -35,6 +36,8 @@ def restore_gait(run: Run) -> Gait:
         raise StorageError(f"{run.folder}: resolved.json does not have the manifest's hash; the run is broken")
     if run.gait.get("status") != Status.CONVERGED:
         raise SolveError(f"{run.folder} holds no gait: {run.gait.get('status')}, {run.gait.get('message')}")
+    if problem.is_open:
+        problem = replace(closed(problem, run.gait), origin=problem)
     system = build_system(problem)
     try:
         freed = {name: float(value) for name, value in run.gait["parameters"].items()}

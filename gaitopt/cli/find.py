@@ -1,0 +1,132 @@
+"""``gaitopt find``: the gaits at a problem's parameters, whatever their mode sequence."""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gaitopt.cli.grids import SchedulerOption, WorkersOption, job_progress
+from gaitopt.cli.options import (
+    DebugOption,
+    JsonOption,
+    OutOption,
+    ProblemArgument,
+    QuietOption,
+    SetOption,
+    key_value,
+)
+from gaitopt.cli.starts import SeedOption
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from rich.console import Console
+
+NOTHING = 4
+
+StartsOption = Annotated[int, typer.Option("--starts", min=1, help="Start states of the search by simulation.")]
+StepsOption = Annotated[int | None, typer.Option("--steps", min=1, help="Longest cycle, in steps.", show_default=False)]
+WithinOption = Annotated[
+    list[str] | None,
+    typer.Option("--within", metavar="KEY=LO:HI", help="Range of a start coordinate, as dtheta1=0:1deg; repeat it."),
+]
+
+
+def find(
+    problem: ProblemArgument,
+    steps: StepsOption = None,
+    starts: StartsOption = 1000,
+    seed: SeedOption = 0,
+    within: WithinOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    changes: SetOption = None,
+    output: OutOption = None,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Search for all gaits at a problem's parameters, whatever their mode sequence.
+
+    Walks from many start states and a program with open modes propose gaits; each is solved, verified and listed once,
+    stable ones first. What is done is kept; the same command goes on where it was.
+    """
+    from gaitopt.cli.console import narration, print_json, results
+    from gaitopt.cli.progress import interruptible
+    from gaitopt.cli.runs import asked
+    from gaitopt.store import begin_run, check_folder, run_folder
+    from gaitopt.study.find import opened
+    from gaitopt.study.find_run import find_durably
+    from gaitopt.study.jobs import make_workers
+
+    console, found = narration(quiet=quiet), opened(asked(problem, changes))
+    found = found if steps is None else found.replace({"gait.steps": steps})
+    folder = output or run_folder(found)
+    check_folder(folder, found)
+    begin_run(folder, found)
+    with interruptible() as interrupted, job_progress(console, "parts of the search") as progress:
+        gaits = find_durably(
+            found,
+            folder,
+            make_workers(workers, scheduler),
+            starts=starts,
+            seed=seed,
+            within=ranges(within),
+            progress=progress,
+            should_stop=interrupted,
+        )
+    if gaits is None:
+        raise KeyboardInterrupt
+    record = {**gaits.to_record(), "run": str(folder)}
+    if json:
+        print_json(record)
+    else:
+        print_gaits(results(), record)
+    return 0 if gaits else NOTHING
+
+
+def ranges(texts: "Sequence[str] | None") -> dict[str, tuple[float, float]]:
+    """Ranges by name from ``--within`` options; angles may carry deg or rad.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one is not of the form KEY=LO:HI, or a range is empty.
+    """
+    from gaitopt.cli.grids import grid
+
+    spans = {}
+    for text in texts or ():
+        key, span = key_value(text, "--within")
+        if span.count(":") != 1:
+            raise typer.BadParameter(f"--within {text}: write --within {key}=LO:HI")
+        axis = grid([f"{text}:2"]).axes[0]
+        spans[key] = (axis.lower, axis.upper)
+    return spans
+
+
+def print_gaits(console: "Console", record: "Mapping[str, Any]") -> None:
+    """One line per gait, and what was searched."""
+    from gaitopt.cli.quantities import number
+    from gaitopt.cli.tables import STABILITY, section
+
+    searched = record["searched"]
+    tried = ", ".join(f"{count} of {method}" for method, count in searched["starts"].items())
+    console.print(f"{record['problem']}: {len(record['gaits'])} gaits from {tried}", style="bold")
+    if record["gaits"]:
+        columns = ("phases; impact", "steps", "period [s]", "speed [m/s]", "radius", "", "starts")
+        rows = (
+            (
+                f"{', '.join(phase['mode'] for phase in gait['phases'])}; {gait['impact']}",
+                str(gait.get("n_steps", 1)),
+                number(gait["period"]),
+                number(gait["speed"]),
+                number(gait["spectral_radius"]),
+                STABILITY[gait["spectral_radius"] < 1],
+                str(len(gait["starts"])),
+            )
+            for gait in record["gaits"]
+        )
+        section(console, "gaits", columns, rows, numbers=(1, 2, 3, 4, 6))
+    for lost in searched["rejected"]:
+        console.print(f"no gait: {lost['sequence']}, from {len(lost['starts'])} starts: {lost['reason']}")
+    console.print(f"run: {record['run']}", soft_wrap=True)
