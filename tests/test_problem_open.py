@@ -53,7 +53,7 @@ def test_a_fault_is_named(keys, words):
 
 def test_what_needs_a_sequence_says_that_it_is_open():
     with pytest.raises(ProblemError, match="mode sequence is open"):
-        _ = opened().sequence
+        _ = opened().cycle
     with pytest.raises(ProblemError, match="mode sequence is open"):
         _ = opened().guess
 
@@ -74,4 +74,4 @@ def test_an_override_opens_and_closes_a_sequence():
     assert problem.modes == OpenSequence()
     assert problem.guess.state == known.guess.state
     closed = problem.replace({"gait.phases": ["slip_forward", "stick"], "gait.impact": "slip_forward"})
-    assert closed.sequence == known.sequence
+    assert closed.cycle == known.cycle

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.errors import SolveError
-from gaitopt.gait import Arc, Gait
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.gait import Arc, Gait, ImpactRecord
+from gaitopt.mechanics import Cycle, Mode, ModeSequence
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
-from gaitopt.study.verify import LINEARITY, MULTIPLIER_AGREEMENT, _perturbation_claim
+from gaitopt.study.comparison import record_claims
+from gaitopt.study.perturbation import LINEARITY, MULTIPLIER_AGREEMENT, perturbation_claim
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ def with_states(gait: Gait, index: int, change: Callable[[Array], None]) -> Gait
 
 
 def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
-    return replace(gait, problem=replace(gait.problem, modes=ModeSequence(phases=phases, impact=impact)))
+    return replace(gait, problem=replace(gait.problem, modes=Cycle((ModeSequence(phases=phases, impact=impact),))))
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
@@ -74,7 +75,8 @@ def test_a_good_gait_passes_every_claim_of_the_list() -> None:
     assert check.passed
     assert {claim.name for claim in check.claims} == {
         "mode sequence", "period", "switching times", "periodicity", "states inside", "state", "friction cone",
-        "slip direction", "normal force", "energy balance", "multipliers", "perturbation",
+        "slip direction", "normal force", "energy balance", "multipliers", "perturbation", "measures",
+        "impact",
     }  # fmt: skip
 
 
@@ -170,11 +172,61 @@ def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(error: float) -> N
     gait = good()
     return_map = ReturnMap(Simulator(gait.system, gait.p), STICK)
     point = return_map.fixed_point(gait.state[gait.system.section(STICK)])
-    right = _perturbation_claim(return_map, point)
-    wrong = _perturbation_claim(return_map, replace(point, jacobian=error * point.jacobian))
+    unit = gait.system.state_scales(gait.system.scales(gait.p))[gait.system.section(STICK)]
+    right = perturbation_claim(return_map, point, unit)
+    wrong = perturbation_claim(return_map, replace(point, jacobian=error * point.jacobian), unit)
     assert right.passed
     assert right.figure < LINEARITY / 100
     assert not wrong.passed
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-torque-impact-slip", "rimless-wheel-slip"])
+def test_every_measure_is_recomputed(name: str) -> None:
+    gait = good(name)
+    walked = Simulator(gait.system, gait.p).run(gait.state, dense=True).steps[0]
+    for key, value in gait.measures.items():
+        if value not in (None, 0.0):
+            falsified = replace(gait, measures={**gait.measures, key: 1.001 * value})
+            measures, impact = record_claims(falsified, gait.step, walked, walked.impact)
+            assert (measures.passed, measures.note) == (False, f"worst: {key}")
+            assert impact.passed
+
+
+def test_verification_looks_at_measures_and_impact() -> None:
+    gait = good()
+    slower = replace(gait, measures={**gait.measures, "speed": 0.999 * gait.measures["speed"]})
+    assert failed(slower) == {"measures"}
+    weaker = replace(gait.step.impact, impulse=0.999 * gait.step.impact.impulse)
+    assert failed(replace(gait, step=replace(gait.step, impact=weaker))) == {"impact"}
+
+
+def test_a_measure_that_is_missing_or_undefined_without_reason_is_seen() -> None:
+    gait = good()
+    assert failed(replace(gait, measures={**gait.measures, "required_friction": None})) == {"measures"}
+    assert failed(replace(gait, measures={})) == {"measures"}
+    assert failed(replace(gait, measures={**gait.measures, "speed": np.nan})) == {"measures"}
+
+
+@pytest.mark.parametrize(
+    ("what", "falsify"),
+    [
+        ("impulse", lambda impact: {"impulse": 1.001 * impact.impulse}),
+        ("stick impulse", lambda impact: {"stick_impulse": 1.001 * impact.stick_impulse}),
+        ("step length", lambda impact: {"step_length": 1.001 * impact.step_length}),
+        ("state", lambda impact: {"state": 1.001 * impact.state}),
+        ("mode", lambda _: {"mode": BACKWARD}),
+    ],
+)
+def test_everything_that_is_recorded_of_the_impact_is_recomputed(
+    what: str, falsify: Callable[[ImpactRecord], dict[str, object]]
+) -> None:
+    gait = good()
+    impact = replace(gait.step.impact, **falsify(gait.step.impact))
+    falsified = replace(gait, step=replace(gait.step, impact=impact))
+    walked = Simulator(gait.system, gait.p).run(gait.state, dense=True).steps[0]
+    measures, claim = record_claims(falsified, falsified.step, walked, walked.impact)
+    assert (claim.passed, claim.note) == (False, f"worst: {what}")
+    assert measures.passed
 
 
 def test_failed_attempt_cannot_be_verified() -> None:

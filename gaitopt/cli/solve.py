@@ -126,6 +126,6 @@ def store_gait(gait: "Gait", folder: Path) -> None:
     from gaitopt.cli.runs import motion_table
     from gaitopt.store import write_run
 
-    assert gait.step is not None, "only a gait is stored"
-    table = motion_table(gait.system, gait.p, [gait.step])
+    assert gait.steps, "only a gait is stored"
+    table = motion_table(gait.system, gait.p, gait.steps)
     write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table)

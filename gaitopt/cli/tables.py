@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitopt.cli.quantities import CONTROL_UNITS, QUANTITIES, number, state_unit, with_degrees
+from gaitopt.mechanics.modes import ModeSequence
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
@@ -47,7 +48,8 @@ def print_problem(console: Console, problem: Problem) -> None:
         console.print(problem.about)
     section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), _walker(problem), numbers=(1,))
     section(console, "contact and control", ("key", "value", "unit"), _contact(problem), numbers=(1,))
-    section(console, "one step", ("phase", "mode"), _sequence(problem))
+    for title, step in _steps(problem):
+        section(console, title, ("phase", "mode"), _sequence(step))
     if problem.start is not None:
         values = problem.start.state.items()
         state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values)
@@ -102,13 +104,18 @@ def print_verification(console: Console, record: Mapping[str, Any]) -> None:
 
 def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -> None:
     if record["phases"]:  # a walk without a complete step has neither phases nor figures
-        phases = [(str(k), p["mode"], number(p["duration"])) for k, p in enumerate(record["phases"], start=1)]
-        phases.append(("impact", record["impact"], ""))
+        steps = record["steps"] if isinstance(record.get("steps"), list) else [record]
+        phases = [row for step in steps for row in _phases(step)]
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         scalars = ((label, number(record[key]), unit) for key, (label, unit) in QUANTITIES.items() if key in record)
         section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
     state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
     section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
+
+
+def _phases(step: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    rows = [(str(k), phase["mode"], number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)]
+    return [*rows, ("impact", step["impact"], "")]
 
 
 def _verdict(claim: Mapping[str, Any]) -> str:
@@ -141,11 +148,21 @@ def _contact(problem: Problem) -> Iterable[tuple[str, str, str]]:
         yield "reference", problem.reference.name, f"beyond its end: {problem.control.reference.beyond_end}"
 
 
-def _sequence(problem: Problem) -> Iterable[tuple[str, str]]:
+def _steps(problem: Problem) -> Iterable[tuple[str, ModeSequence | OpenSequence]]:
+    """The steps of the cycle with their titles, or what is known of an open one."""
     if isinstance(problem.modes, OpenSequence):
-        yield "1, 2, ...", "to be found"
-        yield "impact", str(problem.modes.impact or "to be found")
+        yield "one step" if problem.modes.steps == 1 else f"at most {problem.modes.steps} steps", problem.modes
         return
-    for index, mode in enumerate(problem.sequence.phases, start=1):
+    steps = problem.modes.steps
+    for k, step in enumerate(steps, start=1):
+        yield "one step" if len(steps) == 1 else f"step {k} of {len(steps)}", step
+
+
+def _sequence(step: ModeSequence | OpenSequence) -> Iterable[tuple[str, str]]:
+    if isinstance(step, OpenSequence):
+        yield "1, 2, ...", "to be found"
+        yield "impact", str(step.impact or "to be found")
+        return
+    for index, mode in enumerate(step.phases, start=1):
         yield str(index), str(mode)
-    yield "impact", str(problem.sequence.impact)
+    yield "impact", str(step.impact)

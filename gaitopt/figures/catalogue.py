@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from gaitopt.figures.branches import over_parameter
-from gaitopt.figures.comparison import simulated, two_roads
+from gaitopt.figures.comparison import node_points, simulated, two_roads
 from gaitopt.figures.force import foot_slip, force_ratio, torques
 from gaitopt.figures.labels import QUANTITIES
 from gaitopt.figures.motion import motion_of
@@ -19,8 +19,7 @@ Record = Mapping[str, Any]
 
 def _roads(gaits: Sequence[Gait]) -> Figure:
     (gait,) = gaits
-    nodes = None if gait.shooting is None else (gait.shooting.times, gait.shooting.states)
-    return two_roads(motion_of(gait), simulated(gait), nodes)
+    return two_roads(motion_of(gait), simulated(gait), node_points(gait))
 
 
 GAIT_FIGURES: Mapping[str, Callable[[Sequence[Gait]], Figure]] = {

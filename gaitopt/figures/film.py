@@ -1,40 +1,48 @@
-"""A step as data for a page that moves: the walker's drawing, forces, states and torques at some tens of times."""
+"""A cycle as data for a page that moves: the walker's drawing, forces, states and torques at some tens of times."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gaitopt.figures.motion import Motion, resampled
+from gaitopt.figures.motion import Motion, resampled, running
 from gaitopt.figures.packing import pack
 from gaitopt.figures.skeleton import Skeleton, skeleton, slope
 from gaitopt.gait import Arc
 
+Array = NDArray[np.float64]
+
 FRAMES = 72
-"""Frames of a step; a page draws straight lines between them."""
+"""Frames of a cycle; a page draws straight lines between them."""
 FEWEST = 5
 """Frames of a phase, however short."""
 
 
 def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
-    """The step of ``motion`` as a JSON-able object, in SI units; ``walker.js`` and the report read it.
+    """The cycle of ``motion`` as a JSON-able object, in SI units; ``walker.js`` and the report read it.
 
-    Frames are equidistant within each phase. Point 0 is the stance foot, so that its x is the slip.
+    Frames are equidistant within each phase. Point 0 is the stance foot; all x are counted from where it stood at the
+    start of the cycle, and ``origin`` is where it stood at the start of its own step.
     """
-    arcs = [resampled(arc, max(FEWEST, round(frames * arc.duration / motion.step.period))) for arc in motion.step.arcs]
-    drawing = skeleton(motion, np.vstack([arc.states for arc in arcs]))
-    impact = motion.step.impact
-    ratio = None if impact is None else float(impact.stick_impulse[0] / impact.stick_impulse[1])
+    cycle = list(_running(motion, frames))
+    arcs = [part.arc for part in cycle]
+    drawing = skeleton(motion, np.vstack([_moved(part, motion) for part in cycle]))
+    last = motion.steps[-1].impact
+    ratio = None if last is None else float(last.stick_impulse[0] / last.stick_impulse[1])
     return {
         "name": motion.name,
         "slope": slope(motion),
         "friction": motion.friction,
         "weight": float(motion.system.weight(motion.p)),
-        "period": motion.step.period,
-        "step_length": 0.0 if impact is None else impact.step_length,
+        "period": motion.period,
+        "steps": len(motion.steps),
+        "step_length": sum(step.impact.step_length for step in motion.steps if step.impact is not None),
         "impulse_ratio": ratio,
         "shape": list(motion.system.walker.shape),
         "actuators": list(motion.system.walker.actuators),
-        "phases": _phases(arcs),
+        "phases": _phases(cycle),
         "legs": drawing.legs,
         "ties": drawing.ties,
         "discs": drawing.discs,
@@ -42,18 +50,46 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
     }
 
 
-def _phases(arcs: list[Arc]) -> list[dict[str, Any]]:
-    """Mode, times and first and last frame of every arc."""
-    ends = np.cumsum([len(arc.times) for arc in arcs])
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """An arc at its frames, the index of its step, and time [s] and place [m] at which that step begins."""
+
+    arc: Arc
+    step: int
+    began: float
+    origin: float
+
+
+def _running(motion: Motion, frames: int) -> Iterator[_Part]:
+    origin = 0.0
+    for index, (began, step) in enumerate(running(motion.steps)):
+        for arc in step.arcs:
+            count = max(FEWEST, round(frames * arc.duration / motion.period))
+            yield _Part(resampled(arc, count), index, began, origin)
+        origin += 0.0 if step.impact is None else step.impact.step_length
+
+
+def _moved(part: _Part, motion: Motion) -> Array:
+    """States of an arc with x counted from the start of the cycle."""
+    states = part.arc.states.copy()
+    states[:, motion.state_index("x")] += part.origin
+    return states
+
+
+def _phases(cycle: list[_Part]) -> list[dict[str, Any]]:
+    """Mode, times, step and first and last frame of every arc."""
+    ends = np.cumsum([len(part.arc.times) for part in cycle])
     return [
         {
-            "mode": str(arc.mode),
-            "start": arc.start,
-            "end": arc.end,
-            "first": int(end - len(arc.times)),
+            "mode": str(part.arc.mode),
+            "start": part.began + part.arc.start,
+            "end": part.began + part.arc.end,
+            "step": part.step,
+            "origin": part.origin,
+            "first": int(end - len(part.arc.times)),
             "last": int(end - 1),
         }
-        for arc, end in zip(arcs, ends, strict=True)
+        for part, end in zip(cycle, ends, strict=True)
     ]
 
 

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitopt.figures.labels import label, symbol
-from gaitopt.figures.motion import Motion, smooth
+from gaitopt.figures.motion import Motion, running, smooth
 from gaitopt.figures.style import (
     COLOURS,
     MODE_COLOURS,
@@ -48,31 +48,31 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     axes.set_xlabel(str(label("time")) if against == "time" else f"angle {symbol(against)} [rad]")
     axes.set_ylabel("force ratio σ = $f_t/f_n$")
     handles.extend(_cones(axes, motions))
-    modes = [mode for motion in motions for mode, _ in motion.step.phases]
+    modes = [mode for motion in motions for mode in motion.modes]
     cross = entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8)
     legend_below(figure, [*handles, *mode_legend(modes), cross])
     return figure
 
 
 def foot_slip(motions: Sequence[Motion]) -> Figure:
-    """Where the stance foot has slipped to, downhill positive, over one step [mm]."""
+    """Where the stance foot has slipped to, downhill positive, over one cycle [mm]."""
     figure, (axes,) = panels(height=3.4)
     handles = []
     for motion, colour in zip(motions, cycle(COLOURS), strict=False):
         handles.append(entry(motion.name, color=colour))
         x = motion.state_index("x")
-        for arc in smooth(motion.step):
-            axes.plot(arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
+        for began, arc in smooth(motion.steps):
+            axes.plot(began + arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
     axes.axhline(0, color="#808080", linewidth=0.8)
     axes.set_xlabel(str(label("time")))
     axes.set_ylabel("slip of the stance foot x [mm]")
-    modes = [mode for motion in motions for mode, _ in motion.step.phases]
+    modes = [mode for motion in motions for mode in motion.modes]
     legend_below(figure, [*handles, *mode_legend(modes)])
     return figure
 
 
 def torques(motions: Sequence[Motion]) -> Figure:
-    """Torque of every actuator over one step [N m]; the strip on top says what the foot does."""
+    """Torque of every actuator over one cycle [N m]; the strip on top says what the foot does."""
     figure, (strip, axes) = panels(2, heights=[len(motions), 14])
     colours = cycle(COLOURS)
     handles: list[Line2D | Patch] = []
@@ -81,8 +81,8 @@ def torques(motions: Sequence[Motion]) -> Figure:
             prefix = f"{motion.name}: " if len(motions) > 1 else ""
             colour = next(colours)
             handles.append(entry(f"{prefix}{name}", color=colour))
-            for arc in smooth(motion.step):
-                axes.plot(arc.times, motion.observe(arc).torque[:, k], color=colour)
+            for began, arc in smooth(motion.steps):
+                axes.plot(began + arc.times, motion.observe(arc).torque[:, k], color=colour)
     axes.set_xlabel(str(label("time")))
     axes.set_ylabel("torque [N m]")
     legend_below(figure, [*handles, *mode_strip(strip, motions)])
@@ -92,8 +92,9 @@ def torques(motions: Sequence[Motion]) -> Figure:
 def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
     """Draw the modes over time as coloured bars, one row for each motion; returns the legend's entries."""
     for row, motion in enumerate(motions):
-        for arc in motion.step.arcs:
-            axes.barh(row, arc.duration, left=arc.start, height=0.8, color=MODE_COLOURS[arc.mode])
+        for began, step in running(motion.steps):
+            for arc in step.arcs:
+                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode])
     named = len(motions) > 1
     axes.set_yticks(range(len(motions)) if named else [], [motion.name for motion in motions] if named else [])
     axes.tick_params(length=0, labelbottom=False)
@@ -101,20 +102,23 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
     for spine in axes.spines.values():
         spine.set_visible(False)
     axes.invert_yaxis()
-    present = {mode for motion in motions for mode, _ in motion.step.phases}
+    present = {mode for motion in motions for mode in motion.modes}
     return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in Mode if mode in present]
 
 
 def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
-    end = 0.0
-    for arc in smooth(motion.step):
+    ends = []
+    for began, arc in smooth(motion.steps):
         force = motion.observe(arc).force
-        where = arc.times if against == "time" else arc.states[:, motion.state_index(against)]
+        where = began + arc.times if against == "time" else arc.states[:, motion.state_index(against)]
         axes.plot(where, force[:, 0] / force[:, 1], color=colour, linestyle=dashes(arc.mode))
-        end = float(where[-1])
-    if motion.step.impact is not None:
-        tangential, normal = motion.step.impact.stick_impulse
-        axes.plot(end, tangential / normal, "x", color=colour, markeredgewidth=1.8, markersize=7, clip_on=False)
+        ends.append(float(where[-1]))
+    last_arcs = np.cumsum([len(step.arcs) for step in motion.steps]) - 1
+    for step, last in zip(motion.steps, last_arcs, strict=True):
+        if step.impact is None:
+            continue
+        tangential, normal = step.impact.stick_impulse
+        axes.plot(ends[last], tangential / normal, "x", color=colour, markeredgewidth=1.8, markersize=7, clip_on=False)
 
 
 def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:

@@ -1,8 +1,8 @@
-"""One step of a walk with all that is needed to draw it, from a gait, a simulated walk or a stored record."""
+"""One cycle of a walk with all that is needed to draw it, from a gait, a simulated walk or a stored record."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -25,20 +25,30 @@ SMOOTH = 120
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """A step to be drawn.
+    """Steps to be drawn, one after the other; the first begins where the last one ends.
 
     Attributes
     ----------
     name : what legends call it.
     system : the hybrid system that moves.
     p : ndarray, shape (n_p,) - its parameters.
-    step : arcs at Chebyshev points, and the impact at their end.
+    steps : each with arcs at Chebyshev points, and the impact at their end.
     """
 
     name: str
     system: HybridSystem
     p: Array
-    step: Step
+    steps: tuple[Step, ...]
+
+    @property
+    def modes(self) -> list[Mode]:
+        """Modes of all phases in order."""
+        return [mode for step in self.steps for mode, _ in step.phases]
+
+    @property
+    def period(self) -> float:
+        """Time of the whole cycle [s]."""
+        return sum(step.period for step in self.steps)
 
     @property
     def friction(self) -> float:
@@ -59,24 +69,30 @@ class Motion:
 
 
 def motion_of(gait: Gait, name: str = "") -> Motion:
-    """The step of a converged gait."""
-    assert gait.step is not None, "a failed attempt has no step to draw"
-    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, step=gait.step)
+    """The steps of a converged gait."""
+    assert gait.steps, "a failed attempt has no step to draw"
+    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.steps)
 
 
 def motion_from_record(
     system: HybridSystem, p: Array, record: Mapping[str, Any], name: str = "", points: int = POINTS
 ) -> Motion:
-    """The step that a JSON record describes by its state after impact, its modes and their durations.
+    """The steps that a JSON record describes by a state after impact, their modes and durations.
 
     The motion is integrated anew from the state, so that a record needs to hold no more than that.
 
     Parameters
     ----------
     p : ndarray, shape (n_p,) - parameters for which the record holds.
-    record : a gait or a point of a branch, with the keys ``state``, ``phases`` and ``impact``.
+    record : a gait or a point of a branch, with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : Chebyshev points of every phase.
     """
+    steps = tuple(_integrated(system, p, step, points) for step in record.get("steps", (record,)))
+    return Motion(name=name or str(record["problem"]), system=system, p=p, steps=steps)
+
+
+def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], points: int) -> Step:
+    """One step from the record of its state after impact, its phases and its impact."""
     z = np.array([record["state"][name] for name in system.state_names])
     time, arcs = 0.0, list[Arc]()
     for phase in record["phases"]:
@@ -89,8 +105,7 @@ def motion_from_record(
             arcs.append(Arc(mode=mode, segment=segment, times=times, states=states))
             z = states[-1].copy()
         time += phase["duration"]
-    impact = impact_record(system, Mode(record["impact"]), z, p)
-    return Motion(name=name or str(record["problem"]), system=system, p=p, step=Step(arcs=tuple(arcs), impact=impact))
+    return Step(arcs=tuple(arcs), impact=impact_record(system, Mode(record["impact"]), z, p))
 
 
 def resampled(arc: Arc, count: int) -> Arc:
@@ -103,9 +118,15 @@ def resampled(arc: Arc, count: int) -> Arc:
     return Arc(mode=arc.mode, segment=arc.segment, times=np.linspace(arc.start, arc.end, count), states=states)
 
 
-def smooth(step: Step) -> list[Arc]:
-    """The arcs of a step at so many points that a line through them looks smooth."""
-    return [resampled(arc, SMOOTH) for arc in step.arcs]
+def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:
+    """Time before its step [s] and every arc, at so many points that a line through them looks smooth."""
+    for began, step in running(steps):
+        yield from ((began, resampled(arc, SMOOTH)) for arc in step.arcs)
+
+
+def running(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
+    """Time from the start of the first step to that of each step [s], and the step."""
+    return zip(accumulate((step.period for step in steps[:-1]), initial=0.0), steps, strict=True)
 
 
 def _segments(start: float, end: float, breakpoints: Sequence[float]) -> list[tuple[float, float, int]]:

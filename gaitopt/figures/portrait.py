@@ -1,4 +1,4 @@
-"""Phase portraits: every shape coordinate against its rate over one step, as in Figs 2, 6 and 8 of the paper."""
+"""Phase portraits: every shape coordinate against its rate over one cycle, as in Figs 2, 6 and 8 of the paper."""
 
 from collections.abc import Iterator, Sequence
 from itertools import cycle
@@ -25,7 +25,7 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
             _draw(axes, motion, name, colour)
     axes.set_xlabel("angle [rad]")
     axes.set_ylabel("angular rate [rad/s]")
-    modes = [mode for motion in motions for mode, _ in motion.step.phases]
+    modes = [mode for motion in motions for mode in motion.modes]
     after = entry("just after the impact", marker="o", linestyle="", markersize=5)
     jump = entry("impact, feet swap", **JUMP)
     legend_below(figure, [*handles, *mode_legend(modes), jump, after])
@@ -34,12 +34,13 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
 
 def _draw(axes: Axes, motion: Motion, name: str, colour: str) -> None:
     angle, rate = motion.state_index(name), motion.state_index(f"d{name}")
-    for arc in smooth(motion.step):
+    for _, arc in smooth(motion.steps):
         axes.plot(arc.states[:, angle], arc.states[:, rate], color=colour, linestyle=dashes(arc.mode))
-    first, last = motion.step.arcs[0].states[0], motion.step.arcs[-1].states[-1]
-    corners = list(_jump((last[angle], last[rate]), (first[angle], first[rate])))
-    axes.plot(*zip(*corners, strict=True), color=colour, **JUMP)
-    axes.plot(first[angle], first[rate], "o", color=colour, markersize=5)
+    for step, following in zip(motion.steps, (*motion.steps[1:], motion.steps[0]), strict=True):
+        last, first = step.arcs[-1].states[-1], following.arcs[0].states[0]
+        corners = list(_jump((last[angle], last[rate]), (first[angle], first[rate])))
+        axes.plot(*zip(*corners, strict=True), color=colour, **JUMP)
+        axes.plot(first[angle], first[rate], "o", color=colour, markersize=5)
 
 
 def _jump(before: tuple[float, float], after: tuple[float, float]) -> Iterator[tuple[float, float]]:

@@ -2,7 +2,7 @@
 
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
 from gaitopt.gait.gait import Gait, Shooting, Status
-from gaitopt.gait.measures import MEASURES, Observation, measure, observe
+from gaitopt.gait.measures import MEASURES, Observation, measure, measure_scales, observe
 from gaitopt.gait.multipliers import floquet_multipliers, multiplier_distance
 from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
 
@@ -24,6 +24,7 @@ __all__ = [
     "branch_rows",
     "floquet_multipliers",
     "measure",
+    "measure_scales",
     "multiplier_distance",
     "observe",
 ]

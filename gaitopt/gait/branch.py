@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait.gait import Gait
-from gaitopt.mechanics import ModeSequence
+from gaitopt.mechanics import Cycle
+from gaitopt.problem import cycle_data
 
 Array = NDArray[np.float64]
 _PLACE = ("branch", "index", "value")
@@ -61,7 +62,7 @@ class SpecialPoint:
     value : the parameter.
     status : ``converged`` when located to rounding, ``guess`` when only bracketed.
     reason : in words.
-    before, after : sequences on both sides of a change.
+    before, after : cycles of modes on both sides of a change.
     next : numbers of the branches that go on from here.
     gait : the gait at this point, or None where there is none.
     """
@@ -71,8 +72,8 @@ class SpecialPoint:
     value: float
     status: str
     reason: str = ""
-    before: ModeSequence | None = None
-    after: ModeSequence | None = None
+    before: Cycle | None = None
+    after: Cycle | None = None
     next: tuple[int, ...] = ()
     gait: Gait | None = None
 
@@ -81,9 +82,9 @@ class SpecialPoint:
         gait = {} if self.gait is None else self.gait.to_record()
         record = {"record": "special", "branch": self.branch, "type": self.type, "value": self.value}
         record |= {"status": self.status, "reason": self.reason, "next": list(self.next)}
-        for key, sequence in (("from", self.before), ("to", self.after)):
-            if sequence is not None:
-                record[key] = {"phases": [str(mode) for mode in sequence.phases], "impact": str(sequence.impact)}
+        for key, cycle in (("from", self.before), ("to", self.after)):
+            if cycle is not None:
+                record[key] = cycle_data(cycle)
         return record | {"gait": gait}
 
 

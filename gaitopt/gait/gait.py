@@ -1,6 +1,6 @@
-"""A gait: a periodic step found by the NLP, with everything that is known of it."""
+"""A gait: a periodic cycle of steps solved by the NLP, with everything that is known of it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait.measures import MEASURES
-from gaitopt.gait.trajectory import Step
-from gaitopt.mechanics import HybridSystem
+from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
@@ -31,8 +31,8 @@ class Shooting:
 
     Attributes
     ----------
-    times : ndarray, shape (K + 1,) - time since impact of every node [s].
-    states : ndarray, shape (K + 1, n_z).
+    times : ndarray, shape (n_nodes,) - time since the last impact of every node [s].
+    states : ndarray, shape (n_nodes, n_z).
     intervals : number of intervals of every arc.
     residual : largest violation of the equalities.
     errors : ndarray, shape (n_phases,) - estimate of the integration error of the states in every phase.
@@ -47,7 +47,7 @@ class Shooting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gait:
-    """A periodic step, or the remains of a failed attempt: only ``status == converged`` is a gait.
+    """A periodic cycle of steps, or the remains of a failed attempt: only ``status == converged`` is a gait.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Gait:
     system : the hybrid system that was solved.
     p : ndarray, shape (n_p,) - parameter vector, freed ones as found.
     status, message : how the solver ended, in words.
-    step : the step with arcs at Chebyshev points, or None after a failure.
+    steps : the steps of the cycle with arcs at Chebyshev points; empty after a failure.
     shooting : the nodes, or None after a failure.
     multipliers : complex ndarray - Floquet multipliers by implicit differentiation, largest modulus first.
     measures : scalars of the step by name, see ``measure``.
@@ -69,7 +69,7 @@ class Gait:
     p: Array
     status: Status
     message: str
-    step: Step | None = None
+    steps: tuple[Step, ...] = ()
     shooting: Shooting | None = None
     multipliers: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, dtype=complex))
     measures: Mapping[str, float | None] = field(default_factory=dict)
@@ -91,9 +91,24 @@ class Gait:
         ValueError
             If the attempt failed and there is no gait.
         """
-        if self.step is None:
+        if not self.steps:
             raise ValueError(f"{self.problem.name} is {self.status}: there is no gait to take a state from")
-        return self.step.arcs[0].states[0]
+        return self.steps[0].arcs[0].states[0]
+
+    @property
+    def arcs(self) -> tuple[Arc, ...]:
+        """The arcs of all steps in order; times are counted from the impact before each step."""
+        return tuple(arc for step in self.steps for arc in step.arcs)
+
+    @property
+    def phases(self) -> tuple[tuple[Mode, float], ...]:
+        """Modes and durations [s] of the phases of all steps."""
+        return tuple(phase for step in self.steps for phase in step.phases)
+
+    @property
+    def period(self) -> float:
+        """Time of the whole cycle [s]."""
+        return float(sum(step.period for step in self.steps))
 
     @property
     def spectral_radius(self) -> float | None:
@@ -128,13 +143,34 @@ class Gait:
 
     def _motion_record(self) -> dict[str, Any]:
         if self.problem.is_open:  # and none was found
-            return {"phases": [], "impact": None, "state": None}
-        sequence = self.problem.sequence
-        if self.step is None:
-            modes = [{"mode": str(mode), "duration": None} for mode in sequence.phases]
-            return {"phases": modes, "impact": str(sequence.impact), "state": None}
+            return {"n_steps": None, "phases": [], "impact": None, "state": None}
+        cycle = self.problem.cycle
+        counted = {"n_steps": len(cycle.steps), "impact": str(cycle.impact)}
+        if not self.steps:
+            return {
+                **counted,
+                "phases": [{"mode": str(mode), "duration": None} for mode in cycle.phases],
+                "state": None,
+            }
+        record = {**counted, "phases": _phase_records(self.phases), "state": self._state_record(self.state)}
+        if len(self.steps) > 1:
+            starts = [step.arcs[0].states[0] for step in self.steps]
+            record["steps"] = [self._step_record(*pair) for pair in zip(self.steps, starts, strict=True)]
+        return record
+
+    def _step_record(self, step: Step, state: Array) -> dict[str, Any]:
+        assert step.impact is not None, "a gait is made of complete steps"
         return {
-            "phases": [{"mode": str(mode), "duration": duration} for mode, duration in self.step.phases],
-            "impact": str(sequence.impact),
-            "state": dict(zip(self.system.state_names, map(float, self.state), strict=True)),
+            "phases": _phase_records(step.phases),
+            "impact": str(step.impact.mode),
+            "period": step.period,
+            "step_length": step.impact.step_length,
+            "state": self._state_record(state),
         }
+
+    def _state_record(self, state: Array) -> dict[str, float]:
+        return dict(zip(self.system.state_names, map(float, state), strict=True))
+
+
+def _phase_records(phases: Iterable[tuple[Mode, float]]) -> list[dict[str, Any]]:
+    return [{"mode": str(mode), "duration": duration} for mode, duration in phases]

@@ -3,7 +3,7 @@
 Both roads hand over arcs at Chebyshev points, so both are measured by the same yardstick.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import HybridSystem, Mode, Scales
 
 Array = NDArray[np.float64]
 
@@ -60,42 +60,58 @@ def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
     return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0])
 
 
-def measure(system: HybridSystem, p: Array, step: Step) -> dict[str, float | None]:
-    """Scalars of a complete step by the names of the result.
+def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, float | None]:
+    """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
 
     ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work`` [J];
     ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length); ``torque_squared``
     (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest ``|f_t|/f_n`` while sticking,
     None without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
 
-    ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other.
+    ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
+    several steps the least of these.
 
     References
     ----------
     Gamus & Or (2013), eq. (22) for the cost of transport.
     """
-    assert step.impact is not None, "only a complete step has a step length"
-    observed = [(arc, observe(system, p, arc)) for arc in step.arcs]
+    impacts = [step.impact for step in steps if step.impact is not None]
+    assert len(impacts) == len(steps), "only a complete step has a step length"
+    by_step = [[(arc, observe(system, p, arc)) for arc in step.arcs] for step in steps]
+    observed = [pair for pairs in by_step for pair in pairs]
     work = sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
     absolute = sum(curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T)
-    length = step.impact.step_length
+    length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
     weighted_length = float(system.weight(p)) * length
     sticking = [o.force[:, 0] / o.force[:, 1] for a, o in observed if a.mode is Mode.STICK]
     return {
-        "period": step.period,
+        "period": period,
         "step_length": length,
-        "speed": length / step.period,
+        "speed": length / period,
         "work": work,
         "cost_of_transport": work / weighted_length,
         "absolute_cost_of_transport": absolute / weighted_length,
         "torque_squared": sum(curves.integral((o.torque**2).sum(axis=1), a.duration) for a, o in observed),
         "peak_torque": max((_peak(column) for _, o in observed for column in o.torque.T), default=0.0),
         "slip_distance": sum(_slip(system, a) for a, _ in observed),
-        "foot_clearance": max(_clearances(observed), default=0.0),
+        "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in by_step),
         "required_friction": max((_peak(ratio) for ratio in sticking), default=None),
-        "impulse_ratio": step.impact.impulse_ratio,
+        "impulse_ratio": max(impact.impulse_ratio for impact in impacts),
         "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for _, o in observed),
     }
+
+
+def measure_scales(scales: Scales) -> dict[str, float]:
+    """Natural unit of every measure by its name; one where it is a ratio."""
+    lengths = dict.fromkeys(("step_length", "slip_distance", "foot_clearance"), scales.length)
+    energies = dict.fromkeys(("work", "peak_torque"), scales.energy)
+    others = {
+        "period": scales.time,
+        "speed": scales.speed,
+        "torque_squared": scales.energy**2 * scales.time,
+        "min_normal_force": scales.force,
+    }
+    return dict.fromkeys(MEASURES, 1.0) | lengths | energies | others
 
 
 def _peak(values: Array) -> float:

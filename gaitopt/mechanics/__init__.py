@@ -2,9 +2,10 @@
 
 from gaitopt.mechanics.bezier_tracking import BezierTracking, control_points
 from gaitopt.mechanics.compass_biped import CompassBiped
+from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.control import ConstantTorque, Control, NoControl, ProportionalDerivative
 from gaitopt.mechanics.friction import CoulombFriction, Friction, StaticKineticFriction
-from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
+from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
 from gaitopt.mechanics.rimless_wheel import RimlessWheel
 from gaitopt.mechanics.scales import Scales
@@ -19,6 +20,7 @@ __all__ = [
     "ConstantTorque",
     "Control",
     "CoulombFriction",
+    "Cycle",
     "Friction",
     "HybridSystem",
     "ImpactLaw",
@@ -33,6 +35,7 @@ __all__ = [
     "Scales",
     "StaticKineticFriction",
     "Walker",
+    "check_walker",
     "control_points",
     "ending_margin",
     "find_walker",

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
 
+from gaitopt.errors import ProblemError
 from gaitopt.mechanics.walker import Mechanism, Walker
 
 
@@ -62,7 +63,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
 
     Raises
     ------
-    ValueError
+    ProblemError
         If the walker contradicts itself; the message says where.
     """
     p = SX.sym("p", len(walker.model_fields))
@@ -71,7 +72,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     dq = vertcat(*(SX.sym(f"d{name}") for name in names))
     coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate(names)})
     mechanism = walker.mechanism(coordinates, parameter_namespace(walker, p))
-    _check(walker, mechanism, q[-2:])
+    check_structure(walker, mechanism, q[-2:])
 
     kinetic, potential = SX(0), SX(mechanism.potential)
     for body in mechanism.bodies:
@@ -117,20 +118,27 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     )
 
 
-def _check(walker: type[Walker], mechanism: Mechanism, foot: SX) -> None:
+def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> None:
+    """Refuse a mechanism whose parts do not fit together; ``foot`` are the symbols of the stance foot.
+
+    Raises
+    ------
+    ProblemError
+        If counts differ, a name is no shape coordinate, or a body does not move along with the stance foot.
+    """
     counts = {
         "Mechanism.motors": (len(mechanism.motors), "actuators", len(walker.actuators)),
         "tracked": (len(walker.tracked), "actuators", len(walker.actuators)),
         "Mechanism.relabel": (SX(mechanism.relabel).numel(), "shape", len(walker.shape)),
     }
-    for name, (found, other, needed) in counts.items():
-        if found != needed:
-            raise ValueError(f"{walker.__name__}: {name} has {found} entries, but {other} has {needed}")
+    for name, (count, other, needed) in counts.items():
+        if count != needed:
+            raise ProblemError(f"{walker.__name__}: {name} has {count} entries, but {other} has {needed}")
     strangers = {*walker.section, *walker.tracked} - {*walker.shape}
     if strangers:
-        raise ValueError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")
+        raise ProblemError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")
     points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
     for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
         with_foot = jacobian(point, foot)
         if not with_foot.is_constant() or not DM(with_foot - SX.eye(2)).is_zero():
-            raise ValueError(f"{walker.__name__}: {name} does not move along with the stance foot (q.x, q.y)")
+            raise ProblemError(f"{walker.__name__}: {name} does not move along with the stance foot (q.x, q.y)")

@@ -73,7 +73,7 @@ class Curve:
     ) -> None:
         self.transcription, self.p = transcription, p
         self._jacobian = variation(transcription).jacobian if jacobian is None else jacobian
-        section = transcription.system.section(transcription.layout.sequence.impact)
+        section = transcription.system.section(transcription.layout.cycle.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
         self._scales = np.repeat(scales, (section.size, n_phases, 1))

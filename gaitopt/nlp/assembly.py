@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
-from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
+from gaitopt.mechanics import Cycle, HybridSystem, Mode
 from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
@@ -37,14 +37,14 @@ def assemble_gait(
     """
     nodes, _, freed = transcription.unpack(at.w)
     system, p = transcription.system, transcription.full_parameters(at.p, freed)
-    step = assemble_step(transcription, at.w, at.p)
+    steps = assemble_steps(transcription, at.w, at.p)
     return Gait(
         problem=problem,
         system=system,
         p=p,
         status=Status.CONVERGED,
         message=message,
-        step=step,
+        steps=steps,
         shooting=Shooting(
             times=transcription.node_times(at.w),
             states=nodes.T,
@@ -53,18 +53,24 @@ def assemble_gait(
             errors=errors,
         ),
         multipliers=floquet_multipliers(return_map_jacobian(transcription, at)),
-        measures=measure(system, p, step),
+        measures=measure(system, p, steps),
         freed=dict(zip(transcription.free, map(float, freed), strict=True)),
         solver=solver,
     )
 
 
-def assemble_step(problem: Transcription, w: Array, p: Array) -> Step:
-    """The step that ``w`` describes."""
+def assemble_steps(problem: Transcription, w: Array, p: Array) -> tuple[Step, ...]:
+    """The steps that ``w`` describes."""
     nodes, _, freed = problem.unpack(w)
-    arcs = tuple(_arc(problem, w, p, index) for index in range(len(problem.layout.arcs)))
-    full = problem.full_parameters(p, freed)
-    return Step(arcs=arcs, impact=impact_record(problem.system, problem.layout.sequence.impact, nodes[:, -1], full))
+    full, cycle = problem.full_parameters(p, freed), problem.layout.cycle
+    arcs: list[list[Arc]] = [[] for _ in cycle.steps]
+    for index, arc in enumerate(problem.layout.arcs):
+        arcs[cycle.step_of(arc.phase)].append(_arc(problem, w, p, index))
+    ends = zip(arcs, cycle.impacts, problem.layout.impact_nodes, strict=True)
+    return tuple(
+        Step(arcs=tuple(own), impact=impact_record(problem.system, impact, nodes[:, end], full))
+        for own, impact, end in ends
+    )
 
 
 def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) -> ImpactRecord:
@@ -85,16 +91,15 @@ def _arc(problem: Transcription, w: Array, p: Array, index: int) -> Arc:
         times, states = problem.sample(w, p, index, count)
         if curves.tail(states) < curves.RESOLVED:
             break
-    _rest_exactly(problem.layout.sequence, layout, states)
+    _rest_exactly(problem.layout.cycle, layout, states)
     return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states)
 
 
-def _rest_exactly(sequence: ModeSequence, arc: ArcLayout, states: Array) -> None:
+def _rest_exactly(cycle: Cycle, arc: ArcLayout, states: Array) -> None:
     """Put to zero what Newton's method leaves of a slip velocity that an event makes zero: its sign is a decision."""
-    last = arc.phase + 1 == len(sequence.phases)
     if arc.mode is Mode.STICK:
         states[:, -1] = 0.0
-    elif arc.start is None and sequence.onset_order(arc.phase) > 0:
+    elif arc.start is None and cycle.onset_order(arc.phase) > 0:
         states[0, -1] = 0.0
-    if arc.end is None and not last:
+    if arc.end is None and cycle.after(arc.phase) is not None:
         states[-1, -1] = 0.0

@@ -39,9 +39,9 @@ class Touch:
 
 def touches(gait: Gait, tolerance: float) -> list[Touch]:
     """Where margins have minima below ``-tolerance`` inside the arcs of a gait."""
-    assert gait.step is not None
+    assert gait.steps
     found = []
-    for index, arc in enumerate(gait.step.arcs):
+    for index, arc in enumerate(gait.arcs):
         data = gait.system.control.data(arc.segment)
         values = np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data))
         for name, row in zip(margin_names(arc.mode), values, strict=True):

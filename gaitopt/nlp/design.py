@@ -83,7 +83,7 @@ def find_gait(
     if first.status is Status.INTERRUPTED:
         return first
     design = _Design(problem, system, progress, should_stop)
-    gait = design.run(_guess(problem, system) if first.step is None else _warm(first, design.free))
+    gait = design.run(_guess(problem, system) if not first.steps else _warm(first, design.free))
     return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
 
 
@@ -175,14 +175,14 @@ class _Design:
         )
 
     def _layout(self, durations: Array) -> Layout:
-        return layout(self._problem.sequence, durations, self._system.control.breakpoints)
+        return layout(self._problem.cycle, durations, self._system.control.breakpoints)
 
     def _moved(self, program: Program, x: Array) -> Start:
         """A solution whose switches have passed a breakpoint, to be cut anew."""
         t = program.transcription
         nodes, durations, freed = t.unpack(program.motion(x))
         rolled = roll_out(
-            self._system, t.full_parameters(self._p, freed), self._problem.sequence, nodes[:, 0], list(durations)
+            self._system, t.full_parameters(self._p, freed), self._problem.cycle, nodes[:, 0], list(durations)
         )
         return Start(durations=durations, states=_rolled(rolled), freed=freed)
 
@@ -194,7 +194,7 @@ def _guess(problem: Problem, system: HybridSystem) -> Start:
     """The motion rolled out from the guess, which does not close."""
     p = system.values(problem.parameters)
     state = np.array([problem.guess.state[name] for name in system.state_names])
-    rolled = roll_out(system, p, problem.sequence, state, problem.guess.durations)
+    rolled = roll_out(system, p, problem.cycle, state, problem.guess.durations)
     free = free_parameters(problem, system)
     freed = np.array([p[system.parameters.index(name)] for name in free])
     return Start(durations=np.array(rolled.durations), states=_rolled(rolled), freed=freed)
@@ -212,8 +212,7 @@ def _rolled(rollout: Rollout) -> Callable[[Array], Array]:
 
 def _warm(gait: Gait, free: tuple[str, ...]) -> Start:
     """A gait that is known."""
-    assert gait.step is not None
-    step = gait.step
+    (step,) = gait.steps
     freed = np.array([gait.p[gait.system.parameters.index(name)] for name in free])
     return Start(durations=np.array([d for _, d in step.phases]), states=lambda t: _states(step, t), freed=freed)
 

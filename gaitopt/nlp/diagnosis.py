@@ -1,12 +1,12 @@
 """Why an attempt failed, in physical words: which condition is violated most, in which phase, when, by how much."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin, margin_names
+from gaitopt.mechanics import Cycle, HybridSystem, ending_margin, margin_names
 from gaitopt.nlp.transcription import Label, Transcription
 
 Array = NDArray[np.float64]
@@ -16,12 +16,13 @@ Array = NDArray[np.float64]
 class Complaint:
     """One violated condition; ``severity`` is its violation relative to what is usual for the quantity.
 
-    ``phase`` is the index of the phase in which it is violated, None for the impact.
+    ``phase`` is the index of the phase in which it is violated, None for the impact of ``step``.
     """
 
     severity: float
     phase: int | None
     words: str
+    step: int = 0
 
 
 ENDLESS = {
@@ -59,10 +60,10 @@ def complaints(problem: Transcription, w: Array, p: Array, margins: Array, toler
     """
     found = [c for c in _duration_complaints(problem, w) if c.severity > tolerance]
     found = found or [*_cone_complaints(problem, w, p, margins), *_margin_complaints(problem, w, p, margins)]
-    worst: dict[int | None, Complaint] = {}
+    worst: dict[tuple[int | None, int], Complaint] = {}
     for complaint in sorted(found, key=lambda c: c.severity):
         if complaint.severity > tolerance:
-            worst[complaint.phase] = complaint
+            worst[complaint.phase, complaint.step] = complaint
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
@@ -70,6 +71,7 @@ def landing_complaint(problem: Transcription, w: Array, p: Array) -> str | None:
     """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
     full, armed = problem.full_parameters(p, problem.unpack(w)[2])[:, None], False
     for index, arc in enumerate(problem.layout.arcs):
+        armed = armed and not (arc.start is None and arc.phase in problem.layout.cycle.first_phases)
         times, states = problem.sample(w, p, index, SAMPLES)
         data = problem.system.control.data(arc.segment)[:, None]
         outputs = problem.system.margins(arc.mode).map(times.size)(times[None, :], states.T, full, data)
@@ -81,27 +83,36 @@ def landing_complaint(problem: Transcription, w: Array, p: Array) -> str | None:
     return None
 
 
-def endless_complaint(sequence: ModeSequence, phase: int) -> str:
+def endless_complaint(cycle: Cycle, phase: int) -> str:
     """Why a phase of the guess does not end as the sequence wants it to."""
-    words = ENDLESS[ending_margin(sequence.phases[phase], (*sequence.phases[1:], None)[phase])]
-    return f"phase {phase + 1} ({sequence.phases[phase]}) has no end: from the guess, {words}"
+    words = ENDLESS[ending_margin(cycle.phases[phase], cycle.after(phase))]
+    return f"{phase_words(cycle, phase)} has no end: from the guess, {words}"
+
+
+def phase_words(cycle: Cycle, phase: int) -> str:
+    """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
+    step = cycle.step_of(phase)
+    words = f"phase {phase - cycle.first_phases[step] + 1} ({cycle.phases[phase]})"
+    return words if len(cycle.steps) == 1 else f"step {step + 1}, {words}"
 
 
 def residual_complaint(problem: Transcription, w: Array, residual: Array) -> str:
     """The equality that is violated most."""
     row = int(np.argmax(np.abs(residual)))
-    n_z, modes = problem.system.n_z, problem.layout.sequence.phases
+    n_z, cycle, n_defects = problem.system.n_z, problem.layout.cycle, problem.system.n_z * problem.layout.intervals
     size = abs(float(residual[row]))
     if not size < RUNAWAY:
         return "the search has left everything that walks; start from a state closer to a gait"
-    if row < n_z * (problem.n_nodes - 1):
-        phase = _phase_of_node(problem, row // n_z)
-        name = _state(problem, row)
-        return f"phase {phase + 1} ({modes[phase]}): the motion does not close, off by {size:.3g} in {name}"
-    row -= n_z * (problem.n_nodes - 1)
-    if row < len(modes):
-        return f"phase {row + 1} ({modes[row]}): the event that should end it is missed by {size:.3g}"
-    return f"not periodic: {_state(problem, row - len(modes))} after the impact is off by {size:.3g}"
+    if row < n_defects:
+        arcs = problem.layout.arcs
+        phase = arcs[int(np.searchsorted(np.cumsum([arc.intervals for arc in arcs]), row // n_z, side="right"))].phase
+        place, name = phase_words(cycle, phase), problem.system.state_names[row % n_z]
+        return f"{place}: the motion does not close, off by {size:.3g} in {name}"
+    row -= n_defects
+    if row < len(cycle.phases):
+        return f"{phase_words(cycle, row)}: the event that should end it is missed by {size:.3g}"
+    name = problem.system.state_names[(row - len(cycle.phases)) % n_z]
+    return f"not periodic: {name} after the impact is off by {size:.3g}"
 
 
 def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
@@ -112,15 +123,15 @@ def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array)
     for label, i in rows.items():
         if not label.name.endswith("cone_forward"):
             continue
-        partner = Label(name=label.name.replace("forward", "backward"), phase=label.phase, node=label.node)
+        partner = replace(label, name=label.name.replace("forward", "backward"))
         if partner not in rows:
             continue
-        normal = Label(name="impulse" if label.phase is None else "normal_force", phase=label.phase, node=label.node)
+        normal = replace(label, name="impulse" if label.phase is None else "normal_force")
         forward, backward, f_n = margins[i], margins[rows[partner]], margins[rows[normal]]
         if min(forward, backward) < 0 < f_n:
             needed = abs(forward - backward) / (2 * f_n)
             words = f"{_place(problem, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
-            yield Complaint(severity=float(needed - friction), phase=label.phase, words=words)
+            yield Complaint(severity=float(needed - friction), phase=label.phase, step=label.step, words=words)
 
 
 def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
@@ -130,15 +141,17 @@ def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Arra
         if label.name in SIMPLE_MARGINS and value < 0:
             words, scale = SIMPLE_MARGINS[label.name]
             text = f"{_place(problem, w, label)}: {words.format(value=value)}"
-            yield Complaint(severity=float(-value / scales[scale]), phase=label.phase, words=text)
+            severity = float(-value / scales[scale])
+            yield Complaint(severity=severity, phase=label.phase, step=label.step, words=text)
 
 
 def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint]:
     _, durations, _ = problem.unpack(w)
     period = float(durations.sum())
-    for phase, (mode, duration) in enumerate(zip(problem.layout.sequence.phases, durations, strict=True)):
+    for phase, duration in enumerate(durations):
         if duration < 0:
-            words = f"phase {phase + 1} ({mode}): its duration is {duration:.4g} s, so it does not take place"
+            place = phase_words(problem.layout.cycle, phase)
+            words = f"{place}: its duration is {duration:.4g} s, so it does not take place"
             yield Complaint(severity=float(-duration / abs(period)), phase=phase, words=words)
 
 
@@ -150,15 +163,5 @@ def _scales(system: HybridSystem, p: Array, w: Array) -> dict[str, float]:
 
 def _place(problem: Transcription, w: Array, label: Label) -> str:
     if label.phase is None or label.node is None:
-        return "impact"
-    mode: Mode = problem.layout.sequence.phases[label.phase]
-    return f"phase {label.phase + 1} ({mode}), t = {problem.node_times(w)[label.node]:.4f} s"
-
-
-def _phase_of_node(problem: Transcription, node: int) -> int:
-    arcs, first = problem.layout.arcs, problem.layout.first_nodes
-    return max((arc.phase for arc, k in zip(arcs, first, strict=True) if k <= node), default=0)
-
-
-def _state(problem: Transcription, row: int) -> str:
-    return problem.system.state_names[row % problem.system.n_z]
+        return "impact" if len(problem.layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
+    return f"{phase_words(problem.layout.cycle, label.phase)}, t = {problem.node_times(w)[label.node]:.4f} s"

@@ -47,11 +47,11 @@ class Family:
     """
 
     def __init__(self, gait: Gait, *, should_stop: Callable[[], bool] | None = None) -> None:
-        if gait.step is None or gait.shooting is None or gait.freed:
+        if not gait.steps or gait.shooting is None or gait.freed:
             raise ValueError(f"{gait.problem.name}: a family begins with a converged gait without freed parameters")
         self.gait, self._system = gait, gait.system
-        durations = [duration for _, duration in gait.step.phases]
-        plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints)
+        durations = [duration for _, duration in gait.phases]
+        plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
         self._transcription = Transcription(gait.system, plan.refined(list(gait.shooting.intervals)))
         self._program = Feasibility(self._transcription, should_stop=should_stop)
         self._equalities = Function(
@@ -69,8 +69,8 @@ class Family:
             If its walker, kind of control, impact law or mode sequence is another one.
         """
         first = self.gait.problem
-        same = (problem.sequence, problem.impact_law, type(problem.walker)) == (
-            first.sequence, first.impact_law, type(first.walker)
+        same = (problem.cycle, problem.impact_law, type(problem.walker)) == (
+            first.cycle, first.impact_law, type(first.walker)
         )  # fmt: skip
         if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
             raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: solve it anew")

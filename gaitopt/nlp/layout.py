@@ -1,17 +1,18 @@
-"""How one step is cut into arcs and shooting intervals.
+"""How the steps of a cycle are cut into arcs and shooting intervals.
 
 Phases follow each other at unknown times; the breakpoints of the control lie at fixed times since the impact.
-Both are ends of arcs, and every arc is cut into equal intervals, so that no interval straddles a kink.
+Both are ends of arcs, and every arc is cut into equal intervals, so that no interval straddles a kink. The first node
+of a step lies just after the impact before it and the last one just before its own: one node more than intervals.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import Cycle, Mode
 
 INTERVALS = 14
 """Intervals of a first layout, shared among the arcs by length: about ten digits on the gaits of the paper."""
@@ -38,38 +39,63 @@ class ArcLayout:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """All arcs of a step in order."""
+    """All arcs of a cycle in order."""
 
-    sequence: ModeSequence
+    cycle: Cycle
     arcs: tuple[ArcLayout, ...]
 
     @property
     def intervals(self) -> int:
-        """Number of shooting intervals; there is one node more."""
+        """Number of shooting intervals."""
         return sum(arc.intervals for arc in self.arcs)
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes: one more than intervals in every step."""
+        return self.intervals + len(self.cycle.steps)
 
     @property
     def first_nodes(self) -> tuple[int, ...]:
         """Index of the first node of every arc."""
-        counts = [arc.intervals for arc in self.arcs]
-        return tuple(int(k) for k in np.cumsum([0, *counts[:-1]]))
+        ends = np.cumsum([0, *(arc.intervals for arc in self.arcs[:-1])])
+        return tuple(int(k) + self.cycle.step_of(arc.phase) for k, arc in zip(ends, self.arcs, strict=True))
+
+    @property
+    def start_nodes(self) -> NDArray[np.intp]:
+        """Index of the node at which every interval starts; shape (intervals,)."""
+        return np.concatenate(
+            [f + np.arange(arc.intervals) for f, arc in zip(self.first_nodes, self.arcs, strict=True)]
+        )
+
+    @property
+    def impact_nodes(self) -> tuple[int, ...]:
+        """Index of the node just before the impact of every step."""
+        ends = {self.cycle.step_of(a.phase): f + a.intervals for a, f in zip(self.arcs, self.first_nodes, strict=True)}
+        return tuple(ends.values())
+
+    def switches(self, durations: NDArray[np.float64]) -> list[tuple[float, float]]:
+        """Start and end of every phase for given phase durations, times since the last impact [s]."""
+        firsts = (*self.cycle.first_phases, len(durations))
+        steps = (np.cumsum([0.0, *durations[a:b]]).tolist() for a, b in pairwise(firsts))
+        return [phase for switches in steps for phase in pairwise(switches)]
 
     def arc_times(self, durations: NDArray[np.float64]) -> list[tuple[float, float]]:
-        """Start and end of every arc for given phase durations [s]."""
-        switches = np.concatenate([[0.0], np.cumsum(durations)])
+        """Start and end of every arc for given phase durations, times since the last impact [s]."""
+        switches = self.switches(durations)
         return [
             (
-                float(switches[arc.phase]) if arc.start is None else arc.start,
-                float(switches[arc.phase + 1]) if arc.end is None else arc.end,
+                switches[arc.phase][0] if arc.start is None else arc.start,
+                switches[arc.phase][1] if arc.end is None else arc.end,
             )
             for arc in self.arcs
         ]
 
     def node_times(self, durations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Time since impact of every node for given phase durations; shape (K + 1,) [s]."""
-        ends = self.arc_times(durations)
-        pieces = [np.linspace(a, b, arc.intervals + 1)[:-1] for arc, (a, b) in zip(self.arcs, ends, strict=True)]
-        return np.concatenate([*pieces, [ends[-1][1]]])
+        """Time since the last impact of every node for given phase durations; shape (n_nodes,) [s]."""
+        times = np.empty(self.n_nodes)
+        for arc, first, (a, b) in zip(self.arcs, self.first_nodes, self.arc_times(durations), strict=True):
+            times[first : first + arc.intervals + 1] = np.linspace(a, b, arc.intervals + 1)
+        return times
 
     def in_order(self, durations: NDArray[np.float64], breakpoints: Sequence[float]) -> bool:
         """Whether every arc keeps to its segment of the control: False once a switch has passed a breakpoint.
@@ -89,10 +115,10 @@ class Layout:
     def refined(self, wanted: Sequence[int]) -> "Layout":
         """The same arcs with other numbers of intervals."""
         arcs = tuple(replace(arc, intervals=n) for arc, n in zip(self.arcs, wanted, strict=True))
-        return Layout(sequence=self.sequence, arcs=arcs)
+        return Layout(cycle=self.cycle, arcs=arcs)
 
 
-def layout(sequence: ModeSequence, durations: ArrayLike, breakpoints: Sequence[float]) -> Layout:
+def layout(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) -> Layout:
     """Cut the phases at those breakpoints that lie inside them.
 
     Parameters
@@ -100,10 +126,23 @@ def layout(sequence: ModeSequence, durations: ArrayLike, breakpoints: Sequence[f
     durations : of the phases [s], as far as they are known.
     breakpoints : of the control, times since impact [s], ascending.
     """
+    lengths = np.asarray(durations, dtype=float)
+    firsts = (*cycle.first_phases, lengths.size)
+    arcs = [
+        arc
+        for first, end in pairwise(firsts)
+        for arc in _step_arcs(cycle.phases[first:end], first, lengths[first:end], breakpoints)
+    ]
+    return Layout(cycle=cycle, arcs=tuple(arcs))
+
+
+def _step_arcs(
+    modes: Sequence[Mode], first: int, durations: NDArray[np.float64], breakpoints: Sequence[float]
+) -> Iterator[ArcLayout]:
+    """Arcs of one step, whose phases are counted from ``first``."""
     switches = np.concatenate([[0.0], np.cumsum(durations)])
     assert switches[-1] > 0, "a step takes time"
-    arcs = []
-    for phase, mode in enumerate(sequence.phases):
+    for phase, mode in enumerate(modes):
         begin, finish = switches[phase], switches[phase + 1]
         inside = [b for b in breakpoints if begin < b < finish]
         ends: list[float | None] = [None, *inside, None]
@@ -111,7 +150,6 @@ def layout(sequence: ModeSequence, durations: ArrayLike, breakpoints: Sequence[f
         for k, (start, end) in enumerate(pairwise(ends)):
             length = (finish if end is None else end) - (begin if start is None else start)
             intervals = max(FEWEST, round(INTERVALS * length / switches[-1]))
-            arcs.append(
-                ArcLayout(phase=phase, mode=mode, segment=segment + k, start=start, end=end, intervals=intervals)
+            yield ArcLayout(
+                phase=first + phase, mode=mode, segment=segment + k, start=start, end=end, intervals=intervals
             )
-    return Layout(sequence=sequence, arcs=tuple(arcs))

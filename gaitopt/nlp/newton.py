@@ -116,7 +116,7 @@ def section_response(problem: Transcription, at: Linearisation) -> tuple[Array, 
     """
     system, n_z, n = problem.system, problem.system.n_z, at.residual.size
     last = slice((problem.n_nodes - 1) * n_z, problem.n_nodes * n_z)
-    indices = system.section(problem.layout.sequence.impact)
+    indices = system.section(problem.layout.cycle.impact)
     opened = at.square
     reset = -opened[n - n_z :, last].toarray()[indices]
     opened = opened.tolil()

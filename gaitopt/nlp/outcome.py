@@ -90,7 +90,7 @@ class Outcome:
 
     @cached_property
     def _impact(self) -> tuple[MX, ...]:
-        return tuple(self._t.system.impact(self._t.layout.sequence.impact)(self._t.Z[:, -1], self._t.p))
+        return tuple(self._t.system.impact(self._t.layout.cycle.impact)(self._t.Z[:, -1], self._t.p))
 
     @cached_property
     def _samples(self) -> list[_Samples]:

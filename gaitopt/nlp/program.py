@@ -145,7 +145,7 @@ class Program:
         name = label.name.replace("_", " ")
         if label.phase is None:
             return f"the impact ({name})"
-        return f"phase {label.phase + 1} ({self.transcription.layout.sequence.phases[label.phase]}: {name})"
+        return f"phase {label.phase + 1} ({self.transcription.layout.cycle.phases[label.phase]}: {name})"
 
     def _physics(self, held: list[Touch]) -> list[Rows]:
         t = self.transcription

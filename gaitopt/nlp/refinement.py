@@ -80,8 +80,9 @@ def phase_errors(transcription: Transcription, at: Linearisation) -> Array:
 def _resample(coarse: Transcription, finer: Transcription, at: Linearisation) -> Array:
     """The solution on a finer layout, each new node by one partial step from the node before it."""
     nodes, durations, freed = coarse.unpack(at.w)
-    pieces = [
-        coarse.states_at(at.w, at.p, index, np.linspace(0, 1, arc.intervals + 1)[:-1]).T
-        for index, arc in enumerate(finer.layout.arcs)
-    ]
-    return finer.pack(np.hstack([*pieces, nodes[:, -1:]]), durations, freed)
+    resampled = np.empty((nodes.shape[0], finer.n_nodes))
+    for index, (arc, first) in enumerate(zip(finer.layout.arcs, finer.layout.first_nodes, strict=True)):
+        fractions = np.linspace(0, 1, arc.intervals + 1)[:-1]
+        resampled[:, first : first + arc.intervals] = coarse.states_at(at.w, at.p, index, fractions).T
+    resampled[:, finer.layout.impact_nodes] = nodes[:, coarse.layout.impact_nodes]
+    return finer.pack(resampled, durations, freed)

@@ -1,4 +1,4 @@
-"""First guess of a step: the motion rolled out from a state along the given mode sequence.
+"""First guess of a cycle: the motion rolled out from a state along the given mode sequences.
 
 The sequence is obeyed, not tested: each phase runs until the margin that should end it falls through zero. A switch
 that does not come is put where its margin is closest to zero within the time of a step, a touchdown that does not
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import brentq
 
-from gaitopt.mechanics import HybridSystem, Mode, ModeSequence, ending_margin, margin_names
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.nlp.layout import Layout
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ SHORTEST_PHASE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rollout:
-    """Durations of the phases [s] and the motion of each as a function of the time since impact.
+    """Durations of the phases [s] and the motion of each as a function of the time since the last impact.
 
     ``endless`` is the first phase whose end did not come, None if all did.
     """
@@ -45,7 +45,7 @@ class Rollout:
 
     @property
     def period(self) -> float:
-        """Time from impact to impact [s]; zero where the walker falls at once."""
+        """Time of the whole cycle [s]; zero where the walker falls at once."""
         return float(sum(self.durations))
 
     def __call__(self, phase: int, times: Array) -> Array:
@@ -55,41 +55,46 @@ class Rollout:
 
     def nodes(self, plan: Layout) -> Array:
         """States at the shooting nodes of a layout; shape (n_z, K + 1)."""
-        durations = np.array(self.durations)
-        pieces = [
-            self(arc.phase, np.linspace(begin, end, arc.intervals + 1))[:, :-1]
-            for arc, (begin, end) in zip(plan.arcs, plan.arc_times(durations), strict=True)
+        times = plan.arc_times(np.array(self.durations))
+        arcs = [
+            self(arc.phase, np.linspace(begin, end, arc.intervals + 1))
+            for arc, (begin, end) in zip(plan.arcs, times, strict=True)
         ]
-        return np.hstack([*pieces, self(len(durations) - 1, np.array([durations.sum()]))])
+        nodes = np.empty((arcs[0].shape[0], plan.n_nodes))
+        for first, states in zip(plan.first_nodes, arcs, strict=True):
+            nodes[:, first : first + states.shape[1]] = states
+        return nodes
 
 
 def roll_out(
     system: HybridSystem,
     p: Array,
-    sequence: ModeSequence,
+    cycle: Cycle,
     state: Array,
     durations: Sequence[float] | Array | None = None,
     longest: float = LONGEST_STEP,
 ) -> Rollout:
-    """Follow ``sequence`` from ``state`` just after an impact; given durations are kept, missing ones are found.
+    """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, missing ones are found.
 
     No phase whose end is looked for lasts beyond ``longest`` after the impact [s].
     """
     time, z = 0.0, state.copy()
-    transit = transit_time(system, p, sequence, state)
+    transit = transit_time(system, p, cycle, state)
     found: list[float] = []
     motions: list[OdeSolution] = []
     endless = None
-    for phase, mode in enumerate(sequence.phases):
+    for phase, mode in enumerate(cycle.phases):
+        if phase > 0 and cycle.impact_before(phase) is not None:
+            time, z = 0.0, after_impact(system, p, cycle.impacts[cycle.step_of(phase) - 1], z)
         if mode is Mode.STICK:
             z[-1] = 0.0
         known = None if durations is None else durations[phase]
         motion = _integrate(system, p, mode, time, z, max(longest - time, FIRST_STEP) if known is None else known)
         duration = known
         if duration is None:
-            end = _phase_end(system, p, sequence, phase, motion)
+            end = _phase_end(system, p, cycle, phase, motion)
             endless = phase if end is None and endless is None else endless
-            duration = (_lost_end(system, p, sequence, phase, motion, transit) if end is None else end) - time
+            duration = (_lost_end(system, p, cycle, phase, motion, transit) if end is None else end) - time
         found.append(duration)
         motions.append(motion)
         time += duration
@@ -97,14 +102,21 @@ def roll_out(
     return Rollout(durations=tuple(found), motions=tuple(motions), endless=endless)
 
 
-def transit_time(system: HybridSystem, p: Array, sequence: ModeSequence, state: Array) -> float:
+def after_impact(system: HybridSystem, p: Array, mode: Mode, z: Array) -> Array:
+    """State just after an impact in ``mode``, with x counted from the new stance foot; shape (n_z,)."""
+    z_plus = np.asarray(system.impact(mode)(z, p)[0]).ravel()
+    z_plus[system.n_shape] = 0.0
+    return z_plus
+
+
+def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> float:
     """Time of a step [s] at the rates of ``state``, for the joint that would be first where an impact leads back to it.
 
     Relabelling is affine, s_plus = A s_minus + b, so that s_minus follows from any one of its values.
     """
     n = system.n_shape
-    mapped = np.asarray(system.impact(sequence.impact)(state, p)[0]).ravel()[:n]
-    A = np.asarray(system.impact_jacobian(sequence.impact)(state, p))[:n, :n]
+    mapped = np.asarray(system.impact(cycle.impact)(state, p)[0]).ravel()[:n]
+    A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
     way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), np.abs(state[n + 1 : 2 * n + 1])
     return float(np.min(way[rates > 0] / rates[rates > 0], initial=LONGEST_STEP))
 
@@ -139,9 +151,9 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
     return solution.sol
 
 
-def _phase_end(system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution) -> float | None:
+def _phase_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution) -> float | None:
     """Time since impact at which the phase ends; None if its event does not come, or only after touchdown."""
-    mode, after = sequence.phases[phase], (*sequence.phases[1:], None)[phase]
+    mode, after = cycle.phases[phase], cycle.after(phase)
     landing = _fall(_margin(system, p, mode, "touchdown", motion), motion)
     if after is None:
         return landing
@@ -149,11 +161,9 @@ def _phase_end(system: HybridSystem, p: Array, sequence: ModeSequence, phase: in
     return None if end is None or (landing is not None and landing < end) else end
 
 
-def _lost_end(
-    system: HybridSystem, p: Array, sequence: ModeSequence, phase: int, motion: OdeSolution, transit: float
-) -> float:
+def _lost_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution, transit: float) -> float:
     """Time since impact at which a phase that has no end is cut off."""
-    mode, after, lost = sequence.phases[phase], (*sequence.phases[1:], None)[phase], transit
+    mode, after, lost = cycle.phases[phase], cycle.after(phase), transit
     if after is not None:
         margin, times = _margin(system, p, mode, ending_margin(mode, after), motion), _grid(motion)
         within = times[times <= motion.ts[0] + transit]

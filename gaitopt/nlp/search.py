@@ -78,7 +78,7 @@ def search(transcription: Transcription, w: Array, p: Array, bounds: Array, extr
 def _state_sizes(t: Transcription, nodes: Array, durations: Array, p: Array) -> Array:
     """Largest angle, position, rate and slip velocity of the step; shape (n_z,)."""
     n = t.system.n_shape
-    length = abs(float(t.system.impact(t.layout.sequence.impact)(nodes[:, -1], p)[0][n]))
+    length = abs(float(t.system.impact(t.layout.cycle.impact)(nodes[:, -1], p)[0][n]))
     largest = np.abs(nodes).max(axis=1)
     slip = max(largest[-1], length / durations.sum())
     return np.concatenate([np.full(n, largest[:n].max()), [length], np.full(n, largest[n + 1 : -1].max()), [slip]])

@@ -65,11 +65,11 @@ def solve_gait(
     p = system.values(problem.parameters)
     began = time.perf_counter()
     state = np.array([problem.guess.state[name] for name in system.state_names])
-    guess = roll_out(system, p, problem.sequence, state, problem.guess.durations)
+    guess = roll_out(system, p, problem.cycle, state, problem.guess.durations)
     attempt = _attempt_in_order(problem, system, p, guess, progress, should_stop)
     if attempt.result.status in FAILURES and problem.guess.durations is None:
-        shortened = np.array(guess.durations) * transit_time(system, p, problem.sequence, state) / guess.period
-        second = roll_out(system, p, problem.sequence, state, shortened)
+        shortened = np.array(guess.durations) * transit_time(system, p, problem.cycle, state) / guess.period
+        second = roll_out(system, p, problem.cycle, state, shortened)
         retried = _attempt_in_order(problem, system, p, second, progress, should_stop)
         attempt = retried if retried.result.status not in FAILURES else attempt
     solver = {"iterations": float(attempt.result.iterations), "seconds": time.perf_counter() - began}
@@ -93,14 +93,14 @@ def _attempt_in_order(
     rolled = guess
     for _ in range(MAX_REORDERS):
         durations = np.array(rolled.durations)
-        plan = layout(problem.sequence, durations, system.control.breakpoints)
+        plan = layout(problem.cycle, durations, system.control.breakpoints)
         transcription = Transcription(system, plan)
         start = transcription.pack(rolled.nodes(plan), durations)
         attempt = _attempt(transcription, p, start, progress, should_stop)
         durations = transcription.unpack(attempt.result.w)[1]
         if attempt.result.status is not Status.CONVERGED or plan.in_order(durations, system.control.breakpoints):
             break
-        rolled = roll_out(system, p, problem.sequence, attempt.result.w[: system.n_z], durations)
+        rolled = roll_out(system, p, problem.cycle, attempt.result.w[: system.n_z], durations)
     return attempt
 
 
@@ -140,7 +140,7 @@ def trouble(refined: Refined) -> str | None:
     """What keeps a solution of IPOPT from being a gait, looked at without IPOPT."""
     transcription, at = refined.transcription, refined.at
     _, durations, _ = transcription.unpack(at.w)
-    modes = transcription.layout.sequence.phases
+    modes = transcription.layout.cycle.phases
     for phase, (mode, duration) in enumerate(zip(modes, durations, strict=True), start=1):
         if duration < VANISHING * durations.sum():
             return f"phase {phase} ({mode}) shrinks to nothing: here the gait does without it"
@@ -172,5 +172,5 @@ def _explain(attempt: Attempt, guess: Rollout) -> str:
             if found:
                 return "; ".join(complaint.words for complaint in found)
     if guess.endless is not None:
-        return endless_complaint(transcription.layout.sequence, guess.endless)
+        return endless_complaint(transcription.layout.cycle, guess.endless)
     return residual_complaint(transcription, attempt.result.w, residual)

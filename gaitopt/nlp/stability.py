@@ -90,7 +90,7 @@ class _Gradient(Callback):
         self._t, self._answers = transcription, answers
         t = transcription
         system, n_z = t.system, t.system.n_z
-        section = [int(i) for i in system.section(t.layout.sequence.impact)]
+        section = [int(i) for i in system.section(t.layout.cycle.impact)]
         n = t.equalities.numel()
         V, adjoint = MX.sym("V", n, len(section)), MX.sym("Lambda", n, len(section))
         G = MX.sym("G", len(section), len(section))
@@ -98,7 +98,7 @@ class _Gradient(Callback):
         moved = jtimes(t.equalities[:-n_z], t.w, vertcat(V, still))
         xi = t.Z[system.section(Mode.SLIP_FORWARD), 0]
         start = system.lift_jacobian(xi, t.p)[:, : len(section)]
-        reset = system.impact_jacobian(t.layout.sequence.impact)(t.Z[:, -1], t.p)[section, :]
+        reset = system.impact_jacobian(t.layout.cycle.impact)(t.Z[:, -1], t.p)[section, :]
         last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
         product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], moved)
         self._product = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])

@@ -1,16 +1,17 @@
-"""Multiple shooting of one periodic step with a fixed mode sequence.
+"""Multiple shooting of one periodic cycle of steps with fixed mode sequences.
 
 Unknowns w = (nodes z_0 .. z_K, phase durations, freed parameters). Equalities, as many as nodes and durations:
 
     defects      z_{k+1} = step(z_k)              on every interval; in stick with v_t = 0
     events       v_t = 0 where a slip ends, mu f_n +- f_t = 0 where a stick ends, guard = 0 at touchdown
-    periodicity  z_0 = impact(z_K)                with x counted from the new stance foot
+    resets       z_{k+1} = impact(z_k)            from step to step, with x counted from the new stance foot
+    periodicity  z_0 = impact(z_K)                likewise, from the last step to the first
 
 Friction complementarity: the mode sets one factor of each pair to zero (the force's factor in slip is eliminated
 by eq. (5)); the other factor stays an inequality at every node, except where an event already makes it zero.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,12 +31,13 @@ Array = NDArray[np.float64]
 class Label:
     """What one row of the inequalities says: the margin's name, and the phase and node where it is taken.
 
-    ``phase`` and ``node`` are None for the impact.
+    ``phase`` and ``node`` are None for an impact, ``step`` is the index of its step.
     """
 
     name: str
     phase: int | None = None
     node: int | None = None
+    step: int = 0
 
 
 class Transcription:
@@ -50,8 +52,8 @@ class Transcription:
 
     def __init__(self, system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> None:
         self.system, self.layout, self.free = system, layout, free
-        self.n_nodes = layout.intervals + 1
-        self.n_phases = len(layout.sequence.phases)
+        self.n_nodes = layout.n_nodes
+        self.n_phases = len(layout.cycle.phases)
         self.Z = MX.sym("Z", system.n_z, self.n_nodes)
         self.durations = MX.sym("d", self.n_phases)
         self.freed = MX.sym("v", len(free))
@@ -62,9 +64,10 @@ class Transcription:
         ]
         self.p = vertcat(*entries) if free else self.parameters
         self.w = vertcat(vec(self.Z), self.durations, self.freed)
-        self._switches = [MX(0)]
+        self._switches: list[tuple[MX, MX]] = []
         for j in range(self.n_phases):
-            self._switches.append(self._switches[-1] + self.durations[j])
+            start = MX(0) if layout.cycle.impact_before(j) is not None else self._switches[-1][1]
+            self._switches.append((start, start + self.durations[j]))
 
     def pack(self, nodes: Array, durations: Array, freed: Array | tuple[float, ...] = ()) -> Array:
         """The vector w from nodes (n_z, K + 1), durations (n_phases,) and freed parameters."""
@@ -85,8 +88,8 @@ class Transcription:
 
     @cached_property
     def equalities(self) -> MX:
-        """Defects, events, periodicity; shape (n_z (K + 1) + n_phases,)."""
-        return vertcat(self._defects(halves=1), *self._events(), self._periodicity())
+        """Defects, events, resets, periodicity; shape (n_z n_nodes + n_phases,)."""
+        return vertcat(self._defects(halves=1), *self._events(), *self._resets())
 
     @cached_property
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
@@ -135,8 +138,8 @@ class Transcription:
     def arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
         """Layout, nodes, start time and interval length of one arc."""
         arc = self.layout.arcs[index]
-        start = self._switches[arc.phase] if arc.start is None else MX(arc.start)
-        end = self._switches[arc.phase + 1] if arc.end is None else MX(arc.end)
+        start = self._switches[arc.phase][0] if arc.start is None else MX(arc.start)
+        end = self._switches[arc.phase][1] if arc.end is None else MX(arc.end)
         first = self.layout.first_nodes[index]
         return arc, self.Z[:, first : first + arc.intervals + 1], start, (end - start) / arc.intervals
 
@@ -172,7 +175,8 @@ class Transcription:
             middle = single(z, t, h / 2, p, r)
             return Function("two_halves", [z, t, h, p, r], [single(middle, t + h / 2, h / 2, p, r)])
 
-        return vec(self.Z[:, 1:] - horzcat(*self.map_arcs(step, columns)))
+        ends = horzcat(*(self.arc(i)[1][:, 1:] for i in range(len(self.layout.arcs))))
+        return vec(ends - horzcat(*self.map_arcs(step, columns)))
 
     def _events(self) -> list[MX]:
         """What ends each phase: an edge of the cone, zero slip velocity, or touchdown.
@@ -180,13 +184,13 @@ class Transcription:
         A slip that starts at rest is also at rest after no time at all; dividing by that zero leaves its real end,
         and keeps the equations regular where the slip comes into being.
         """
-        modes, events = self.layout.sequence.phases, []
-        for phase, (mode, after) in enumerate(zip(modes, (*modes[1:], None), strict=True)):
+        cycle, events = self.layout.cycle, []
+        for phase, mode in enumerate(cycle.phases):
             index = max(i for i, arc in enumerate(self.layout.arcs) if arc.phase == phase)
-            name = ending_margin(mode, after)
+            name = ending_margin(mode, cycle.after(phase))
             margin = self._end_margins(index)[margin_names(mode).index(name)]
             jump = self.system.friction.two_coefficients
-            order = self.layout.sequence.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
+            order = cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
             events.append(margin / self.durations[phase] ** order if order else margin)
         return events
 
@@ -195,10 +199,14 @@ class Transcription:
         time = start + arc.intervals * h
         return self.system.margins(arc.mode)(time, Z[:, -1], self.p, self.system.control.data(arc.segment))
 
-    def _periodicity(self) -> MX:
-        z_plus = self.system.impact(self.layout.sequence.impact)(self.Z[:, -1], self.p)[0]
-        n = self.system.n_shape
-        return self.Z[:, 0] - vertcat(z_plus[:n], 0, z_plus[n + 1 :])
+    def _resets(self) -> list[MX]:
+        """From the end of every step to the start of the next, the last of which is the first."""
+        n, ends = self.system.n_shape, self.layout.impact_nodes
+        rows = []
+        for impact, end in zip(self.layout.cycle.impacts, ends, strict=True):
+            z_plus = self.system.impact(impact)(self.Z[:, end], self.p)[0]
+            rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], 0, z_plus[n + 1 :]))
+        return rows
 
     def _node_margins(self) -> list[tuple[MX, Label]]:
         """Inequality factors of every phase at its nodes, without those that an event makes zero."""
@@ -220,12 +228,11 @@ class Transcription:
         return rows
 
     def _is_zero_by_event(self, index: int, k: int, name: str) -> bool:
-        arc, modes = self.layout.arcs[index], self.layout.sequence.phases
+        arc, cycle = self.layout.arcs[index], self.layout.cycle
         if k == 0 and arc.start is None and name == "slip_velocity":
-            return arc.phase > 0 or self.layout.sequence.impact is Mode.STICK
-        if k == arc.intervals and arc.end is None and arc.phase + 1 < len(modes):
-            return name == ending_margin(arc.mode, modes[arc.phase + 1])
-        return False
+            return cycle.onset_order(arc.phase) > 0
+        after = cycle.after(arc.phase)
+        return k == arc.intervals and arc.end is None and after is not None and name == ending_margin(arc.mode, after)
 
     def _onset_margins(self) -> list[tuple[MX, Label]]:
         """Force beyond the static cone where a slip starts from rest; one coefficient leaves no doubt about it."""
@@ -233,7 +240,7 @@ class Transcription:
         if not self.system.friction.two_coefficients:
             return rows
         for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
-            if arc.start is None and self.layout.sequence.starts_from_rest(arc.phase):
+            if arc.start is None and self.layout.cycle.starts_from_rest(arc.phase):
                 _, Z, start, _ = self.arc(i)
                 data = self.system.control.data(arc.segment)
                 margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.p, data)
@@ -242,19 +249,27 @@ class Transcription:
         return rows
 
     def _impact_margins(self) -> list[tuple[MX, Label]]:
-        mode = self.layout.sequence.impact
-        _, impulse, slip, lift, painleve = self.system.impact(mode)(self.Z[:, -1], self.p)
+        return [row for step in range(len(self.layout.cycle.steps)) for row in self._margins_of_impact(step)]
+
+    def _margins_of_impact(self, step: int) -> Iterator[tuple[MX, Label]]:
+        mode, z = self.layout.cycle.impacts[step], self.Z[:, self.layout.impact_nodes[step]]
+        _, impulse, slip, lift, painleve = self.system.impact(mode)(z, self.p)
         F_t, F_n = impulse[0], impulse[1]
-        rate = self.system.events(self.layout.arcs[-1].mode)(
-            self._switches[-1], self.Z[:, -1], self.p, self.system.control.data(self.layout.arcs[-1].segment)
-        )[1][0]
-        rows = {"impulse": F_n, "lift_velocity": lift, "touchdown_rate": -rate}
+        mu = self.system.static_friction(self.p)
+        rows = {"impulse": F_n, "lift_velocity": lift, "touchdown_rate": -self._guard_rate(step)}
         if mode is Mode.STICK:
-            mu = self.system.static_friction(self.p)
             rows |= {"impulse_cone_forward": mu * F_n + F_t, "impulse_cone_backward": mu * F_n - F_t}
         else:
             rows |= {"impact_slip_velocity": mode.direction * slip, "impact_painleve": painleve}
             if self.system.friction.two_coefficients:
-                stick = self.system.impact(Mode.STICK)(self.Z[:, -1], self.p)[1]
-                rows["impact_onset"] = -self.system.static_friction(self.p) * stick[1] - mode.direction * stick[0]
-        return [(expression, Label(name=name)) for name, expression in rows.items()]
+                stick = self.system.impact(Mode.STICK)(z, self.p)[1]
+                rows["impact_onset"] = -mu * stick[1] - mode.direction * stick[0]
+        for name, expression in rows.items():
+            yield expression, Label(name=name, step=step)
+
+    def _guard_rate(self, step: int) -> MX:
+        """Rate of the touchdown margin just before an impact."""
+        phase = (*self.layout.cycle.first_phases, self.n_phases)[step + 1] - 1
+        arc = [arc for arc in self.layout.arcs if arc.phase == phase][-1]
+        z, data = self.Z[:, self.layout.impact_nodes[step]], self.system.control.data(arc.segment)
+        return self.system.events(arc.mode)(self._switches[phase][1], z, self.p, data)[1][0]

@@ -53,6 +53,10 @@ class Variation:
     def __init__(self, transcription: Transcription) -> None:
         self._t = transcription
         self._n_z, self._n = transcription.system.n_z, transcription.layout.intervals
+        ends = np.cumsum([arc.intervals for arc in transcription.layout.arcs])
+        self._intervals = [
+            slice(int(end) - a.intervals, int(end)) for end, a in zip(ends, transcription.layout.arcs, strict=True)
+        ]
         self._by_duration()
 
     def jacobian(self, w: Array, p: Array) -> csc_matrix:
@@ -63,7 +67,7 @@ class Variation:
 
     @cached_property
     def _tail(self) -> Function:
-        """(w, p) -> Jacobian of events and periodicity."""
+        """(w, p) -> Jacobian of events, resets and periodicity."""
         t = self._t
         rows = t.equalities[self._n * self._n_z :]
         values = Function("tail", [t.w, t.parameters], [rows]).expand()
@@ -77,8 +81,7 @@ class Variation:
         zero = np.array(t.layout.arc_times(np.zeros(t.n_phases)))
         for phase in range(t.n_phases):
             spans = np.array(t.layout.arc_times(np.eye(t.n_phases)[phase])) - zero
-            for arc, first, (start, end) in zip(t.layout.arcs, t.layout.first_nodes, spans, strict=True):
-                at = slice(first, first + arc.intervals)
+            for arc, at, (start, end) in zip(t.layout.arcs, self._intervals, spans, strict=True):
                 lengths[at, phase] = (end - start) / arc.intervals
                 times[at, phase] = start + np.arange(arc.intervals) * (end - start) / arc.intervals
         self._times, self._lengths = times, lengths
@@ -90,9 +93,11 @@ class Variation:
         n_w, n_tail = t.w.numel(), t.n_phases + len(t.free)
         row = np.arange(n * n_z)
         block = row.reshape(n, n_z, 1)
+        starts = n_z * t.layout.start_nodes
+        after = (starts[:, None] + n_z + np.arange(n_z)).ravel()
         own = (
             np.broadcast_to(block, (n, n_z, n_z)),
-            np.broadcast_to((n_z * np.arange(n))[:, None, None] + np.arange(n_z), (n, n_z, n_z)),
+            np.broadcast_to(starts[:, None, None] + np.arange(n_z), (n, n_z, n_z)),
         )
         rest = (
             np.broadcast_to(block, (n, n_z, n_tail)),
@@ -100,7 +105,7 @@ class Variation:
         )
         sparsity = self._tail.sparsity_out(0)
         rows = np.concatenate([row, own[0].ravel(), rest[0].ravel(), n * n_z + np.array(sparsity.row(), dtype=int)])
-        columns = np.concatenate([row + n_z, own[1].ravel(), rest[1].ravel(), np.array(sparsity.get_col(), dtype=int)])
+        columns = np.concatenate([after, own[1].ravel(), rest[1].ravel(), np.array(sparsity.get_col(), dtype=int)])
         self._order = np.lexsort((rows, columns))
         self._rows = rows[self._order]
         self._pointers = np.searchsorted(columns[self._order], np.arange(n_w + 1))
@@ -112,9 +117,9 @@ class Variation:
         freed = t.unpack(w)[2]
         rates, derivatives, lengths = self._stages(w, t.full_parameters(p, freed))
         step = -_varied(rates, derivatives, lengths)
-        for arc, first in zip(t.layout.arcs, t.layout.first_nodes, strict=True):
+        for arc, at in zip(t.layout.arcs, self._intervals, strict=True):
             if arc.mode is Mode.STICK:
-                step[first : first + arc.intervals, -1] = 0.0
+                step[at, -1] = 0.0
         by_durations = (
             step[:, :, n_z, None] * self._times[:, None, :] + step[:, :, n_z + 1, None] * self._lengths[:, None, :]
         )
@@ -126,11 +131,14 @@ class Variation:
         t, n_z = self._t, self._n_z
         nodes, durations, _ = t.unpack(w)
         lengths, found = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
-        spans = zip(t.layout.arcs, t.layout.first_nodes, t.layout.arc_times(durations), self._functions, strict=True)
-        for arc, first, (start, end), function in spans:
-            m, at = arc.intervals, slice(first, first + arc.intervals)
+        starts = t.layout.start_nodes
+        spans = zip(t.layout.arcs, self._intervals, t.layout.arc_times(durations), self._functions, strict=True)
+        for arc, at, (start, end), function in spans:
+            m = arc.intervals
             lengths[at] = h = (end - start) / m
-            values = function(nodes[:, at], start + h * np.arange(m)[None], h, p, t.system.control.data(arc.segment))
+            values = function(
+                nodes[:, starts[at]], start + h * np.arange(m)[None], h, p, t.system.control.data(arc.segment)
+            )
             found[at] = np.asarray(values).reshape(n_z, m, N_STAGES, -1).transpose(1, 0, 2, 3)
         stages = np.ascontiguousarray(found.transpose(2, 0, 1, 3))
         return stages[..., 0], stages[..., 1:], lengths

@@ -28,11 +28,11 @@ class _Defect:
     xi: Array
     vector: Array
     size: float
-    step: Step | None
+    steps: tuple[Step, ...]
 
 
-def damped_fixed_point(return_map: ReturnMap, xi: Array, sizes: Array) -> tuple[Array, Step] | None:
-    """A fixed point and its step, by Newton's method from ``xi``, shape (n_xi,); None where there is none near.
+def damped_fixed_point(return_map: ReturnMap, xi: Array, sizes: Array) -> tuple[Step, ...] | None:
+    """The steps of a fixed point's cycle, by Newton's method from ``xi``, shape (n_xi,); None where there is none near.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ def damped_fixed_point(return_map: ReturnMap, xi: Array, sizes: Array) -> tuple[
     """
     point = _defect(return_map, xi, sizes)
     for _ in range(MAX_STEPS):
-        if point.step is None:
+        if not np.isfinite(point.size):
             return None
         if point.size < CLOSE:
-            return point.xi, point.step
-        slope = return_map.jacobian(point.step) - np.eye(xi.size)
+            return point.steps
+        slope = return_map.jacobian(point.steps) - np.eye(xi.size)
         if not np.isfinite(slope).all():
             return None
         newton = -np.linalg.lstsq(slope, point.vector, rcond=None)[0]
@@ -59,7 +59,7 @@ def damped_fixed_point(return_map: ReturnMap, xi: Array, sizes: Array) -> tuple[
 
 def _defect(return_map: ReturnMap, xi: Array, sizes: Array) -> _Defect:
     result = return_map(xi)
-    if result.xi is None or result.step is None:
-        return _Defect(xi=xi, vector=np.zeros_like(xi), size=np.inf, step=None)
+    if result.xi is None:
+        return _Defect(xi=xi, vector=np.zeros_like(xi), size=np.inf, steps=())
     vector = result.xi - xi
-    return _Defect(xi=xi, vector=vector, size=float(np.abs(vector / sizes).max()), step=result.step)
+    return _Defect(xi=xi, vector=vector, size=float(np.abs(vector / sizes).max()), steps=result.steps)

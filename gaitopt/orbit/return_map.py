@@ -3,6 +3,7 @@
 xi -> Pi(xi),      Newton:  xi - (DPi - I)^-1 (Pi(xi) - xi)                Gamus & Or (2013), section II.C
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,13 +27,13 @@ class Return:
 
     Attributes
     ----------
-    xi : ndarray, shape (n_xi,) - section coordinates after the step, or None if it did not return to this section.
-    step : the simulated step, or None where there is none.
+    xi : ndarray, shape (n_xi,) - section coordinates after the cycle, or None if it did not return to this section.
+    steps : the simulated steps.
     ending, message : ``completed``, or why it did not return.
     """
 
     xi: Array | None
-    step: Step | None
+    steps: tuple[Step, ...]
     ending: Ending
     message: str
 
@@ -45,14 +46,14 @@ class FixedPoint:
     ----------
     xi : ndarray, shape (n_xi,) - last iterate.
     residual : largest entry of Pi(xi) - xi; infinite where the map is not defined.
-    step : the step from ``xi``, or None.
+    steps : the steps from ``xi``.
     jacobian : ndarray, shape (n_xi, n_xi) - derivative of the map at ``xi``, or None.
     message : how it ended.
     """
 
     xi: Array
     residual: float
-    step: Step | None
+    steps: tuple[Step, ...]
     jacobian: Array | None
     message: str
 
@@ -63,38 +64,37 @@ class FixedPoint:
 
 
 class ReturnMap:
-    """Return map of a simulator on the section of one kind of impact."""
+    """Return map of a simulator, after one or more steps, on the section of one kind of impact."""
 
-    def __init__(self, simulator: Simulator, section_mode: Mode) -> None:
-        self.simulator, self.section_mode = simulator, section_mode
+    def __init__(self, simulator: Simulator, section_mode: Mode, n_steps: int = 1) -> None:
+        self.simulator, self.section_mode, self.n_steps = simulator, section_mode, n_steps
         self._system, self._p = simulator.system, simulator.p
         self._indices = simulator.system.section(section_mode)
         self._variation = StepVariation(self._system, self._p, section_mode, simulator.stepper)
 
     def __call__(self, xi: Array) -> Return:
-        """Simulate one step from section coordinates ``xi``."""
-        trajectory = self.simulator.run(self._system.lift_state(xi, self._p), steps=1)
-        step = trajectory.steps[-1] if trajectory.steps else None
-        if step is None or step.impact is None:
-            return Return(xi=None, step=step, ending=trajectory.ending, message=trajectory.message)
-        if (step.impact.mode is Mode.STICK) is not (self.section_mode is Mode.STICK):
-            message = f"the impact ends with {step.impact.mode}, off the section of {self.section_mode}"
-            return Return(xi=None, step=step, ending=trajectory.ending, message=message)
-        return Return(
-            xi=step.impact.state[self._indices], step=step, ending=trajectory.ending, message=trajectory.message
-        )
+        """Simulate one cycle from section coordinates ``xi``."""
+        trajectory = self.simulator.run(self._system.lift_state(xi, self._p), steps=self.n_steps)
+        steps, ending = trajectory.steps, trajectory.ending
+        impact = steps[-1].impact if len(steps) == self.n_steps else None
+        if impact is None:
+            return Return(xi=None, steps=steps, ending=ending, message=trajectory.message)
+        if (impact.mode is Mode.STICK) is not (self.section_mode is Mode.STICK):
+            message = f"the impact ends with {impact.mode}, off the section of {self.section_mode}"
+            return Return(xi=None, steps=steps, ending=ending, message=message)
+        return Return(xi=impact.state[self._indices], steps=steps, ending=ending, message=trajectory.message)
 
-    def jacobian(self, step: Step) -> Array:
-        """Derivative of the map along one of its steps; shape (n_xi, n_xi)."""
-        return self._variation.jacobian(step)
+    def jacobian(self, steps: Sequence[Step]) -> Array:
+        """Derivative of the map along one of its cycles; shape (n_xi, n_xi)."""
+        return self._variation.jacobian(steps)
 
     def fixed_point(self, xi: Array) -> FixedPoint:
         """Newton's method from ``xi`` until Pi(xi) = xi up to rounding."""
         point = self._evaluate(xi)
         for _ in range(NEWTON_STEPS):
-            if point.converged or point.jacobian is None or point.step is None or point.step.impact is None:
+            if point.converged or point.jacobian is None:
                 break
-            defect = point.step.impact.state[self._indices] - point.xi
+            defect = self._returned(point.steps) - point.xi
             newton = np.linalg.lstsq(point.jacobian - np.eye(xi.size), defect, rcond=None)[0]
             candidate = self._evaluate(point.xi - newton)
             if not candidate.residual < point.residual:
@@ -102,13 +102,18 @@ class ReturnMap:
             point = candidate
         return point
 
+    def _returned(self, steps: Sequence[Step]) -> Array:
+        impact = steps[-1].impact
+        assert impact is not None, "a cycle is made of complete steps"
+        return impact.state[self._indices]
+
     def _evaluate(self, xi: Array) -> FixedPoint:
         result = self(xi)
-        if result.xi is None or result.step is None:
-            return FixedPoint(xi=xi, residual=np.inf, step=result.step, jacobian=None, message=result.message)
+        if result.xi is None:
+            return FixedPoint(xi=xi, residual=np.inf, steps=result.steps, jacobian=None, message=result.message)
         residual = float(np.abs(result.xi - xi).max())
-        jacobian = self.jacobian(result.step)
+        jacobian = self.jacobian(result.steps)
         if not np.isfinite(jacobian).all():
             message = "the walk grazes an event, where the return map has no derivative"
-            return FixedPoint(xi=xi, residual=residual, step=result.step, jacobian=None, message=message)
-        return FixedPoint(xi=xi, residual=residual, step=result.step, jacobian=jacobian, message=result.message)
+            return FixedPoint(xi=xi, residual=residual, steps=result.steps, jacobian=None, message=message)
+        return FixedPoint(xi=xi, residual=residual, steps=result.steps, jacobian=jacobian, message=result.message)

@@ -1,10 +1,12 @@
-"""Derivative of the return map along a simulated step: variational equations and saltation.
+"""Derivative of the return map along simulated steps: variational equations and saltation.
 
     d/dt Z = f_z Z  along every arc,     Z -> S Z  at every switch,     Z -> R_z (I - f grad g' / g_dot) Z  at impact
 
 S is the saltation matrix of ``mechanics.saltation``. A breakpoint of the control lies at a fixed time since the
 impact, the same for every neighbouring motion, so that it leaves deviations as they are.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from casadi import Function
@@ -40,13 +42,20 @@ class StepVariation:
         self._buffered: dict[str, Buffered] = {}
 
     @np.errstate(divide="ignore", invalid="ignore")  # an event that is grazed has no rate, and its map no derivative
-    def jacobian(self, step: Step) -> Array:
-        """Derivative of the return map along a complete step that starts and ends on the section, shape (n_xi, n_xi).
+    def jacobian(self, steps: Sequence[Step]) -> Array:
+        """Derivative of the return map along complete steps that start and end on the section, shape (n_xi, n_xi).
 
-        It is not finite if the step grazes an event.
+        It is not finite if a step grazes an event.
         """
-        system, start = self._system, step.arcs[0].states[0]
-        deviations = self._matrix(system.lift_jacobian, start[self._lifted], self._p)[:, : self._indices.size]
+        start = steps[0].arcs[0].states[0]
+        deviations = self._matrix(self._system.lift_jacobian, start[self._lifted], self._p)[:, : self._indices.size]
+        for step in steps:
+            deviations = self._through(step, deviations)
+        return deviations[self._indices]
+
+    def _through(self, step: Step, deviations: Array) -> Array:
+        """Deviations just after the impact of a step from those at its start, shape (n_z, n_xi)."""
+        system = self._system
         for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
             data, ends = system.data(arc.segment), arc.times[[0, -1]]
             deviations = self._stepper.transport(arc.mode, data, arc.states[0], deviations, ends)
@@ -54,7 +63,9 @@ class StepVariation:
                 deviations = self._event(arc, after, data) @ deviations
         assert step.impact is not None, "only a complete step returns to the section"
         reset = self._matrix(system.impact_jacobian(step.impact.mode), step.arcs[-1].states[-1], self._p)
-        return (reset @ deviations)[self._indices]
+        after_impact = reset @ deviations
+        after_impact[system.n_shape] = 0.0  # x is counted from the new stance foot
+        return np.asarray(after_impact)
 
     def _event(self, arc: Arc, after: Arc | None, data: Array) -> Array:
         """What the event at the end of an arc does to deviations; shape (n_z, n_z)."""

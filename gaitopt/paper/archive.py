@@ -86,12 +86,12 @@ class Archive:
         self._narrate(f"solving {problem.name}{_changes(problem)}")
         gait = solve(problem, should_stop=self._should_stop)
         self._check_interrupt()
-        if gait.step is None:
+        if not gait.steps:
             raise SolveError(f"{problem.name} is {gait.status}: {gait.message}")
         verification = verify(gait)
         if not verification.passed:
             raise SolveError(f"{problem.name}: the forward simulation refutes the gait; see gaitopt verify")
-        table = Table(header=trajectory_header(gait.system), rows=trajectory_rows(gait.system, gait.p, [gait.step]))
+        table = Table(header=trajectory_header(gait.system), rows=trajectory_rows(gait.system, gait.p, gait.steps))
         gait = gait.verified(verification.to_record())
         write_run(run_folder(problem, self._results), problem=problem, gait=gait.to_record(), trajectory=table)
         return gait

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 def copied_torques(gait: Gait) -> list[tuple[Array, Array]]:
     """Times (m,) [s] and torques (m, n_u) [N m] on every arc of a gait of a walker with as many motors as angles."""
-    assert gait.step is not None, "a failed attempt has no motion to copy"
+    assert gait.steps, "a failed attempt has no motion to copy"
     walker = gait.problem.walker
     equations = equations_of_motion(type(walker))
     shape = gait.system.n_shape
@@ -30,14 +30,14 @@ def copied_torques(gait: Gait) -> list[tuple[Array, Array]]:
         (there, E), (here, _) = terms(z, sloping), terms(z, level)
         return np.linalg.solve(np.asarray(E), np.asarray(here - there)).ravel()
 
-    return [(arc.times, np.array([torque(z) for z in arc.states])) for arc in gait.step.arcs]
+    return [(arc.times, np.array([torque(z) for z in arc.states])) for arc in gait.arcs]
 
 
 def mean_torques(gait: Gait) -> Array:
     """Their means over the step; shape (n_u,) [N m]."""
-    assert gait.step is not None, "a failed attempt has no motion to copy"
+    assert gait.steps, "a failed attempt has no motion to copy"
     sums = [
         [integral(column, float(times[-1] - times[0])) for column in torques.T]
         for times, torques in copied_torques(gait)
     ]
-    return np.asarray(np.sum(sums, axis=0) / gait.step.period)
+    return np.asarray(np.sum(sums, axis=0) / gait.period)

@@ -3,6 +3,7 @@
 from gaitopt.problem.catalogue import problem_names
 from gaitopt.problem.demands import RESULT_SCALARS
 from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem
+from gaitopt.problem.record import cycle_data
 from gaitopt.problem.schema import problem_schema
 from gaitopt.problem.sections import (
     ConstantTorqueSpec,
@@ -33,6 +34,7 @@ __all__ = [
     "PDSpec",
     "Problem",
     "Range",
+    "cycle_data",
     "load_problem",
     "parse_problem",
     "parse_value",

@@ -10,7 +10,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from gaitopt.mechanics.modes import ModeSequence
+from gaitopt.errors import ProblemError
+from gaitopt.mechanics.consistency import check_walker
+from gaitopt.mechanics.modes import Cycle
 from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
@@ -47,15 +49,15 @@ def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], fault
     head = _read_head(data, free, faults)
     friction = _read_friction(data, free, faults)
     control = _read_control(data.get("control", {"type": "none"}), model, free, faults)
-    sequence, guess = read_gait(data, model, walker, faults)
-    fields: dict[str, Any] = {"walker": walker, "control": control, "modes": sequence, "start": guess, "free": free}
+    modes, guess = read_gait(data, model, walker, faults)
+    fields: dict[str, Any] = {"walker": walker, "control": control, "modes": modes, "start": guess, "free": free}
     if head:
         fields |= {key: getattr(head, key) for key in HeadSection.model_fields}
     if friction:
         fields["friction"] = friction
     if model:
-        known = sequence if isinstance(sequence, ModeSequence) else None
-        asked = Asked(walker=model, control=control, sequence=known, free=free)
+        cycle = modes if isinstance(modes, Cycle) else None
+        asked = Asked(walker=model, control=control, cycle=cycle, free=free)
         objective = read_objective(data.get("objective"), asked, faults)
         constraints = read_constraints(data.get("constraints"), asked, faults)
         if not faults:
@@ -109,7 +111,15 @@ def _read_walker(
     model: type[Walker], section: Mapping[str, Any], free: dict[str, Free], faults: list[Fault]
 ) -> Walker | None:
     parameters = {key: value for key, value in section.items() if key != "model"}
-    return _read_parameters(model, parameters, ("walker",), free, faults)
+    walker = _read_parameters(model, parameters, ("walker",), free, faults)
+    if walker is None:
+        return None
+    try:
+        check_walker(walker)
+    except ProblemError as error:
+        faults.append(Fault(("walker",), str(error)))
+        return None
+    return walker
 
 
 def _read_control(

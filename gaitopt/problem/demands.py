@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import TypeAdapter, ValidationError
 
-from gaitopt.mechanics.modes import Mode, ModeSequence
+from gaitopt.mechanics.modes import Cycle, Mode
 from gaitopt.mechanics.units import Angle, Number
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
@@ -44,7 +44,7 @@ class Asked:
 
     walker: type[Walker]
     control: ControlSpec | None
-    sequence: ModeSequence | None
+    cycle: Cycle | None
     free: Mapping[str, Free]
 
     @property
@@ -60,7 +60,7 @@ class Asked:
             return (
                 "is a quantity of the motors, and this walker is passive: give it a control, or ask for another scalar"
             )
-        if name == "required_friction" and self.sequence and Mode.STICK not in self.sequence.phases:
+        if name == "required_friction" and self.cycle and Mode.STICK not in self.cycle.phases:
             return "is defined by sticking phases, and this gait has none"
         return None
 

@@ -1,23 +1,25 @@
-"""The mode sequence of a gait and its first guess: a state on the section just after the impact, and durations.
+"""The mode sequences of a gait and its first guess: a state on the section just after the impact, and durations.
 
 What the section determines is filled in (both feet on the ground, x = 0, and dx = 0 unless the impact slips); what a
 file gives besides must agree with it.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
-from gaitopt.mechanics.modes import Mode, ModeSequence
+from gaitopt.mechanics.modes import Cycle, Mode, ModeSequence
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, read_section, shown
 from gaitopt.problem.sections import (
+    CycleSection,
     GaitSection,
     Guess,
     GuessSection,
     OpenGaitSection,
     OpenSequence,
+    StepSection,
     state_section,
 )
 
@@ -27,25 +29,29 @@ SAME_STATE = 1e-5  # relative: a state written with six digits may be off by hal
 
 def read_gait(
     data: Mapping[str, Any], model: type[Walker] | None, walker: Walker | None, faults: list[Fault]
-) -> tuple[ModeSequence | OpenSequence | None, Guess | None]:
-    """The sequence and the guess, as far as they can be had without fault."""
+) -> tuple[Cycle | OpenSequence | None, Guess | None]:
+    """The cycle and the guess, as far as they can be had without fault."""
     if "gait" not in data:
         return None, None
     if isinstance(data["gait"], Mapping) and data["gait"].get("phases") == OPEN:
         return _read_open(data["gait"], model, walker, faults)
-    gait = read_section(GaitSection, data["gait"], ("gait",), faults)
+    several = isinstance(data["gait"], Mapping) and "steps" in data["gait"]
+    model_: type[CycleSection] | type[GaitSection] = CycleSection if several else GaitSection
+    gait = read_section(model_, data["gait"], ("gait",), faults)
     if gait is None:
         return None, None
-    sequence = _read_sequence(gait, faults)
+    steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
+    cycle = _read_cycle(steps, ("gait", "steps" if several else "phases"), faults)
     guess = read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
     if guess is None:
-        return sequence, None
-    if guess.durations is not None and len(guess.durations) != len(gait.phases):
-        wanted = f"one duration per phase ({', '.join(gait.phases)})"
+        return cycle, None
+    phases = [mode for step in steps for mode in step.phases]
+    if guess.durations is not None and len(guess.durations) != len(phases):
+        wanted = f"one duration per phase ({', '.join(phases)})"
         message = f"{len(guess.durations)} given, but it takes {wanted}; or leave durations out"
         faults.append(Fault(("gait", "guess", "durations"), message))
-    state = None if model is None else _read_state(guess.state, model, walker, gait.impact, faults)
-    return sequence, None if state is None else Guess(state=state, durations=guess.durations)
+    state = None if model is None else _read_state(guess.state, model, walker, steps[-1].impact, faults)
+    return cycle, None if state is None else Guess(state=state, durations=guess.durations)
 
 
 def _read_open(
@@ -67,11 +73,11 @@ def _read_open(
     return sequence, None if state is None else Guess(state=state, durations=None)
 
 
-def _read_sequence(gait: GaitSection, faults: list[Fault]) -> ModeSequence | None:
+def _read_cycle(steps: Sequence[StepSection], path: Key, faults: list[Fault]) -> Cycle | None:
     try:
-        return ModeSequence(phases=gait.phases, impact=gait.impact)
+        return Cycle(tuple(ModeSequence(phases=step.phases, impact=step.impact) for step in steps))
     except ValueError as error:
-        faults.append(Fault(("gait", "phases"), str(error)))
+        faults.append(Fault(path, str(error)))
         return None
 
 

@@ -70,19 +70,46 @@ def _match_friction(data: dict[str, Any], path: Key, value: object, faults: list
     return value
 
 
+_REPLACED = (("steps", ("phases", "impact")), ("phases", ("steps",)))
+_OPENED = (("phases", ("impact", "steps")),)
+"""Keys of a gait that go where another one is set: one step or several, and a sequence that is opened."""
+
+
 def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden: tuple[Key, ...]) -> None:
     def is_set(path: Key) -> bool:
         return any(path[: len(key)] == key for key in overridden)
 
     gait = after["gait"]
-    if not isinstance(gait, Mapping) or not isinstance(gait.get("guess"), Mapping):
+    if not isinstance(gait, dict) or not isinstance(gait.get("guess"), dict):
         return
-    phases, guess = gait.get("phases"), gait["guess"]
-    if phases == OPEN and before["gait"]["phases"] != OPEN:
+    guess, opened = gait["guess"], gait.get("phases") == OPEN
+    if opened and before["gait"].get("phases") != OPEN:
         guess.pop("durations", None)
-        if not is_set(("gait", "impact")):
-            after["gait"].pop("impact", None)
-    if isinstance(phases, list | tuple) and len(phases) != len(before["gait"]["phases"]) and not is_set(DURATIONS):
+    stale = _OPENED if opened and before["gait"].get("phases") != OPEN else () if opened else _REPLACED
+    for key, others in stale:
+        if is_set(("gait", key)):
+            for other in others:
+                if not is_set(("gait", other)):
+                    gait.pop(other, None)
+    if _phase_counts(gait) not in (None, _phase_counts(before["gait"])) and not is_set(DURATIONS):
         guess.pop("durations", None)
-    if gait.get("impact") == Mode.STICK and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
+    if _last_impact(gait) == Mode.STICK and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
         guess["state"].pop("dx", None)
+
+
+def _steps(gait: Mapping[str, Any]) -> list[Any]:
+    """The steps of a gait's data, valid or not."""
+    steps = gait.get("steps", [gait])
+    return list(steps) if isinstance(steps, list | tuple) else []
+
+
+def _phase_counts(gait: Mapping[str, Any]) -> list[int] | None:
+    """Number of phases of every step; None where the data are no steps."""
+    phases = [step.get("phases") if isinstance(step, Mapping) else None for step in _steps(gait)]
+    counts = [len(p) for p in phases if isinstance(p, list | tuple)]
+    return counts if len(counts) == len(phases) else None
+
+
+def _last_impact(gait: Mapping[str, Any]) -> object:
+    last = _steps(gait)[-1:]
+    return last[0].get("impact") if last and isinstance(last[0], Mapping) else None

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.mechanics.modes import ImpactLaw, ModeSequence
+from gaitopt.mechanics.modes import Cycle, ImpactLaw
 from gaitopt.mechanics.walker import Walker, registered_walkers
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
@@ -43,7 +43,8 @@ class Problem:
     friction : coefficient of friction mu, or static and kinetic coefficient and drag.
     impact_law : tangential law of a slipping impact.
     control : what the motors do.
-    modes : mode sequence of one step, or what is known of one that is open.
+    modes : those of the step, or of the steps, after which the gait repeats itself, and their impacts; or what is
+        known of a sequence that is open.
     start : first guess of the gait, its state complete; None only where the sequence is open.
     free : the unknown parameters by dotted key.
     objective : weights of the scalars whose sum is minimised; empty if there is none.
@@ -59,7 +60,7 @@ class Problem:
     friction: float | FrictionCoefficients
     impact_law: ImpactLaw = ImpactLaw.COULOMB
     control: ControlSpec
-    modes: ModeSequence | OpenSequence
+    modes: Cycle | OpenSequence
     start: Guess | None
     free: Mapping[str, Free] = field(default_factory=dict)
     objective: Mapping[str, float] = field(default_factory=dict)
@@ -75,13 +76,13 @@ class Problem:
         return isinstance(self.modes, OpenSequence)
 
     @property
-    def sequence(self) -> ModeSequence:
-        """The mode sequence of one step.
+    def cycle(self) -> Cycle:
+        """The mode sequences of the steps after which the gait repeats itself.
 
         Raises
         ------
         ProblemError
-            If it is open.
+            If they are open.
         """
         if isinstance(self.modes, OpenSequence):
             raise self._open_error()

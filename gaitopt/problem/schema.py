@@ -10,6 +10,7 @@ from gaitopt.problem.demands import RESULT_SCALARS
 from gaitopt.problem.sections import (
     Curve,
     CurveReference,
+    CycleSection,
     FrictionCoefficients,
     GaitReference,
     GaitSection,
@@ -100,13 +101,13 @@ def _controls(walkers: Any) -> list[dict[str, Any]]:
 
 
 def _gait(walkers: Any) -> dict[str, Any]:
-    gait, guess = _section(GaitSection), _section(GuessSection)
+    guess = _section(GuessSection)
     states = [_section(state_section(walker)) for walker in walkers]
     guess["properties"]["state"] = {"description": "state just after impact", "anyOf": states}
-    gait["properties"]["guess"] = guess
-    open_gait = _section(OpenGaitSection)
-    open_gait["properties"]["guess"] = guess
-    return {"description": "the gait: its mode sequence, or that it is to be found", "oneOf": [gait, open_gait]}
+    gaits = [_section(GaitSection), _section(CycleSection), _section(OpenGaitSection)]
+    for gait in gaits:
+        gait["properties"]["guess"] = guess
+    return {"description": "phases and impact of one step, of several steps, or to be found", "oneOf": gaits}
 
 
 def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[str, Any]:

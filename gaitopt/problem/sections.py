@@ -188,12 +188,26 @@ class FrictionCoefficients(Section):
         return self
 
 
-class GaitSection(Section):
-    """The mode sequence of one step, and a first guess."""
+class StepSection(Section):
+    """The mode sequence of one step."""
 
     phases: Annotated[tuple[Mode, ...], Field(description="modes of the stance foot in order")]
     impact: Annotated[Mode, Field(description="what the colliding foot does just after the impact that ends the step")]
+
+
+class GaitSection(StepSection):
+    """A gait that repeats itself after one step, and a first guess."""
+
     guess: Annotated[dict[str, Any], Field(description="first guess of state and durations")]
+
+
+class CycleSection(Section):
+    """A gait that repeats itself after several steps, and a first guess."""
+
+    steps: Annotated[
+        tuple[StepSection, ...], Field(min_length=1, max_length=MAX_STEPS, description="the steps in order")
+    ]
+    guess: Annotated[dict[str, Any], Field(description="first guess of state and durations of all phases")]
 
 
 class OpenGaitSection(Section):

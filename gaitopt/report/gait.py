@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.figures.comparison import differences, simulated
+from gaitopt.figures.comparison import differences, node_points, points_of, simulated
 from gaitopt.figures.film import film
 from gaitopt.figures.motion import Motion, motion_of, smooth
 from gaitopt.figures.packing import pack
-from gaitopt.gait import Gait, Step
+from gaitopt.gait import Gait
 from gaitopt.report.page import numbers, render, words
 from gaitopt.report.provenance import provenance
 
@@ -56,26 +56,22 @@ def _shown(gait: Gait, name: str) -> dict[str, Any]:
 
 
 def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
-    """Angles along the simulated step, those of the NLP's nodes, and the difference of the two roads."""
+    """Angles along the simulated steps, those of the NLP's nodes, and the difference of the two roads."""
     walked = simulated(gait)
-    if gait.shooting is None:
-        times, states = _stacked(motion.step)
-    else:
-        times, states = gait.shooting.times, gait.shooting.states
+    times, states = node_points(gait) or points_of(motion.steps)
     columns = [motion.state_index(name) for name in motion.system.walker.shape]
     names = motion.system.walker.shape
     nodes = {"t": times} | {name: states[:, k] for name, k in zip(names, columns, strict=True)}
-    lines = [{"t": a.times} | {n: a.states[:, k] for n, k in zip(names, columns, strict=True)} for a in smooth(walked)]
+    arcs = [
+        (arc.mode, {"t": began + arc.times} | {n: arc.states[:, k] for n, k in zip(names, columns, strict=True)})
+        for began, arc in smooth(walked)
+    ]
     gaps = [
         {"t": times, "difference": np.log10(np.maximum(np.abs(gap).max(axis=1), FLOOR))}
-        for times, gap in differences(motion.step, walked)
+        for times, gap in differences(motion.steps, walked)
     ]
     return {
         "nodes": pack(nodes),
-        "lines": [{"mode": str(a.mode), **pack(line)} for a, line in zip(walked.arcs, lines, strict=True)],
+        "lines": [{"mode": str(mode), **pack(line)} for mode, line in arcs],
         "gaps": [pack(gap) for gap in gaps],
     }
-
-
-def _stacked(step: Step) -> tuple[Any, Any]:
-    return np.concatenate([arc.times for arc in step.arcs]), np.vstack([arc.states for arc in step.arcs])

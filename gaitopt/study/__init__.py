@@ -1,11 +1,12 @@
 """What a user does with problems and gaits: solve, verify, simulate."""
 
 from gaitopt.study.batch import Returns, return_map
+from gaitopt.study.claims import Claim, Verification
 from gaitopt.study.find import Gaits, find
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.solve import solve
 from gaitopt.study.system import build_system, gait_reference
-from gaitopt.study.verify import Claim, Verification, verify
+from gaitopt.study.verify import verify
 
 __all__ = [
     "Claim",

@@ -5,19 +5,19 @@ Newton's method on the return map. A program with complementarity conditions in 
 of any sequence, also where parameters are free and where no walk leads.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.gait import Status
+from gaitopt.gait import Status, Step
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.nlp import free_parameters
 from gaitopt.nlp.complementarity import Complementarity, Proposal, shapes_before, swing
 from gaitopt.orbit import ReturnMap, damped_fixed_point
-from gaitopt.problem import Problem
+from gaitopt.problem import OpenSequence, Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
 from gaitopt.simulation.batch_functions import Rowwise
 from gaitopt.study.batch import step_map
@@ -32,6 +32,8 @@ SMALLEST_SCALE = 0.3
 """Samples of the default box lie in boxes from this part of it to its whole: walkers make small steps too."""
 STANDING = 0.05
 """A period shorter than this in natural units is no step: feet that stay together solve all equations."""
+SAME = 1e-3
+"""States whose difference is less than this part of their size are one."""
 PERIODS = (0.7, 3.0)
 """Range of the guessed periods in natural units."""
 TYPICAL_PERIOD = 1.7
@@ -67,6 +69,12 @@ class SearchJob:
     seed: int
     within: Mapping[str, tuple[float, float]]
 
+    @property
+    def n_steps(self) -> int:
+        """Length of the longest cycle that is looked for."""
+        modes = self.problem.modes
+        return modes.steps if isinstance(modes, OpenSequence) else 1
+
 
 def search_part(job: SearchJob, _: None = None) -> Record:
     """Candidates of one part of a search, and how many starts it has made.
@@ -98,22 +106,22 @@ def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[
 def _walks(
     job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator
 ) -> tuple[list[Record], int]:
-    """Fixed points of the return map next to the walks from sampled states."""
+    """Fixed points of the return map and of its powers next to the walks from sampled states."""
     xi, standing = _samples(system, p, box, rng), STANDING * system.scales(p).time
     if job.problem.start is not None and job.number == 0:
         xi[0] = [job.problem.start.state[name] for name in job.problem.walker.section_names(slipping=True)]
     engine = choose_engine(Engine.AUTO, steps=WALKS * WALK)
-    best, states = _near_returns(job.problem, engine, xi, box)
+    history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
     simulator = Simulator(system, p, stepper=make_stepper(system, p, engine))
-    maps = {True: ReturnMap(simulator, Mode.SLIP_FORWARD), False: ReturnMap(simulator, Mode.STICK)}
     candidates = []
-    for row in np.argsort(best)[: min(TRIES, int(np.isfinite(best).sum()))]:
-        slipping = bool(states[row, -1])
-        n = states.shape[1] if slipping else states.shape[1] - 1
-        point = damped_fixed_point(maps[slipping], states[row, :n], box.sizes[:n])
-        if point is not None and point[1].impact is not None and point[1].period > standing:
-            impact, phases = point[1].impact, point[1].phases
-            candidates.append(_record(system, impact.mode, phases, impact.state, {}, job, int(row)))
+    for n_steps in range(1, job.n_steps + 1):
+        maps = {mode: ReturnMap(simulator, mode, n_steps) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
+        for row, state in _near_returns(history, n_steps, box):
+            mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
+            n = state.size if state[-1] else state.size - 1
+            steps = damped_fixed_point(maps[mode], state[:n], box.sizes[:n])
+            if steps is not None and steps[0].period > standing:
+                candidates.append(_cycle_record(system, steps, f"{job.method} {job.number}.{row}"))
     return candidates, len(xi)
 
 
@@ -138,20 +146,27 @@ def _turn_forward(system: HybridSystem, p: Array, xi: Array) -> None:
     xi[step_lengths < 0, :n_section] *= -1
 
 
-def _near_returns(problem: Problem, engine: Engine, xi: Array, box: Box) -> tuple[Array, Array]:
-    """Of each walk the least distance between neighbouring states, shape (n,), and the latter of the two."""
-    step, going, states = step_map(problem, None, engine), np.arange(len(xi)), xi.copy()
-    best, nearest = np.full(len(xi), np.inf), xi.copy()
-    for _ in range(WALK):
-        walked = step(states[going])
-        going, after = going[walked.completed], walked.states[walked.completed]
-        distance = np.abs((after - states[going]) / box.sizes).max(axis=1)
-        states[going] = after
-        closer = distance < best[going]
-        best[going[closer]], nearest[going[closer]] = distance[closer], after[closer]
+def _walk(problem: Problem, engine: Engine, xi: Array, steps: int) -> Array:
+    """Section states of walks from ``xi``, shape (steps + 1, n, n_xi); NaN where a walk has ended."""
+    history = np.full((steps + 1, *xi.shape), np.nan)
+    history[0], going, step = xi, np.arange(len(xi)), step_map(problem, None, engine)
+    for k in range(steps):
+        walked = step(history[k, going])
+        going = going[walked.completed]
+        history[k + 1, going] = walked.states[walked.completed]
         if not going.size:
             break
-    return best, nearest
+    return history
+
+
+def _near_returns(history: Array, n_steps: int, box: Box) -> Iterator[tuple[int, Array]]:
+    """The walks that come closest to where they were ``n_steps`` before, and the states there, the closest first."""
+    distances = np.abs((history[n_steps:] - history[:-n_steps]) / box.sizes).max(axis=2)
+    distances = np.where(np.isnan(distances), np.inf, distances)
+    nearest = np.argmin(distances, axis=0)
+    best = distances[nearest, np.arange(nearest.size)]
+    for row in np.argsort(best)[: min(TRIES, int(np.isfinite(best).sum()))]:
+        yield int(row), history[n_steps + nearest[row], row]
 
 
 def _guesses(
@@ -170,26 +185,39 @@ def _guesses(
         if result is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if isinstance(result, Proposal):
-            phases = tuple(zip(result.sequence.phases, result.durations, strict=True))
-            impact = result.sequence.impact
-            candidates.append(_record(system, impact, phases, result.state, result.freed, job, number))
+            candidates.append(_proposal_record(system, result, f"{job.method} {job.number}.{number}"))
     return candidates, GUESSES
 
 
-def _record(
-    system: HybridSystem,
-    impact: Mode,
-    phases: tuple[tuple[Mode, float], ...],
-    state: Array,
-    freed: Mapping[str, float],
-    job: SearchJob,
-    start: int,
-) -> Record:
-    """A candidate as one JSON object, with the keys of a gait that a guess needs."""
+def _cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
+    """A simulated cycle, without repetitions, from the smallest of its states in lexical order."""
+    starts = [step.arcs[0].states[0] for step in steps]
+    n = next(k for k in range(1, len(steps) + 1) if len(steps) % k == 0 and _repeats(starts, k))
+    first = min(range(n), key=lambda k: tuple(starts[k]))
+    turned = [*steps[first:n], *steps[:first]]
+    records = [_step_record(step.phases, step.impact.mode) for step in turned if step.impact is not None]
+    return {"steps": records, "state": _state_record(system, starts[first]), "parameters": {}, "start": start}
+
+
+def _repeats(states: Sequence[Array], n: int) -> bool:
+    """Whether a cycle of states is one of ``n`` states several times over."""
+    size = np.abs(states[0]).max()
+    return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
+
+
+def _proposal_record(system: HybridSystem, proposal: Proposal, start: str) -> Record:
+    phases = tuple(zip(proposal.sequence.phases, proposal.durations, strict=True))
     return {
-        "phases": [{"mode": str(mode), "duration": duration} for mode, duration in phases],
-        "impact": str(impact),
-        "state": dict(zip(system.state_names, map(float, state), strict=True)),
-        "parameters": dict(freed),
-        "start": f"{job.method} {job.number}.{start}",
+        "steps": [_step_record(phases, proposal.sequence.impact)],
+        "state": _state_record(system, proposal.state),
+        "parameters": dict(proposal.freed),
+        "start": start,
     }
+
+
+def _step_record(phases: Sequence[tuple[Mode, float]], impact: Mode) -> Record:
+    return {"phases": [{"mode": str(mode), "duration": t} for mode, t in phases], "impact": str(impact)}
+
+
+def _state_record(system: HybridSystem, state: Array) -> Record:
+    return dict(zip(system.state_names, map(float, state), strict=True))

@@ -16,7 +16,7 @@ from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem
-from gaitopt.study.candidates import GUESSES, WALKS, Record, SearchJob, search_part
+from gaitopt.study.candidates import GUESSES, SAME, WALKS, Record, SearchJob, search_part
 from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
 from gaitopt.study.solve import solve
 from gaitopt.study.system import build_system
@@ -26,10 +26,8 @@ STARTS = 1000
 """Start states of the search by simulation."""
 GUESSED = 8
 """Guesses of the search by complementarity."""
-SAME = 1e-3
-"""Candidates of one mode sequence whose section states differ by less than this part of their size are one gait."""
 SAME_GAIT = 1e-6
-"""The same for gaits, which are solved to ten digits."""
+"""Gaits of one mode sequence whose states differ by less than this part of their size are one."""
 
 Within = Mapping[str, tuple[float, float]]
 
@@ -193,7 +191,7 @@ def gaits_of(
         known = next((entry for entry in found if _same_gait(entry[0], gait)), None)
         if not gait.converged or not (gait.verification or {}).get("passed"):
             words = gait.message if not gait.converged else "the simulator does not confirm it"
-            rejected.append({"sequence": str(gait.problem.sequence), "reason": words, "starts": starts})
+            rejected.append({"sequence": str(gait.problem.cycle), "reason": words, "starts": starts})
         elif known is not None:
             known[1].extend(starts)
         else:
@@ -204,7 +202,7 @@ def gaits_of(
         "starts": {method: sum(part["starts"] for part in done if part["method"] == method) for method in methods},
         "candidates": len(candidates),
         "rejected": rejected,
-        "n_steps": 1,
+        "n_steps": getattr(problem.modes, "steps", 1),
     }
     return Gaits(
         problem=problem,
@@ -216,15 +214,15 @@ def gaits_of(
 
 def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
     """A problem with the mode sequence of a candidate or of a gait's record, and its motion as the guess."""
-    impact = candidate["impact"]
-    names = problem.walker.section_names(slipping=impact != Mode.STICK)
+    steps = candidate.get("steps") or [candidate]
+    names = problem.walker.section_names(slipping=steps[-1]["impact"] != Mode.STICK)
     guess = {
         "state": {name: candidate["state"][name] for name in names},
-        "durations": [phase["duration"] for phase in candidate["phases"]],
+        "durations": [phase["duration"] for step in steps for phase in step["phases"]],
     }
-    changes: dict[str, object] = {
-        "gait": {"phases": [phase["mode"] for phase in candidate["phases"]], "impact": impact, "guess": guess}
-    }
+    sequences = [{"phases": [p["mode"] for p in step["phases"]], "impact": step["impact"]} for step in steps]
+    cycle = sequences[0] if len(sequences) == 1 else {"steps": sequences}
+    changes: dict[str, object] = {"gait": {**cycle, "guess": guess}}
     for key, free in problem.free.items():
         if key in candidate["parameters"]:
             value = float(np.clip(candidate["parameters"][key], free.lower, free.upper))
@@ -243,7 +241,7 @@ def _solved(
 
 def _is_wanted(problem: Problem, candidate: Record) -> bool:
     impact = getattr(problem.modes, "impact", None)
-    return impact is None or candidate["impact"] == impact
+    return impact is None or impact in [step["impact"] for step in candidate["steps"]]
 
 
 def _grouped(problem: Problem, candidates: list[Record]) -> Iterator[list[Record]]:
@@ -256,13 +254,16 @@ def _grouped(problem: Problem, candidates: list[Record]) -> Iterator[list[Record
 
 
 def _same(problem: Problem, first: Record, second: Record) -> bool:
-    if _sequence(first) != _sequence(second):
+    if first["parameters"].keys() != second["parameters"].keys():
         return False
-    return bool(first["parameters"]) or _near(first["state"], second["state"], SAME)
+    if problem.free or problem.objective:  # a design finds its own motion
+        return _sequence(first) == _sequence(second)
+    return _sequence(first) == _sequence(second) and _near(first["state"], second["state"], SAME)
 
 
 def _sequence(record: Mapping[str, Any]) -> tuple[Any, ...]:
-    return (record["impact"], *(phase["mode"] for phase in record["phases"]))
+    steps = record.get("steps") or [record]
+    return tuple((step["impact"], *(phase["mode"] for phase in step["phases"])) for step in steps)
 
 
 def _near(first: Mapping[str, float], second: Mapping[str, float], part: float) -> bool:

@@ -95,7 +95,7 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[P
     """The problem with ``count`` other guesses."""
     control = build_system(problem).control
     curves = control.points if isinstance(control, BezierTracking) else {}
-    names = problem.walker.section_names(slipping=problem.sequence.impact is not Mode.STICK)
+    names = problem.walker.section_names(slipping=problem.cycle.impact is not Mode.STICK)
     problems = []
     for number in range(1, count + 1):
         rng = np.random.default_rng([seed, number])

@@ -52,7 +52,7 @@ class Walk:
             "phases": [] if last is None else [{"mode": str(m), "duration": d} for m, d in last.phases],
             "impact": None if last is None or last.impact is None else str(last.impact.mode),
             "state": dict(zip(self.system.state_names, map(float, state), strict=True)),
-            **(dict.fromkeys(MEASURES) if last is None else measure(self.system, self.p, last)),
+            **(dict.fromkeys(MEASURES) if last is None else measure(self.system, self.p, [last])),
         }
 
 
@@ -104,13 +104,13 @@ def _initial_state(start: Gait | Problem, system: HybridSystem, p: Array, state:
         raise UnknownNameError(
             f"state {', '.join(unknown)}: not a coordinate just after an impact; use {', '.join(names)}"
         )
-    if isinstance(start, Gait) and start.step is None and len(state) < len(names):
+    if isinstance(start, Gait) and not start.steps and len(state) < len(names):
         raise SolveError(
             f"{start.problem.name} is {start.status}: give the whole state to start from: {', '.join(names)}"
         )
     if isinstance(start, Problem):
         known = dict(start.guess.state)
-    elif start.step is None:
+    elif not start.steps:
         known = {}
     else:
         known = dict(zip(system.state_names, start.state, strict=True))

@@ -58,15 +58,15 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
 
     ``flow`` continues the motion of the gait's last mode as if the swing foot did not touch the ground.
     """
-    assert gait.step is not None, "only a converged gait can be a reference"
+    assert len(gait.steps) == 1, "only a converged gait of one step can be a reference"
     tracked = [gait.system.walker.shape.index(name) for name in gait.system.walker.tracked]
-    pieces = [_piece(gait, arc, tracked) for arc in gait.step.arcs]
+    pieces = [_piece(gait, arc, tracked) for arc in gait.arcs]
     if beyond_end is not BeyondEnd.FLOW:
-        return continued(pieces, gait.step.period, beyond_end)
-    arc, duration = gait.step.arcs[-1], gait.step.period
-    while arc.end < (1 + FLOW_PERIODS) * gait.step.period:
+        return continued(pieces, gait.period, beyond_end)
+    arc, duration = gait.arcs[-1], gait.period
+    while arc.end < (1 + FLOW_PERIODS) * gait.period:
         beyond = _flow_on(gait, arc, duration)
-        if curves.tail(beyond.states) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.step.period:
+        if curves.tail(beyond.states) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.period:
             duration /= 2
             continue
         arc = beyond
@@ -103,13 +103,13 @@ def _reference_gait(problem: Problem, should_stop: Callable[[], bool] | None) ->
 
 def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start: Gait) -> BezierTracking:
     """Curves through the guessed control points, or as close to the start's joint angles as their degree allows."""
-    assert start.step is not None, "only a converged gait can be a start"
+    assert len(start.steps) == 1, "only a converged gait of one step can be a start"
     points = curve.curve.points or _fitted_points(problem, curve, start)
     return BezierTracking(
         kp=spec.kp,
         kd=spec.kd,
         points={name: points[name] for name in problem.walker.tracked},
-        duration=curve.curve.duration or start.step.period,
+        duration=curve.curve.duration or start.period,
         beyond_end=BeyondEnd(curve.beyond_end),
         within=curve.curve.within,
     )
@@ -117,9 +117,8 @@ def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start
 
 def _fitted_points(problem: Problem, curve: CurveReference, start: Gait) -> dict[str, tuple[float, ...]]:
     """Control points within their bound of the curves that come closest to the start's joint angles."""
-    assert start.step is not None
     phases = np.linspace(0, 1, FITTED_POINTS)
-    angles, _ = gait_reference(start, BeyondEnd.HOLD)(phases * start.step.period)
+    angles, _ = gait_reference(start, BeyondEnd.HOLD)(phases * start.period)
     points = np.clip(control_points(phases, angles, curve.degree), -curve.curve.within, curve.curve.within)
     return {name: tuple(map(float, row)) for name, row in zip(problem.walker.tracked, points, strict=True)}
 

@@ -39,20 +39,20 @@ class Walker {
     this.force = svg(this.world, "path", { class: "force" });
   }
 
-  // Every slip of every step: from when, and between which frames.
+  // Every slip of every cycle: from when, and between which frames.
   slips() {
     const slipping = this.film.phases.filter((phase) => phase.mode !== "stick");
-    return Array.from({ length: this.repeats }, (_, step) => slipping.map((phase) => ({ ...phase, step }))).flat();
+    return Array.from({ length: this.repeats }, (_, cycle) => slipping.map((phase) => ({ ...phase, cycle }))).flat();
   }
 
-  // Step, phase, and the frame (with its fraction) at a time since the start.
+  // Cycle, phase, and the frame (with its fraction) at a time since the start.
   moment(time) {
-    const step = Math.min(Math.floor(time / this.film.period), this.repeats - 1);
-    const t = Math.min(time - step * this.film.period, this.film.period);
+    const cycle = Math.min(Math.floor(time / this.film.period), this.repeats - 1);
+    const t = Math.min(time - cycle * this.film.period, this.film.period);
     const phase = this.film.phases.find((phase) => t <= phase.end) ?? this.film.phases.at(-1);
     const along = (t - phase.start) / Math.max(phase.end - phase.start, 1e-12);
     const frame = phase.first + Math.max(0, along) * (phase.last - phase.first);
-    return { step, t, phase, frame: Math.min(frame, phase.last) };
+    return { cycle, t, phase, frame: Math.min(frame, phase.last) };
   }
 
   at(name, frame) {
@@ -63,18 +63,19 @@ class Walker {
   }
 
   draw(time) {
-    const { step, t, phase, frame } = this.moment(time);
-    const offset = step * this.film.step_length;
+    const { cycle, t, phase, frame } = this.moment(time);
+    const step = cycle * this.film.steps + phase.step;
+    const offset = cycle * this.film.step_length;
     const points = Array.from({ length: this.count }, (_, k) => [this.at(`x${k}`, frame) + offset, this.at(`y${k}`, frame)]);
-    const camera = this.film.step_length * (step + t / this.film.period);
+    const camera = this.film.step_length * (cycle + t / this.film.period);
     this.world.setAttribute("transform", `scale(${this.scale} ${-this.scale}) translate(${-camera} 0)`);
     this.drawGround(camera);
-    this.drawMarks(step, t, frame);
+    this.drawMarks(cycle, t, frame);
     this.join(this.legs, this.film.legs, points, step);
     this.join(this.ties, this.film.ties, points, 0);
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
     this.drawForce(points[0], frame);
-    const slipped = 1000 * (this.at("x0", frame) - this.frames.x0[0]);
+    const slipped = 1000 * (this.at("x0", frame) - phase.origin);
     const about = Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
   }
@@ -97,13 +98,13 @@ class Walker {
     this.ground.setAttribute("d", path);
   }
 
-  drawMarks(step, t, frame) {
-    for (const { line, step: own, start, first, last, mode } of this.marks) {
-      const begun = own < step || (own === step && t >= start);
+  drawMarks(cycle, t, frame) {
+    for (const { line, cycle: own, start, first, last, mode } of this.marks) {
+      const begun = own < cycle || (own === cycle && t >= start);
       line.style.display = begun ? "" : "none";
       if (!begun) continue;
       const offset = own * this.film.step_length;
-      const end = own < step ? last : Math.min(frame, last);
+      const end = own < cycle ? last : Math.min(frame, last);
       const y = -MARK_DEPTH[mode] * this.height;
       set(line, { x1: this.frames.x0[first] + offset, x2: this.at("x0", end) + offset, y1: y, y2: y });
     }

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
-from gaitopt.nlp.rollout import roll_out
-from gaitopt.problem import Problem
+from gaitopt.mechanics import Cycle, HybridSystem, Mode
+from gaitopt.nlp.diagnosis import phase_words
+from gaitopt.nlp.rollout import after_impact, roll_out
+from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.continuation.locate import Location, locate
 from gaitopt.study.continuation.monitors import Name, Reading
 from gaitopt.study.continuation.piece import Piece, Station, piece_through
@@ -56,20 +57,20 @@ def find_change(piece: Piece, event: Location) -> Change:
     """The branch that goes on from an event."""
     assert event.name is not None
     ahead = np.sign(event.station.point.tangent[-1]) or 1.0
-    candidates = successors(piece.sequence, _active(event))
-    words = _words(event.name, piece.sequence)
+    candidates = successors(piece.cycle, _active(event))
+    words = _words(event.name, piece.cycle)
     for side in (ahead, -ahead):
-        for sequence in candidates:
+        for cycle in candidates:
             for distance in DISTANCES:
-                found = _attempt(piece, event.station, sequence, side * distance * piece.scales[-1])
+                found = _attempt(piece, event.station, cycle, side * distance * piece.scales[-1])
                 if found is not None and _is_continuous(piece, event.station, *found, side * distance):
-                    vanished = len(sequence.phases) < len(piece.sequence.phases)
+                    vanished = len(cycle.phases) < len(piece.cycle.phases)
                     at = _seen_from_behind(*found, event) if vanished else None
                     length = FIRST_STEPS * distance
                     return Change(piece=found[0], station=found[1], reason=words, length=length, at=at)
     if piece.transcription.system.friction_drops(event.station.gait.p) and candidates:
         words = f"{words}, and the return map jumps: static friction is above kinetic friction"
-    tried = " | ".join(str(sequence) for sequence in candidates) or "none"
+    tried = " or ".join(map(str, candidates)) or "none"
     return Change(piece=None, station=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
 
 
@@ -81,7 +82,7 @@ def _is_continuous(piece: Piece, station: Station, successor: Piece, found: Stat
     """
     if not station.gait.system.friction_drops(station.gait.p):
         return True
-    closer = _attempt(piece, station, successor.sequence, offset * CLOSER * piece.scales[-1])
+    closer = _attempt(piece, station, successor.cycle, offset * CLOSER * piece.scales[-1])
     if closer is None:
         return False
     near, far = (np.abs(s.gait.state - station.gait.state).max() for s in (closer[1], found))
@@ -100,18 +101,18 @@ def _active(event: Location) -> list[tuple[Name, Reading]]:
     return sorted(found, key=lambda pair: pair[0].phase is not None)
 
 
-def _attempt(piece: Piece, station: Station, sequence: ModeSequence, offset: float) -> tuple[Piece, Station] | None:
+def _attempt(piece: Piece, station: Station, cycle: Cycle, offset: float) -> tuple[Piece, Station] | None:
     """The successor at a distance past the event, if it holds there."""
     value = station.value + offset
     p = piece.p.copy()
     p[station.gait.system.parameters.index(piece.parameter)] = value
-    state = _start_state(station, sequence, offset, p)
+    state = _start_state(station, cycle, offset, p)
     try:
-        problem = with_sequence(piece.problem, station.gait.system, sequence, state)
+        problem = with_cycle(piece.problem, station.gait.system, cycle, state)
     except ProblemError:  # the state contradicts the impact
         return None
     system, period = station.gait.system, float(station.point.at.w[-1 - piece.transcription.n_phases : -1].sum())
-    rolled = roll_out(system, p, sequence, state, longest=(1 + NEARBY) * period)
+    rolled = roll_out(system, p, cycle, state, longest=(1 + NEARBY) * period)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
     successor, w = piece_through(problem, system, piece.parameter, piece.scales, rolled, p)
@@ -138,26 +139,24 @@ def _seen_from_behind(piece: Piece, station: Station, event: Location) -> Statio
     return nearest.station if nearest is not None and nearest.status == "converged" else None
 
 
-def with_sequence(problem: Problem, system: HybridSystem, sequence: ModeSequence, state: Array) -> Problem:
-    """A problem with another mode sequence, and the state after impact from which it is looked for as its guess."""
-    names = system.walker.section_names(slipping=sequence.impact is not Mode.STICK)
+def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Array) -> Problem:
+    """A problem with other modes, and the state after impact from which it is looked for as its guess."""
+    names = system.walker.section_names(slipping=cycle.impact is not Mode.STICK)
     guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
-    phases = [str(mode) for mode in sequence.phases]
-    return problem.replace({"gait.phases": phases, "gait.impact": str(sequence.impact), **guess})
+    return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})
 
 
-def _start_state(station: Station, sequence: ModeSequence, offset: float, p: Array) -> Array:
+def _start_state(station: Station, cycle: Cycle, offset: float, p: Array) -> Array:
     """State after impact of the successor: along the old branch, and through the new impact."""
     system = station.gait.system
     slope = station.point.tangent[-1]
     w = station.point.at.w + station.point.tangent * (offset / slope if slope else 0.0)
-    if sequence.impact is station.gait.problem.sequence.impact:
+    if cycle.impact is station.gait.problem.cycle.impact:
         return w[: system.n_z]
     n_w = station.gait.shooting.states.size if station.gait.shooting else 0
     z_minus = w[n_w - system.n_z : n_w]
-    state = np.asarray(system.impact(sequence.impact)(z_minus, p)[0]).ravel()
-    state[system.n_shape] = 0.0
-    if sequence.impact is Mode.STICK:
+    state = after_impact(system, p, cycle.impact, z_minus)
+    if cycle.impact is Mode.STICK:
         state[-1] = 0.0
     return state
 
@@ -178,7 +177,7 @@ def _holds(successor: Piece, found: Station, station: Station) -> bool:
     return bool(apart < NEARBY) and confirm(found.gait).passed
 
 
-def _words(name: Name, sequence: ModeSequence) -> str:
+def _words(name: Name, cycle: Cycle) -> str:
     if name.phase is None:
         return {
             "impact_slip": "the slip after the impact fades",
@@ -186,7 +185,7 @@ def _words(name: Name, sequence: ModeSequence) -> str:
             "impulse_cone_forward": "the impact can no longer stick: the foot slips forward",
             "impulse_cone_backward": "the impact can no longer stick: the foot slips backward",
         }[name.kind]
-    place = f"phase {name.phase + 1} ({sequence.phases[name.phase]})"
+    place = phase_words(cycle, name.phase)
     return {
         "duration": f"{place} shrinks to nothing",
         "cone_forward": f"{place} reaches the edge of the friction cone: the foot slips forward",

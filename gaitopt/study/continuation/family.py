@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import Cycle, Mode, ModeSequence
 from gaitopt.nlp.arclength import Scales
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.study.continuation.change import with_sequence
+from gaitopt.study.continuation.change import with_cycle
 from gaitopt.study.continuation.coefficients import coefficient_bounds, with_friction
 from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Record
 from gaitopt.study.continuation.limits import Limits
@@ -134,7 +134,7 @@ def check_request(gait: Gait, request: Request) -> None:
     UnknownNameError, ProblemError, SolveError
         As ``continuation``.
     """
-    if gait.step is None:
+    if not gait.steps:
         raise SolveError(f"{gait.problem.name} is {gait.status}, so there is nothing to continue: {gait.message}")
     names = gait.system.parameters
     if request.parameter not in names:
@@ -181,7 +181,6 @@ def _follower(
     should_stop: Callable[[], bool] | None,
 ) -> Follower:
     """The walk towards one target, from the gait or from the last point that was made."""
-    assert gait.step is not None, "checked before"
     value = float(gait.p[gait.system.parameters.index(request.parameter)])
     span, ahead = abs(to - value), 1.0 if to > value else -1.0
     least, largest = coefficient_bounds(gait, request.parameter)
@@ -194,7 +193,7 @@ def _follower(
         max_seconds=request.max_seconds,
         verify_every=request.verify_every,
     )
-    scales = (float(np.abs(gait.state).max()), gait.step.period, span)
+    scales = (float(np.abs(gait.state).max()), gait.period, span)
     points = [record for record in made if record["record"] == "point"]
     if points:
         last = points[-1]
@@ -215,9 +214,8 @@ def _follower(
 
 def _first(gait: Gait, parameter: str, scales: Scales, ahead: float) -> tuple[Piece, Station]:
     """The branch of a gait, and its first point with the tangent in the wanted direction."""
-    assert gait.step is not None, "checked before"
-    durations = np.array([duration for _, duration in gait.step.phases])
-    rolled = roll_out(gait.system, gait.p, gait.problem.sequence, gait.state, durations)
+    durations = np.array([duration for _, duration in gait.phases])
+    rolled = roll_out(gait.system, gait.p, gait.problem.cycle, gait.state, durations)
     piece, w = piece_through(gait.problem, gait.system, parameter, scales, rolled, gait.p)
     forward = np.zeros(w.size)
     forward[-1] = ahead
@@ -227,15 +225,20 @@ def _first(gait: Gait, parameter: str, scales: Scales, ahead: float) -> tuple[Pi
 def _restored(gait: Gait, parameter: str, scales: Scales, record: Mapping[str, Any]) -> tuple[Piece, Station]:
     """The branch and the point that a record holds, on the mesh that it had."""
     system = gait.system
-    phases = tuple(Mode(phase["mode"]) for phase in record["phases"])
     durations = np.array([phase["duration"] for phase in record["phases"]])
     state = np.array([record["state"][name] for name in system.state_names])
     p = gait.p.copy()
     p[system.parameters.index(parameter)] = record["value"]
-    problem = with_sequence(gait.problem, system, ModeSequence(phases, Mode(record["impact"])), state)
-    rolled = roll_out(system, p, problem.sequence, state, durations)
+    problem = with_cycle(gait.problem, system, _recorded_cycle(record), state)
+    rolled = roll_out(system, p, problem.cycle, state, durations)
     piece, w = piece_through(problem, system, parameter, scales, rolled, p, record["intervals"])
     return piece, _started(piece, w, piece.curve.direction(np.array(record["tangent"])))
+
+
+def _recorded_cycle(record: Mapping[str, Any]) -> Cycle:
+    steps = record.get("steps", (record,))
+    modes = [tuple(Mode(phase["mode"]) for phase in step["phases"]) for step in steps]
+    return Cycle(tuple(ModeSequence(own, Mode(step["impact"])) for own, step in zip(modes, steps, strict=True)))
 
 
 def _started(piece: Piece, w: Array, forward: Array) -> Station:

@@ -242,8 +242,8 @@ class Follower:
 
     def _joint(self, event: Location, change: Change) -> SpecialPoint:
         assert change.piece is not None
-        before, after = self._state.piece.sequence, change.piece.sequence
-        kind = "mode_change" if before.impact is after.impact else "impact_change"
+        before, after = self._state.piece.cycle, change.piece.cycle
+        kind = "mode_change" if before.impacts == after.impacts else "impact_change"
         special = self._special(kind, change.at or event.station, event.status, change.reason)
         return replace(special, before=before, after=after, next=(self._state.number + 1,))
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from gaitopt.gait import Arc, Gait, curves
+from gaitopt.gait import Arc, Gait, Step, curves
 from gaitopt.mechanics import Mode, ending_margin, margin_names
 
 Array = NDArray[np.float64]
@@ -41,11 +41,13 @@ class Name:
         ``impulse_cone_forward``, ``impulse_cone_backward``, ``impact_slip``, ``impact_painleve``, ``lift_velocity``;
         with two coefficients of friction ``onset`` and ``impact_onset``, the force or impulse beyond the static cone
         where a slip starts.
-    phase : index of the phase, None for the impact.
+    phase : index of the phase, None for an impact.
+    step : index of the step that an impact ends.
     """
 
     kind: str
     phase: int | None = None
+    step: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +60,14 @@ class Reading:
 
 def readings(gait: Gait) -> dict[Name, Reading]:
     """All monitors of a solution, whether or not they hold."""
-    assert gait.step is not None, "monitors read a solution"
+    assert gait.steps, "monitors read a solution"
     return {**dict(_phase_readings(gait)), **dict(_impact_readings(gait))}
 
 
 def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
-    assert gait.step is not None
-    modes = gait.problem.sequence.phases
+    modes = gait.problem.cycle.phases
     arcs = _arcs_by_phase(gait)
-    period = abs(gait.step.period)
+    period = abs(gait.period)
     for phase, whole in enumerate(arcs):
         duration = sum(arc.duration for arc in whole)
         yield Name("duration", phase), Reading(duration / period)
@@ -79,30 +80,31 @@ def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
                 zeros = _zeros(gait, phase, kind)
                 found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
                 yield Name(kind, phase), _combine(found, group, whole)
-        if gait.problem.sequence.starts_from_rest(phase) and gait.system.friction_drops(gait.p):
+        if gait.problem.cycle.starts_from_rest(phase) and gait.system.friction_drops(gait.p):
             yield Name("onset", phase), Reading(_beyond_cone(gait, whole[0]), 0.0)
-    yield Name("touchdown", len(arcs) - 1), Reading(_second_touchdown(gait))
+    last_phases = (phase - 1 for phase in (*gait.problem.cycle.first_phases[1:], len(arcs)))
+    for phase, step in zip(last_phases, gait.steps, strict=True):
+        yield Name("touchdown", phase), Reading(_second_touchdown(gait, step))
 
 
 def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
     """Arcs of each phase; breakpoints of the control cut a phase into several."""
-    assert gait.step is not None
     groups: list[list[Arc]] = []
-    for arc, phase in zip(gait.step.arcs, gait.step.arc_phases, strict=True):
-        if phase == len(groups):
-            groups.append([])
-        groups[phase].append(arc)
+    for step in gait.steps:
+        first = len(groups)
+        for arc, phase in zip(step.arcs, step.arc_phases, strict=True):
+            if first + phase == len(groups):
+                groups.append([])
+            groups[first + phase].append(arc)
     return groups
 
 
 def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
     """Orders of the zeros that events give a margin at the start and at the end of its phase."""
-    sequence = gait.problem.sequence
-    modes = sequence.phases
-    jump = gait.system.friction_drops(gait.p)
-    start = sequence.onset_order(phase, jump=jump) if kind == "slip_velocity" else 0
-    ends = phase + 1 < len(modes) and kind == ending_margin(modes[phase], modes[phase + 1])
-    return start, int(ends)
+    cycle, jump = gait.problem.cycle, gait.system.friction_drops(gait.p)
+    start = cycle.onset_order(phase, jump=jump) if kind == "slip_velocity" else 0
+    after = cycle.after(phase)
+    return start, int(after is not None and kind == ending_margin(cycle.phases[phase], after))
 
 
 def _own(zeros: tuple[int, int], arc: Arc, whole: list[Arc]) -> tuple[int, int]:
@@ -137,13 +139,12 @@ def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc
     return Reading(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))
 
 
-def _second_touchdown(gait: Gait) -> float:
+def _second_touchdown(gait: Gait, step: Step) -> float:
     """Lowest interior minimum of the touchdown margin after it was armed: below zero the foot lands earlier."""
-    assert gait.step is not None
     lowest, armed = OPEN, False
-    level = CLEAR * max(float(_margins(gait, arc)[0].max()) for arc in gait.step.arcs)
-    for arc in gait.step.arcs:
-        if arc.duration < SHORT * abs(gait.step.period):
+    level = CLEAR * max(float(_margins(gait, arc)[0].max()) for arc in step.arcs)
+    for arc in step.arcs:
+        if arc.duration < SHORT * abs(step.period):
             continue
         values = _margins(gait, arc)[0]
         c = curves.coefficients(values)
@@ -176,20 +177,24 @@ def _margins(gait: Gait, arc: Arc) -> Array:
 
 
 def _impact_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
-    assert gait.step is not None
-    assert gait.step.impact is not None
-    mode = gait.problem.sequence.impact
-    z_minus = gait.step.arcs[-1].states[-1]
+    for index, step in enumerate(gait.steps):
+        for kind, value in _impact_monitors(gait, step):
+            yield Name(kind, step=index), Reading(float(value))
+
+
+def _impact_monitors(gait: Gait, step: Step) -> Iterator[tuple[str, float]]:
+    assert step.impact is not None, "a gait is made of complete steps"
+    mode, z_minus = step.impact.mode, step.arcs[-1].states[-1]
     _, impulse, slip, lift, painleve = (np.asarray(v).ravel() for v in gait.system.impact(mode)(z_minus, gait.p))
-    yield Name("impulse"), Reading(float(impulse[1]))
-    yield Name("lift_velocity"), Reading(float(lift[0]))
     friction = float(gait.system.static_friction(gait.p))
+    yield "impulse", impulse[1]
+    yield "lift_velocity", lift[0]
     if mode is Mode.STICK:
-        yield Name("impulse_cone_forward"), Reading(float(friction * impulse[1] + impulse[0]))
-        yield Name("impulse_cone_backward"), Reading(float(friction * impulse[1] - impulse[0]))
-    else:
-        yield Name("impact_slip"), Reading(float(mode.direction * slip[0]))
-        yield Name("impact_painleve"), Reading(float(painleve[0]))
-        if gait.system.friction_drops(gait.p):
-            f_t, f_n = gait.step.impact.stick_impulse
-            yield Name("impact_onset"), Reading(float(-friction * f_n - mode.direction * f_t))
+        yield "impulse_cone_forward", friction * impulse[1] + impulse[0]
+        yield "impulse_cone_backward", friction * impulse[1] - impulse[0]
+        return
+    yield "impact_slip", mode.direction * slip[0]
+    yield "impact_painleve", painleve[0]
+    if gait.system.friction_drops(gait.p):
+        f_t, f_n = step.impact.stick_impulse
+        yield "impact_onset", -friction * f_n - mode.direction * f_t

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Gait
-from gaitopt.mechanics import HybridSystem, ModeSequence
+from gaitopt.mechanics import Cycle, HybridSystem
 from gaitopt.nlp.arclength import Curve, CurvePoint, Scales
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
@@ -87,9 +87,9 @@ class Piece:
         self._use(transcription)
 
     @property
-    def sequence(self) -> ModeSequence:
-        """The mode sequence of this piece."""
-        return self.transcription.layout.sequence
+    def cycle(self) -> Cycle:
+        """The modes of this piece."""
+        return self.transcription.layout.cycle
 
     def start(self, w: Array, forward: Array) -> Station | None:
         """The gait next to ``w`` at its parameter, on a mesh that is fine enough; its tangent along ``forward``."""
@@ -129,7 +129,7 @@ class Piece:
         old = self.transcription
         nodes, durations, freed = old.unpack(station.point.at.w)
         p = old.full_parameters(self.p, freed)
-        rolled = roll_out(old.system, p, self.sequence, nodes[:, 0], durations)
+        rolled = roll_out(old.system, p, self.cycle, nodes[:, 0], durations)
         piece, w = piece_through(self.problem, old.system, self.parameter, self.scales, rolled, p)
         found = piece.start(w, resized(station.point.tangent, old, piece.transcription))
         return None if found is None or not piece.in_order(found) else (piece, found)
@@ -165,7 +165,7 @@ def piece_through(
 ) -> tuple[Piece, Array]:
     """A branch through a rolled out motion at parameters ``p``, and the unknowns w of that motion."""
     durations = np.array(rolled.durations)
-    plan = layout(problem.sequence, durations, system.control.breakpoints)
+    plan = layout(problem.cycle, durations, system.control.breakpoints)
     plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
     transcription = Transcription(system, plan, (parameter,))
     w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))

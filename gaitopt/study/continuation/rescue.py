@@ -5,7 +5,7 @@ import numpy as np
 from gaitopt.errors import ProblemError
 from gaitopt.nlp import solve_gait
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.study.continuation.change import NEARBY, with_sequence
+from gaitopt.study.continuation.change import NEARBY, with_cycle
 from gaitopt.study.continuation.piece import Piece, Station, piece_through
 
 DISTANCES = (1e-4, 1e-3, 1e-2)
@@ -18,14 +18,14 @@ def rescue(piece: Piece, station: Station) -> tuple[Piece, Station] | None:
     for distance in DISTANCES:
         value = station.value + ahead * distance * piece.scales[-1]
         try:
-            asked = with_sequence(piece.problem, system, piece.sequence, station.gait.state)
+            asked = with_cycle(piece.problem, system, piece.cycle, station.gait.state)
             gait = solve_gait(asked.replace({piece.parameter: value}), system)
         except ProblemError:  # beyond what the problem allows
             return None
-        if gait.step is None or np.abs(gait.state - station.gait.state).max() > NEARBY * piece.scales[0]:
+        if not gait.steps or np.abs(gait.state - station.gait.state).max() > NEARBY * piece.scales[0]:
             continue
-        durations = [duration for _, duration in gait.step.phases]
-        rolled = roll_out(system, gait.p, piece.sequence, gait.state, durations)
+        durations = [duration for _, duration in gait.phases]
+        rolled = roll_out(system, gait.p, piece.cycle, gait.state, durations)
         further, w = piece_through(piece.problem, system, piece.parameter, piece.scales, rolled, gait.p)
         forward = np.zeros(w.size)
         forward[-1] = ahead

@@ -14,49 +14,70 @@ They are proposals, the most plausible first; solving and simulating decides.
 
 from collections.abc import Iterable, Iterator
 
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import Cycle, Mode, ModeSequence
 from gaitopt.study.continuation.monitors import Name, Reading
 
 EDGE = 0.02
 """Part of a phase at its ends within which an event is taken to be at the end."""
 
 Phases = tuple[Mode, ...]
+Steps = list[tuple[Phases, Mode]]
 
 
-def successors(sequence: ModeSequence, active: Iterable[tuple[Name, Reading]]) -> list[ModeSequence]:
-    """Sequences that may follow ``sequence`` where the ``active`` monitors vanish, the most plausible first."""
-    found: dict[ModeSequence, None] = {}
+def successors(cycle: Cycle, active: Iterable[tuple[Name, Reading]]) -> list[Cycle]:
+    """Cycles that may follow ``cycle`` where the ``active`` monitors vanish, the most plausible first."""
+    candidates: dict[Cycle, None] = {}
     for name, reading in active:
-        for phases, impact in _edits(sequence, name, reading.where):
-            merged = _merge(phases)
-            if _consistent(merged, impact):
-                found[ModeSequence(merged, impact)] = None
-    found.pop(sequence, None)
-    return list(found)
+        for steps in _edits(cycle, name, reading.where):
+            try:
+                edited = Cycle(tuple(ModeSequence(_merge(phases), impact) for phases, impact in steps))
+            except ValueError:  # the edit contradicts itself
+                continue
+            candidates[edited] = None
+    candidates.pop(cycle, None)
+    return list(candidates)
 
 
-def _edits(sequence: ModeSequence, name: Name, where: float) -> Iterator[tuple[Phases, Mode]]:
-    phases, impact = sequence.phases, sequence.impact
+def _edits(cycle: Cycle, name: Name, where: float) -> Iterator[Steps]:
+    """Phases and impact of every step after an edit where the monitor ``name`` vanishes."""
+    steps: Steps = [(step.phases, step.impact) for step in cycle.steps]
     if name.phase is None:
-        yield from _impact_edits(phases, impact, name.kind)
+        following = (name.step + 1) % len(steps)
+        for phases, impact in _impact_edits(steps[following][0], steps[name.step][1], name.kind):
+            yield _changed(_changed(steps, following, phases=phases), name.step, impact=impact)
         return
-    before, mode, after = phases[: name.phase], phases[name.phase], phases[name.phase + 1 :]
-    if name.kind == "duration":
-        yield (*before, *after), impact
-        if name.phase == 0 and impact is not Mode.STICK:
-            yield after, Mode.STICK
-    elif name.kind.startswith("cone_"):
-        slip = Mode.SLIP_FORWARD if name.kind == "cone_forward" else Mode.SLIP_BACKWARD
+    step = cycle.step_of(name.phase)
+    own, previous = name.phase - cycle.first_phases[step], step - 1
+    for phases in _phase_edits(steps[step][0], own, name.kind, where):
+        yield _changed(steps, step, phases=phases)
+    if name.kind == "duration" and own == 0 and steps[previous][1] is not Mode.STICK:
+        yield _changed(_changed(steps, step, phases=steps[step][0][1:]), previous, impact=Mode.STICK)
+
+
+def _changed(steps: Steps, index: int, *, phases: Phases | None = None, impact: Mode | None = None) -> Steps:
+    """The steps with the phases or the impact of one of them replaced."""
+    changed = list(steps)
+    changed[index] = (steps[index][0] if phases is None else phases, steps[index][1] if impact is None else impact)
+    return changed
+
+
+def _phase_edits(phases: Phases, own: int, kind: str, where: float) -> Iterator[Phases]:
+    before, mode, after = phases[:own], phases[own], phases[own + 1 :]
+    if kind == "duration":
+        yield (*before, *after)
+    elif kind.startswith("cone_"):
+        slip = Mode.SLIP_FORWARD if kind == "cone_forward" else Mode.SLIP_BACKWARD
         for middle in _ordered(where, first=(slip, mode), inside=(mode, slip, mode), last=(mode, slip)):
-            yield (*before, *middle, *after), impact
-    elif name.kind in ("slip_velocity", "onset"):
+            yield (*before, *middle, *after)
+    elif kind in ("slip_velocity", "onset"):
         for rest in (Mode.STICK, Mode.slip(-mode.direction)):
             for middle in _ordered(where, first=(rest, mode), inside=(mode, rest, mode), last=(mode, rest)):
-                yield (*before, *middle, *after), impact
-        yield (*before, *after), impact
+                yield (*before, *middle, *after)
+        yield (*before, *after)
 
 
 def _impact_edits(phases: Phases, impact: Mode, kind: str) -> Iterator[tuple[Phases, Mode]]:
+    """Phases of the step that follows an impact, and the impact."""
     if kind.startswith("impulse_cone_"):
         slip = Mode.SLIP_FORWARD if kind == "impulse_cone_forward" else Mode.SLIP_BACKWARD
         yield (phases if phases[0] is slip else (slip, *phases)), slip
@@ -79,7 +100,3 @@ def _merge(phases: Phases) -> Phases:
         if not merged or merged[-1] is not mode:
             merged.append(mode)
     return tuple(merged)
-
-
-def _consistent(phases: Phases, impact: Mode) -> bool:
-    return bool(phases) and (impact is Mode.STICK or phases[0] is impact)

@@ -1,0 +1,58 @@
+"""A claim about a gait: the figure that was measured, the tolerance it must keep, and whether it does.
+
+Figures are dimensionless: errors in the natural units of the walker (``mechanics.scales``).
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Claim:
+    """One statement about a gait, the figure that was measured for it, and the tolerance it must keep."""
+
+    name: str
+    figure: float
+    tolerance: float
+    passed: bool
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """All claims about one gait."""
+
+    claims: tuple[Claim, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every claim holds."""
+        return all(claim.passed for claim in self.claims)
+
+    def figure(self, name: str) -> float | None:
+        """Figure of one claim, or None if it could not be examined."""
+        return next((claim.figure for claim in self.claims if claim.name == name and np.isfinite(claim.figure)), None)
+
+    def to_record(self) -> dict[str, Any]:
+        """JSON-able record with the keys of the command line."""
+        sequence = next(claim for claim in self.claims if claim.name == "mode sequence")
+        return {
+            "passed": self.passed,
+            "period_error": self.figure("period"),
+            "state_error": self.figure("state"),
+            "multiplier_error": self.figure("multipliers"),
+            "mode_sequence_matches": sequence.passed,
+            "claims": [{**asdict(c), "figure": c.figure if np.isfinite(c.figure) else None} for c in self.claims],
+        }
+
+
+def claim(name: str, figure: float, tolerance: float, note: str = "") -> Claim:
+    """The claim that ``figure`` does not exceed ``tolerance``; it fails where the figure is no number."""
+    return Claim(name=name, figure=float(figure), tolerance=tolerance, passed=bool(figure <= tolerance), note=note)
+
+
+def failed_claim(name: str, tolerance: float, note: str) -> Claim:
+    """A claim that could not be examined."""
+    return Claim(name=name, figure=np.inf, tolerance=tolerance, passed=False, note=note)

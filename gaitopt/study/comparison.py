@@ -1,0 +1,95 @@
+"""The simulated cycle against that of the NLP: times, states, impact and every measure, in natural units."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from gaitopt.gait import Gait, ImpactRecord, Step, curves, measure, measure_scales
+from gaitopt.mechanics import Scales
+from gaitopt.study.claims import Claim, claim
+
+Array = NDArray[np.float64]
+
+AGREEMENT = 1e-9
+"""Period, switching times and states just after the impact."""
+INTERIOR_AGREEMENT = 1e-8
+"""States inside an arc, where the simulator interpolates, and all that is measured along arcs."""
+
+
+def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
+    """Times and states of the simulated steps ``walked`` against those of the gait."""
+    scales, growth = gait.system.scales(gait.p), _growth(gait)
+    unit = gait.system.state_scales(scales)
+    ours, theirs = (_switching_times(steps) / scales.time for steps in (gait.steps, walked))
+    yield claim("period", abs(ours[-1] - theirs[-1]), growth * AGREEMENT, "in units of sqrt(l / g)")
+    yield claim("switching times", np.abs(ours - theirs).max(), growth * AGREEMENT, "in units of sqrt(l / g)")
+    returned = np.abs((_impacts(walked)[-1].state - gait.state) / unit).max()
+    yield claim("periodicity", returned, growth * AGREEMENT, "state after one cycle")
+    pairs = [(step, arc) for step, own in zip(walked, gait.steps, strict=True) for arc in own.arcs]
+    inside = max(np.abs((_states(step, arc.times) - arc.states) / unit).max() for step, arc in pairs)
+    yield claim("states inside", inside, growth * INTERIOR_AGREEMENT, "largest difference along the cycle")
+
+
+def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
+    """The scalars that the gait states, and what it records of its impacts, against the simulated steps."""
+    scales, tolerance = gait.system.scales(gait.p), _growth(gait) * INTERIOR_AGREEMENT
+    theirs, units = measure(gait.system, gait.p, walked), measure_scales(scales)
+    errors = {name: _error(gait.measures.get(name), value, units[name]) for name, value in theirs.items()}
+    yield _worst("measures", errors, tolerance)
+    errors = {}
+    for number, (ours, simulated) in enumerate(zip(_impacts(gait.steps), _impacts(walked), strict=True), start=1):
+        place = f" of step {number}" if len(gait.steps) > 1 else ""
+        errors |= {f"{name}{place}": e for name, e in _impact_errors(gait, ours, simulated, scales).items()}
+    yield _worst("impact", errors, tolerance)
+
+
+def _switching_times(steps: Sequence[Step]) -> Array:
+    return np.cumsum([duration for step in steps for _, duration in step.phases])
+
+
+def _impacts(steps: Sequence[Step]) -> list[ImpactRecord]:
+    return [step.impact for step in steps if step.impact is not None]
+
+
+def _growth(gait: Gait) -> float:
+    """By how much an unstable step magnifies what the two methods differ by."""
+    return max(1.0, gait.spectral_radius or 0.0)
+
+
+def _states(step: Step, times: Array) -> Array:
+    """States (m, n_z) of a step at times since impact (m,).
+
+    Arcs are found by time: where a switch falls on a breakpoint of the control, rounding decides which comes first.
+    """
+    index = np.searchsorted([arc.end for arc in step.arcs[:-1]], times)
+    states = np.empty((times.size, step.arcs[0].states.shape[1]))
+    for k, arc in enumerate(step.arcs):
+        fractions = np.clip(2 * (times[index == k] - arc.start) / arc.duration - 1, -1, 1)
+        states[index == k] = chebyshev.chebval(fractions, curves.coefficients(arc.states)).T
+    return states
+
+
+def _impact_errors(gait: Gait, ours: ImpactRecord, theirs: ImpactRecord, scales: Scales) -> dict[str, float]:
+    unit = gait.system.state_scales(scales)
+    return {
+        "impulse": float(np.abs(ours.impulse - theirs.impulse).max() / scales.impulse),
+        "stick impulse": float(np.abs(ours.stick_impulse - theirs.stick_impulse).max() / scales.impulse),
+        "step length": abs(ours.step_length - theirs.step_length) / scales.length,
+        "state": float(np.abs((ours.state - theirs.state) / unit).max()),
+        "mode": 0.0 if ours.mode is theirs.mode else np.inf,
+    }
+
+
+def _error(ours: float | None, theirs: float | None, unit: float) -> float:
+    """Difference in units of ``unit``; infinite where only one of the two is defined."""
+    if ours is None or theirs is None:
+        return 0.0 if ours is theirs else np.inf
+    return abs(ours - theirs) / unit
+
+
+def _worst(name: str, errors: dict[str, float], tolerance: float) -> Claim:
+    """The claim about the largest of several errors, which its note names; one that is no number counts as largest."""
+    worst = max(errors, key=lambda key: errors[key] if np.isfinite(errors[key]) else np.inf)
+    return claim(name, errors[worst], tolerance, f"worst: {worst}")
