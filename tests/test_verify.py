@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import gaitopt as go
 from gaitopt.errors import SolveError
 from gaitopt.gait import Arc, Gait, ImpactRecord
-from gaitopt.mechanics import Cycle, Mode, ModeSequence
+from gaitopt.mechanics import Mode, ModeSequence
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
 from gaitopt.study.comparison import record_claims
@@ -51,7 +51,7 @@ def with_states(gait: Gait, index: int, change: Callable[[Array], None]) -> Gait
 
 
 def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
-    return replace(gait, problem=replace(gait.problem, modes=Cycle((ModeSequence(phases=phases, impact=impact),))))
+    return replace(gait, problem=replace(gait.problem, sequence=ModeSequence(phases=phases, impact=impact)))
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
