@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.gait import Gait, Status, Step, curves
+from gaitopt.gait import Cause, Gait, Status, Step, curves, in_words
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.between import Touch, touches
@@ -117,8 +117,8 @@ class _Design:
                 return self._failed(result.status, result.words, solver)
             if result.status is not Status.CONVERGED:
                 why = self._conflicts(start, offsets)
-                status = result.status if why is None else Status.INFEASIBLE
-                return self._failed(status, why or result.words, solver)
+                message = "\n".join(cause.words for cause in why) or result.words
+                return self._failed(Status.INFEASIBLE if why else result.status, message, solver, why)
             durations = program.transcription.unpack(program.motion(result.w))[1]
             if program.at_reach(result.w) or not self._layout(durations).same_arcs(program.transcription.layout):
                 program, held, x = self._program(self._moved(program, result.w), []), [], None
@@ -131,21 +131,21 @@ class _Design:
             measured = offsets + _scalars(gait, program.names) - program.values(result.w, offsets)
             settled = np.abs(measured - offsets) <= SETTLED * np.maximum(1.0, np.abs(measured))
             wrong, finer = trouble(refined), refined.transcription.layout
-            if settled.all() and not missed and (wrong is None or program.transcription.layout == finer):
+            if settled.all() and not missed and (not wrong or program.transcription.layout == finer):
                 break
             offsets, x = measured, result.w
-            if missed or wrong is not None:  # a margin at its edge, where the coarse mesh is a little off
+            if missed or wrong:  # a margin at its edge, where the coarse mesh is a little off
                 held = [*held, *missed]
-                plan = program.transcription.layout if wrong is None else finer
+                plan = finer if wrong else program.transcription.layout
                 program, x = self._program(_warm(gait, self.free), held, plan=plan), None
-        if wrong is not None:
-            return self._failed(Status.NOT_CONVERGED, wrong, solver)
+        if wrong:
+            return self._failed(Status.NOT_CONVERGED, in_words(wrong), solver, wrong)
         return replace(gait, message=_verdict(gait))
 
-    def _conflicts(self, start: Start, offsets: Array) -> str | None:
+    def _conflicts(self, start: Start, offsets: Array) -> tuple[Cause, ...]:
         """Which constraints cannot be met, found from the start in as many searches as it takes."""
         if not self._problem.constraints:
-            return None
+            return ()
         for _ in range(MAX_ROUNDS):
             program = self._program(start, [], elastic=True)
             result = program.solve(offsets)
@@ -186,8 +186,16 @@ class _Design:
         )
         return Start(durations=durations, states=_rolled(rolled), freed=freed)
 
-    def _failed(self, status: Status, words: str, solver: dict[str, float]) -> Gait:
-        return Gait(problem=self._problem, system=self._system, p=self._p, status=status, message=words, solver=solver)
+    def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:
+        return Gait(
+            problem=self._problem,
+            system=self._system,
+            p=self._p,
+            status=status,
+            message=words,
+            solver=solver,
+            causes=causes,
+        )
 
 
 def _guess(problem: Problem, system: HybridSystem) -> Start:
