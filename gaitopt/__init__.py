@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
-    from gaitopt.study import find, return_map, simulate, solve, verify
+    from gaitopt.study import explain, find, return_map, simulate, solve, verify
     from gaitopt.study.continuation import continuation
 
 __version__ = "0.1.0"
@@ -31,6 +31,7 @@ __all__ = [
     "Trajectory",
     "Walker",
     "continuation",
+    "explain",
     "find",
     "load_problem",
     "return_map",
@@ -53,6 +54,7 @@ _HOME = {
     "Trajectory": "gaitopt.gait",
     "Walker": "gaitopt.mechanics.walker",
     "continuation": "gaitopt.study.continuation",
+    "explain": "gaitopt.study",
     "find": "gaitopt.study",
     "load_problem": "gaitopt.problem",
     "return_map": "gaitopt.study",

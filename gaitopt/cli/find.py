@@ -106,27 +106,36 @@ def ranges(texts: "Sequence[str] | None") -> dict[str, tuple[float, float]]:
 
 def print_gaits(console: "Console", record: "Mapping[str, Any]") -> None:
     """One line per gait, and what was searched."""
-    from gaitopt.cli.quantities import number
-    from gaitopt.cli.tables import STABILITY, section
-
     searched = record["searched"]
     tried = ", ".join(f"{count} of {method}" for method, count in searched["starts"].items())
     console.print(f"{record['problem']}: {len(record['gaits'])} gaits from {tried}", style="bold")
     if record["gaits"]:
-        columns = ("phases; impact", "steps", "period [s]", "speed [m/s]", "radius", "", "starts")
-        rows = (
-            (
-                f"{', '.join(phase['mode'] for phase in gait['phases'])}; {gait['impact']}",
-                str(gait.get("n_steps", 1)),
-                number(gait["period"]),
-                number(gait["speed"]),
-                number(gait["spectral_radius"]),
-                STABILITY[gait["spectral_radius"] < 1],
-                str(len(gait["starts"])),
-            )
-            for gait in record["gaits"]
-        )
-        section(console, "gaits", columns, rows, numbers=(1, 2, 3, 4, 6))
+        print_list(console, "gaits", record["gaits"])
     for lost in searched["rejected"]:
         console.print(f"no gait: {lost['sequence']}, from {len(lost['starts'])} starts: {lost['reason']}")
     console.print(f"run: {record['run']}", soft_wrap=True)
+
+
+def print_list(console: "Console", title: str, gaits: "Sequence[Mapping[str, Any]]") -> None:
+    """One line per gait: sequence, steps, period, speed, radius, stability, and how many starts led there."""
+    from gaitopt.cli.quantities import number
+    from gaitopt.cli.tables import STABILITY, section
+
+    columns = ("phases; impact", "steps", "period [s]", "speed [m/s]", "radius", "", "starts")
+    rows = (
+        (
+            " | ".join(map(_sequence, gait.get("steps") or [gait])),
+            str(gait["n_steps"]),
+            number(gait["period"]),
+            number(gait["speed"]),
+            number(gait["spectral_radius"]),
+            STABILITY[gait["spectral_radius"] < 1],
+            str(len(gait["starts"])),
+        )
+        for gait in gaits
+    )
+    section(console, title, columns, rows, numbers=(1, 2, 3, 4, 6))
+
+
+def _sequence(step: "Mapping[str, Any]") -> str:
+    return f"{', '.join(phase['mode'] for phase in step['phases'])}; {step['impact']}"

@@ -9,6 +9,7 @@ import typer
 from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.continuation import continue_
+from gaitopt.cli.explain import explain
 from gaitopt.cli.find import find
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
@@ -41,6 +42,7 @@ app.command("solve")(solve)
 app.command("simulate")(simulate)
 app.command("verify")(verify)
 app.command("find")(find)
+app.command("explain")(explain)
 app.command("continue")(continue_)
 app.command("basin")(basin)
 app.command("sweep")(sweep)

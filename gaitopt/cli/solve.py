@@ -114,6 +114,7 @@ def report(
             print_gait(results(), record)
         else:
             results().print(f"{gait.problem.name}: {gait.status}: {gait.message}")
+            results().print(f"`gaitopt explain {gait.problem.name}` says more")
     if not gait.converged:
         return NOT_A_GAIT
     if folder is not None and not json:

@@ -2,6 +2,7 @@
 
 from gaitopt.study.batch import Returns, return_map
 from gaitopt.study.claims import Claim, Verification
+from gaitopt.study.explain import Explanation, explain
 from gaitopt.study.find import Gaits, find
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.solve import solve
@@ -10,11 +11,13 @@ from gaitopt.study.verify import verify
 
 __all__ = [
     "Claim",
+    "Explanation",
     "Gaits",
     "Returns",
     "Verification",
     "Walk",
     "build_system",
+    "explain",
     "find",
     "gait_reference",
     "return_map",
