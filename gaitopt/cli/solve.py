@@ -64,7 +64,8 @@ def solve(
         about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
         if not json:
             print_optima(results(), optima, starts)
-    gait = replace(solve_verified(best, console), problem=found)
+    gait = solve_verified(best, console)
+    gait = gait if best is found else replace(gait, problem=found)
     return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
 
 
@@ -83,7 +84,7 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:
-                gait = study.solve(problem, progress=progress, should_stop=interrupted)
+                gait = study.solve_as_own(problem, progress=progress, should_stop=interrupted)
         except SolveError:
             if interrupted():  # a reference whose solution was interrupted
                 raise KeyboardInterrupt from None
@@ -92,6 +93,8 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
             raise KeyboardInterrupt
         if not gait.converged:
             return gait
+        if gait.message != "solved":
+            console.print(gait.message)
         console.print("verifying by forward simulation")
         return gait.verified(study.verify(gait).to_record())
 

@@ -4,6 +4,7 @@ from gaitopt.study.batch import Returns, return_map
 from gaitopt.study.claims import Claim, Verification
 from gaitopt.study.explain import Explanation, explain
 from gaitopt.study.find import Gaits, find
+from gaitopt.study.own import solve_as_own
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.solve import solve
 from gaitopt.study.system import build_system, gait_reference
@@ -23,5 +24,6 @@ __all__ = [
     "return_map",
     "simulate",
     "solve",
+    "solve_as_own",
     "verify",
 ]

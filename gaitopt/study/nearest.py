@@ -14,8 +14,9 @@ import numpy as np
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
-from gaitopt.problem import Problem, parse_problem
+from gaitopt.problem import Problem
 from gaitopt.study.continuation.family import Request, follow_family
+from gaitopt.study.own import own_problem
 from gaitopt.study.solve import solve
 
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
@@ -51,14 +52,10 @@ class Nearest:
 
 
 def own_gait(problem: Problem, should_stop: Callable[[], bool] | None = None) -> Gait | None:
-    """The gait of the problem's own file, without overrides, where that has the same modes; None if there is none."""
-    if not problem.text:
-        return None
-    own = parse_problem(problem.text, problem.path, walkers=(type(problem.walker),))
-    if own.digest == problem.digest or own.modes != problem.modes or own.reference != problem.reference:
-        return None
-    gait = solve(own, should_stop=should_stop)
-    return gait if gait.converged else None
+    """The gait of the problem's own file, from which overrides have changed parameter values; None if there is none."""
+    own = own_problem(problem)
+    gait = None if own is None else solve(own, should_stop=should_stop)
+    return gait if gait is not None and gait.converged else None
 
 
 def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
