@@ -26,6 +26,8 @@ STARTS = 1000
 """Start states of the search by simulation."""
 GUESSED = 8
 """Guesses of the search by complementarity."""
+ATTEMPTS = 3
+"""Candidates of one gait from which it is solved before they are given up."""
 SAME_GAIT = 1e-6
 """Gaits of one mode sequence whose states differ by less than this part of their size are one."""
 
@@ -187,7 +189,7 @@ def gaits_of(
     rejected = []
     for group in groups:
         starts = [candidate["start"] for candidate in group]
-        gait = _solved(problem, group[0], progress, should_stop)
+        gait = _solved(problem, group[:ATTEMPTS], progress, should_stop)
         known = next((entry for entry in found if _same_gait(entry[0], gait)), None)
         if not gait.converged or not (gait.verification or {}).get("passed"):
             words = gait.message if not gait.converged else "the simulator does not confirm it"
@@ -231,12 +233,16 @@ def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
 
 
 def _solved(
-    problem: Problem, candidate: Record, progress: Progress | None, should_stop: Callable[[], bool] | None
+    problem: Problem, candidates: Sequence[Record], progress: Progress | None, should_stop: Callable[[], bool] | None
 ) -> Gait:
-    gait = solve(closed(problem, candidate), progress=progress, should_stop=should_stop)
-    if gait.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    return gait.verified(verify(gait).to_record()) if gait.converged else gait
+    """The gait of the first candidate that leads to one, verified; or the last attempt."""
+    for candidate in candidates:
+        gait = solve(closed(problem, candidate), progress=progress, should_stop=should_stop)
+        if gait.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if gait.converged:
+            return gait.verified(verify(gait).to_record())
+    return gait
 
 
 def _is_wanted(problem: Problem, candidate: Record) -> bool:
@@ -254,8 +260,6 @@ def _grouped(problem: Problem, candidates: list[Record]) -> Iterator[list[Record
 
 
 def _same(problem: Problem, first: Record, second: Record) -> bool:
-    if first["parameters"].keys() != second["parameters"].keys():
-        return False
     if problem.free or problem.objective:  # a design finds its own motion
         return _sequence(first) == _sequence(second)
     return _sequence(first) == _sequence(second) and _near(first["state"], second["state"], SAME)
