@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.grids import SchedulerOption, WorkersOption, job_progress
+from gaitopt.cli.grids import SchedulerOption, WorkersOption, job_progress, number_or_angle
 from gaitopt.cli.options import (
     DebugOption,
     JsonOption,
@@ -92,15 +92,16 @@ def ranges(texts: "Sequence[str] | None") -> dict[str, tuple[float, float]]:
     typer.BadParameter
         If one is not of the form KEY=LO:HI, or a range is empty.
     """
-    from gaitopt.cli.grids import grid
-
     spans = {}
     for text in texts or ():
         key, span = key_value(text, "--within")
-        if span.count(":") != 1:
-            raise typer.BadParameter(f"--within {text}: write --within {key}=LO:HI")
-        axis = grid([f"{text}:2"]).axes[0]
-        spans[key] = (axis.lower, axis.upper)
+        try:
+            lower, upper = map(number_or_angle, span.split(":"))
+        except ValueError as error:
+            raise typer.BadParameter(f"--within {text}: write --within {key}=LO:HI ({error})") from error
+        if not lower < upper:
+            raise typer.BadParameter(f"--within {text}: an empty range, {lower:g} is not below {upper:g}")
+        spans[key] = (lower, upper)
     return spans
 
 

@@ -14,7 +14,7 @@ A. Nurkanovic, M. Sperl, S. Albrecht, M. Diehl, Finite elements with switch dete
 nonsmooth systems, Numerische Mathematik 156 (2024).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -28,6 +28,7 @@ from gaitopt.nlp.homotopy import Homotopy
 from gaitopt.nlp.ipopt import Progress
 
 Array = NDArray[np.float64]
+Range = tuple[float, float]
 
 ELEMENTS = 14
 """A step of three phases then has about five elements per phase."""
@@ -81,6 +82,7 @@ class Complementarity:
     p : ndarray, shape (n_p,) - parameters, from which natural units follow.
     period : typical one [s]; breakpoints of the control before it are ends of elements.
     free : bounds of the parameters that are unknowns, by dotted key.
+    within : bounds of the state just after the impact by name, where a design asks for some.
     """
 
     def __init__(
@@ -88,12 +90,13 @@ class Complementarity:
         system: HybridSystem,
         p: Array,
         period: float,
-        free: dict[str, tuple[float, float]] | None = None,
+        free: Mapping[str, Range] | None = None,
+        within: Mapping[str, Range] | None = None,
         *,
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
-        self._system, self._p, self._free = system, p, free or {}
+        self._system, self._p, self._free, self._within = system, p, free or {}, within or {}
         self._scales = system.scales(p)
         self._segments, self._fixed = _segments(system.control.breakpoints, period)
         self._blocks: dict[str, _Block] = {}
@@ -126,6 +129,8 @@ class Complementarity:
         freed = {key: self._unknown(key, 1, *bounds) for key, bounds in self._free.items()}
         p = vertcat(*(freed.get(key, self._parameters[i]) for i, key in enumerate(system.parameters)))
         start, h = self._unknown("start", system.n_z), self._unknown("h", ELEMENTS, 0.0)
+        for name, span in self._within.items():
+            self._require(start[system.state_names.index(name)], *span)
         a, forward, backward = self._foot("impact", 1)
         z, t, before = start, MX(0), (forward, backward)
         for k, segment in enumerate(self._segments):

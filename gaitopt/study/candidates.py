@@ -174,7 +174,12 @@ def _guesses(
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
     time, n = system.scales(p).time, len(job.problem.walker.section)
-    program = Complementarity(system, p, TYPICAL_PERIOD * time, free_parameters(job.problem, system))
+    within = {
+        name.removeprefix("state."): (span.minimum, span.maximum)
+        for name, span in job.problem.constraints.items()
+        if name.startswith("state.")
+    }
+    program = Complementarity(system, p, TYPICAL_PERIOD * time, free_parameters(job.problem, system), within)
     xi = rng.uniform(box.lower, box.upper, (GUESSES, box.lower.size))
     if not box.given:
         _turn_forward(system, p, xi)
