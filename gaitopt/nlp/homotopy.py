@@ -21,7 +21,7 @@ SIGMAS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
 """Bounds of the products, for factors of size one."""
 TOLERANCE = 1e-8
 """A solution is a proposal, which another NLP polishes."""
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 150
 """For one sigma; a solution that exists takes about twenty."""
 
 
