@@ -13,7 +13,7 @@ def rows() -> list[Row]:
     """The periodic sticking gait of the passive compass, from the same guess, built and solved."""
     problem = load_problem("compass-passive-stick")
     gait = solve(problem)
-    ways = {"gaitopt.solve": (lambda: solve(problem), f"period {gait.step.period:.9f} s; multipliers, error estimate")}
+    ways = {"gaitopt.solve": (lambda: solve(problem), f"period {gait.period:.9f} s; multipliers, error estimate")}
     if find_spec("rockit"):
         import rockit_gait
 

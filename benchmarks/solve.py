@@ -83,7 +83,7 @@ def gait_rows() -> list[Row]:
     start = np.array([guess[name] for name in ("theta1", "dtheta1", "dtheta2")])
     plain_seconds, found = shortest(lambda: plain.gait(start), 1)
     multipliers_seconds, multipliers = shortest(lambda: plain.multipliers(found), 1)
-    apart = np.abs(found - gait.state[gait.system.section(problem.sequence.impact)]).max()
+    apart = np.abs(found - gait.state[gait.system.section(problem.cycle.impact)]).max()
     wrong = multiplier_distance(multipliers.astype(complex), gait.multipliers)
     both = plain_seconds + multipliers_seconds
     what = "NLP of a gait"
@@ -99,15 +99,15 @@ def gait_rows() -> list[Row]:
 def step_rows() -> list[Row]:
     """One walking step along the gait, and the derivative of the return map there."""
     gait = go.solve(go.load_problem(PROBLEM))
-    xi = gait.state[gait.system.section(gait.problem.sequence.impact)]
+    xi = gait.state[gait.system.section(gait.problem.cycle.impact)]
     plain = PlainCompass(**gait.problem.walker.model_dump(), friction=gait.problem.friction)
     state = plain.section(xi)
     simulator = Simulator(gait.system, gait.p)
-    return_map = ReturnMap(simulator, gait.problem.sequence.impact)
-    step = return_map(xi).step
+    return_map = ReturnMap(simulator, gait.problem.cycle.impact)
+    steps = return_map(xi).steps
     what = "simulated stick-slip step with events"
     off = np.abs(plain.return_map(xi) - xi).max(), np.abs(return_map(xi).xi - xi).max()
-    derivative = floquet_multipliers(return_map.jacobian(step))
+    derivative = floquet_multipliers(return_map.jacobian(steps))
     wrong = multiplier_distance(plain.multipliers(xi).astype(complex), derivative)
     return [
         *compared(what, {
@@ -116,7 +116,7 @@ def step_rows() -> list[Row]:
         }),
         *compared("Floquet multipliers of a simulated step", {
             "plain: central differences": (lambda: plain.multipliers(xi), f"off by {wrong:.0e}"),
-            "gaitopt: variational equations, saltation": (lambda: return_map.jacobian(step), ""),
+            "gaitopt: variational equations, saltation": (lambda: return_map.jacobian(steps), ""),
         }, rounds=3),
     ]  # fmt: skip
 

@@ -61,14 +61,14 @@ def near(gait: Gait, count: int) -> np.ndarray:
 
 def multiplier_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
     """Floquet multipliers of a gait: central differences against the variational equations, their step included."""
-    xi = gait.state[gait.system.section(gait.problem.sequence.impact)]
+    xi = gait.state[gait.system.section(gait.problem.cycle.impact)]
     ways = {"plain: central differences": (lambda: plain.multipliers(xi), "")}
     for name, kind in ENGINES.items():
         simulator = Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p))
-        returns = ReturnMap(simulator, gait.problem.sequence.impact)
+        returns = ReturnMap(simulator, gait.problem.cycle.impact)
 
         def multipliers(returns: ReturnMap = returns) -> np.ndarray:
-            return np.linalg.eigvals(returns.jacobian(returns(xi).step))
+            return np.linalg.eigvals(returns.jacobian(returns(xi).steps))
 
         ways[name] = (multipliers, "variational equations")
     return compared("multipliers of a gait", ways)

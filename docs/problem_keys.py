@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from gaitopt.mechanics.units import LARGEST, SMALLEST
 from gaitopt.problem import problem_schema
 
 PAGE = Path(__file__).with_name("problem-keys.md")
@@ -13,6 +14,10 @@ Written by `python docs/problem_keys.py` from the schema that `gaitopt schema` p
 `gait.phases` is the key `phases` of the mapping `gait`. *or an unknown* means that the value may be
 `{free: [lo, hi], guess: value}`: a design then finds it. An angle is a number in rad, or a text such as `1 deg`.
 
+What lies outside of a range is refused, what is not usual is remarked on stderr. Ranges in natural units hold for the
+walker of the file: l is its leg length (radius), m its whole mass, g gravity. No number is larger than 1e30 in size,
+and one that must be more than 0 is at least 1e-30.
+
 Point your editor at the schema (`gaitopt schema > gaitopt.schema.json`), and with this first line in the file it
 completes keys and shows units as you type:
 
@@ -20,9 +25,7 @@ completes keys and shows units as you type:
 """
 BOUNDS = (
     ("minimum", "at least"),
-    ("exclusiveMinimum", "more than"),
     ("maximum", "at most"),
-    ("exclusiveMaximum", "less than"),
 )
 TOP = "top level"
 
@@ -61,13 +64,19 @@ def _named(path: str, variant: Mapping[str, Any]) -> str:
 
 def _mappings(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The mappings with named keys that a value may be; an unknown is explained once, at the head of the page."""
-    found = [value] if value.get("properties") else []
+    found = [value] if value.get("properties") and not _is_range(value) else []
     for variant in (*value.get("oneOf", ()), *value.get("anyOf", ())):
         found += _mappings(variant) if variant.get("description") != "an unknown" else []
     return found
 
 
+def _is_range(value: Mapping[str, Any]) -> bool:
+    return set(value.get("properties", ())) == {"min", "max"}
+
+
 def _kind(value: Mapping[str, Any]) -> str:
+    if _is_range(value):
+        return "`{min: a, max: b}`"
     if "const" in value:
         return f"`{value['const']}`"
     if "enum" in value:
@@ -81,7 +90,8 @@ def _kind(value: Mapping[str, Any]) -> str:
         return f"list of {_kind(value.get('items', {}))}"
     if kind == "string" and "deg" in value.get("pattern", ""):
         return "angle"
-    bounds = " and ".join(f"{words} {value[key]:.6g}" for key, words in BOUNDS if key in value)
+    limits = [(words, value[key]) for key, words in BOUNDS if key in value and abs(value[key]) != LARGEST]
+    bounds = " and ".join("more than 0" if x == SMALLEST else f"{words} {x:.6g}" for words, x in limits)
     return f"{'mapping' if kind == 'object' else kind}{f', {bounds}' if bounds else ''}"
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gaitopt.errors import GaitoptError
     from gaitopt.gait import Branch, Gait, Status, Trajectory
-    from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
+    from gaitopt.mechanics.consistency import check_walker
+    from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
     from gaitopt.study import explain, find, return_map, simulate, solve, verify
@@ -20,6 +21,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Body",
     "Branch",
+    "Cycle",
     "Gait",
     "GaitoptError",
     "ImpactLaw",
@@ -30,6 +32,7 @@ __all__ = [
     "Status",
     "Trajectory",
     "Walker",
+    "check_walker",
     "continuation",
     "explain",
     "find",
@@ -43,6 +46,7 @@ __all__ = [
 _HOME = {
     "Body": "gaitopt.mechanics.walker",
     "Branch": "gaitopt.gait",
+    "Cycle": "gaitopt.mechanics.modes",
     "Gait": "gaitopt.gait",
     "GaitoptError": "gaitopt.errors",
     "ImpactLaw": "gaitopt.mechanics.modes",
@@ -53,6 +57,7 @@ _HOME = {
     "Status": "gaitopt.gait",
     "Trajectory": "gaitopt.gait",
     "Walker": "gaitopt.mechanics.walker",
+    "check_walker": "gaitopt.mechanics.consistency",
     "continuation": "gaitopt.study.continuation",
     "explain": "gaitopt.study",
     "find": "gaitopt.study",

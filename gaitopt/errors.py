@@ -10,6 +10,10 @@ class GaitoptError(Exception):
     exit_code = 1
 
 
+class GaitoptWarning(UserWarning):
+    """Something that the user should know, but that hinders nothing."""
+
+
 class UnknownNameError(GaitoptError):
     """An unknown problem, run, walker, state, parameter or engine."""
 

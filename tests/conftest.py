@@ -1,9 +1,20 @@
 """Settings of the whole test suite: generated examples are the same in every run; and what tests of commands share."""
 
+import os
+import signal
+
+# before numpy is imported: the processes of the suite share the cores, and threads would fight over them
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.pop("COLUMNS", None)  # of the terminal that the suite runs in; what is printed here goes to pipes
+
 import pytest
 from hypothesis import settings
 
 from gaitopt.cli.main import main
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of a shell; commands inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("reproducible", derandomize=True, deadline=None)
 settings.load_profile("reproducible")

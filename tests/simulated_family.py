@@ -59,9 +59,8 @@ class SimulatedFamily:
         """The periodic step at a value; None where there is none with this kind of impact."""
         walk, xi = self.map_at(value), self._predicted(value)
         if self._inverse is None:
-            step = walk(xi).step
-            assert step is not None
-            self._inverse = np.linalg.inv(walk.jacobian(step) - np.eye(xi.size))
+            steps = walk(xi).steps
+            self._inverse = np.linalg.inv(walk.jacobian(steps) - np.eye(xi.size))
         for _ in range(CHORDS):
             returned = walk(xi)
             if returned.xi is None:
@@ -69,7 +68,7 @@ class SimulatedFamily:
             defect = returned.xi - xi
             if np.abs(defect).max() < ROUNDING:
                 self._solved = [*self._solved[-1:], (value, xi)]
-                return returned.step
+                return returned.steps[0]
             xi = xi - self._inverse @ defect
         raise AssertionError(f"chords leave a residual of {np.abs(defect).max():.2g} at {self.parameter} = {value}")
 
@@ -84,12 +83,10 @@ class SimulatedFamily:
 
     def modes_at(self, value: float) -> tuple[Mode, ...]:
         step = self.step_at(value)
-        assert step is not None
         return tuple(mode for mode, _ in step.phases)
 
     def multipliers_at(self, value: float) -> NDArray[np.complex128]:
         step = self.step_at(value)
-        assert step is not None
         return floquet_multipliers(self.map_at(value).jacobian(step))
 
     def change_of_modes(self, low: float, high: float) -> float:
@@ -108,7 +105,6 @@ class SimulatedFamily:
     def impact_margin(self, value: float) -> float:
         """mu F_n - |F_t| of an impact that sticks [N s]."""
         step = self.step_at(value)
-        assert step is not None
         assert step.impact is not None
         F_t, F_n = step.impact.stick_impulse
         return self._friction(value) * float(F_n) - abs(float(F_t))
@@ -116,7 +112,6 @@ class SimulatedFamily:
     def start_margin(self, value: float) -> float:
         """mu f_n - |f_t| of a foot that sticks at the start of the step [N]."""
         step = self.step_at(value)
-        assert step is not None
         assert step.arcs[0].mode is Mode.STICK
         f_t, f_n = observe(self.gait.system, self.map_at(value).simulator.p, step.arcs[0]).force[0]
         return self._friction(value) * float(f_n) - abs(float(f_t))
@@ -137,10 +132,9 @@ class SimulatedFamily:
     def fold(self, value: float, reach: float) -> float:
         """The extremum of the parameter; the first section coordinate within ``reach`` of the guess leads over it."""
         centre, unknown = self.xi[0], np.append(self.xi[1:], value)
-        step = self.map_at(value)(self.xi).step
-        assert step is not None
+        steps = self.map_at(value)(self.xi).steps
         ahead, behind = (self.map_at(value + h)(self.xi).xi for h in (DIFFERENCE, -DIFFERENCE))
-        by_state = self.map_at(value).jacobian(step) - np.eye(self.xi.size)
+        by_state = self.map_at(value).jacobian(steps) - np.eye(self.xi.size)
         inverse = np.linalg.inv(np.column_stack([by_state[:, 1:], (ahead - behind) / (2 * DIFFERENCE)]))
 
         def solve(coordinate: float) -> tuple[float, Array]:
@@ -156,6 +150,6 @@ class SimulatedFamily:
         def from_one(coordinate: float) -> float:
             at, xi = solve(coordinate)
             walk = self.map_at(at)
-            return float(np.linalg.det(walk.jacobian(walk(xi).step) - np.eye(xi.size)))
+            return float(np.linalg.det(walk.jacobian(walk(xi).steps) - np.eye(xi.size)))
 
         return solve(brentq(from_one, centre - reach, centre + reach, xtol=1e-10))[0]

@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("heyoka")
 
+from named import named
+
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait import Ending
@@ -16,9 +18,10 @@ from gaitopt.simulation import Engine, Simulator
 from gaitopt.simulation.batch_steps import ENDINGS
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.store import begin_run
-from gaitopt.study import basin_run, solve
+from gaitopt.study import basin_run
 from gaitopt.study.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
-from gaitopt.study.basin_run import BasinPlan, check_basin, read_basin, walk_basin
+from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
+from gaitopt.study.basin_tiles import read_basin
 from gaitopt.study.batch import Returns, step_map
 from gaitopt.study.grid import Axis, Grid
 from gaitopt.study.jobs import Workers
@@ -31,7 +34,7 @@ GRID = Grid(
 
 @pytest.fixture(scope="module")
 def gait():
-    return solve(load_problem("compass-passive-a"))
+    return named("compass-passive-a")
 
 
 def plan_in(folder, gait, **changes):
@@ -49,7 +52,7 @@ def test_states_near_the_gait_settle_on_it(gait, basin):
     section = gait.system.section(Mode.SLIP_FORWARD)
     np.testing.assert_allclose(attractor.state, gait.state[section], rtol=0, atol=100 * SETTLED)
     assert (attractor.phases, attractor.impact, attractor.period) == (
-        gait.problem.sequence.phases, gait.problem.sequence.impact, 1,
+        gait.problem.cycle.phases, gait.problem.cycle.impact, 1,
     )  # fmt: skip
     assert 0 < attractor.count == (basin.labels == 0).sum()
 
@@ -166,7 +169,7 @@ def test_grid_over_something_else_is_refused(gait, tmp_path):
 
 def test_grid_that_does_not_fit_is_refused_before_it_starts(gait, tmp_path):
     huge = Grid((Axis(key="dtheta1", lower=0.1, upper=1, count=10**7), Axis(key="dx", lower=0, upper=1, count=10**6)))
-    with pytest.raises(StorageError, match=r"10,000,000,000,000 points needs about .* GB on disk"):
+    with pytest.raises(StorageError, match=r"10,000,000,000,000 points need about .* TB on disk"):
         check_basin(plan_in(tmp_path, gait, grid=huge))
 
 

@@ -1,18 +1,44 @@
 """Thousands of states at once are what each of them would be by itself."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
+from casadi import SX
 
 pytest.importorskip("heyoka")
 
+from named import named
+
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, NoControl
 from gaitopt.problem import load_problem
 from gaitopt.simulation import Simulator
+from gaitopt.simulation.batch import BatchSimulator
+from gaitopt.simulation.batch_decisions import BatchDecisions
 from gaitopt.simulation.batch_functions import WIDTH, Rowwise
-from gaitopt.simulation.batch_steps import MAX_PHASES, phase_code, phase_names
+from gaitopt.simulation.batch_steps import ENDINGS, MAX_PHASES, phase_code, phase_names
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
-from gaitopt.study import build_system, return_map, solve
+from gaitopt.study import build_system, return_map
+
+
+@dataclass(frozen=True)
+class Cut(Control):
+    """No torques, and breakpoints without a jump."""
+
+    times: tuple[float, ...]
+
+    @property
+    def breakpoints(self):
+        return self.times
+
+    @property
+    def parameters(self):
+        return {}
+
+    def torque(self, t, angles, rates, p, r):
+        return SX(2, 1)
+
 
 FIELDS = ("states", "endings", "times", "step_lengths", "phases", "impacts")
 
@@ -82,11 +108,54 @@ def test_processes_map_alike():
 
 
 def test_gait_is_mapped_to_itself_even_after_a_slipping_impact():
-    gait = solve(load_problem("compass-torque-impact-slip"))
+    gait = named("compass-torque-impact-slip")
     xi = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
     batch = return_map(gait, np.tile(xi, (3, 1)), engine="heyoka")
     np.testing.assert_allclose(batch.states, np.tile(xi, (3, 1)), rtol=0, atol=1e-10)
     assert batch.completed.all()
+
+
+@pytest.mark.parametrize("max_switches", [0, 1, 2])
+def test_batch_counts_switches_as_the_simulator_does(max_switches):
+    problem = load_problem("compass-passive-a")
+    system = build_system(problem)
+    p = system.values(problem.parameters)
+    states = np.array([system.lift_state(row, p) for row in wild_states(problem, 30)])
+    alone = Simulator(system, p, stepper=HeyokaStepper(system, p), max_switches=max_switches)
+    batch = BatchSimulator(system, p, max_switches=max_switches).step(states)
+    endings = [alone.step(state).ending for state in states]
+    assert [ENDINGS[code] for code in batch.endings] == endings
+    assert Ending.CHATTERING in endings
+
+
+def test_foot_that_comes_from_below_has_no_impact_in_a_batch():
+    system, n = HybridSystem(CompassBiped, NoControl()), 4000
+    rng = np.random.default_rng(5)
+    for friction in (0.5, 4.099, 50.0):
+        p = np.array([1.6, 4, 0.8, 2, 9.8, 0.02, friction])
+        theta, rates = rng.uniform(-0.6, 0.6, (n, 1)), rng.uniform(-1, 1, (n, 2))
+        states = np.hstack([theta, theta, np.zeros((n, 1)), rates, rng.normal(size=(n, 1))])
+        (velocities,) = Rowwise(system.approach)(states, p)
+        endings = BatchDecisions(system, p).land(states).endings
+        refused = ENDINGS.index(Ending.IMPACT_INCONSISTENT)
+        assert (endings[velocities[:, 0] >= 0] == refused).all()
+        assert (endings[velocities[:, 0] < 0] != refused).all()
+
+
+def test_touchdown_at_a_breakpoint_of_the_control_ends_the_step():
+    """The arc that would follow starts with level feet, and could not see it."""
+    problem = load_problem("compass-passive-stick")
+    plain = build_system(problem)
+    p = plain.values(problem.parameters)
+    start = np.array([problem.guess.state[name] for name in plain.state_names])
+    period = Simulator(plain, p).step(start).step.period
+    for difference in (-1e-13, 0.0, 1e-13):
+        cut = HybridSystem(plain.walker, Cut((0.9 * period, period + difference)))
+        steps = BatchSimulator(cut, p).step(np.tile(start, (2, 1)))
+        alone = Simulator(cut, p, stepper=HeyokaStepper(cut, p)).step(start)
+        assert alone.ending is Ending.COMPLETED
+        assert (steps.endings == 0).all()
+        np.testing.assert_allclose(steps.times, period, rtol=0, atol=1e-12)
 
 
 def test_wheel_takes_the_time_of_its_energy_integral():

@@ -43,8 +43,8 @@ def test_special_points_join_branches_that_exist(branch: Branch) -> None:
     (change,) = branch.special("mode_change")
     assert (change.branch, change.next) == (0, (1,))
     assert branch.branch(1).points
-    assert branch.branch(0)[-1].gait.problem.sequence == change.before
-    assert branch.branch(1)[0].gait.problem.sequence == change.after
+    assert branch.branch(0)[-1].gait.problem.cycle == change.before
+    assert branch.branch(1)[0].gait.problem.cycle == change.after
 
 
 def test_records_are_json(branch: Branch) -> None:

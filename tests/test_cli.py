@@ -12,6 +12,7 @@ import pytest
 
 from gaitopt import cli, study
 from gaitopt.cli import progress as cli_progress
+from gaitopt.store.manifest import seal
 from gaitopt.study import Claim, Verification
 
 PROBLEM = "rimless-wheel-stick"
@@ -131,6 +132,10 @@ def test_a_spoiled_run_does_not_pass_verification(run):
     cells = first.split(",")
     cells[header.split(",").index("dtheta")] = "0.8"
     path.write_text("\n".join([header, ",".join(cells), *rest]) + "\n")
+    code, out, err = run("verify", str(path.parent), "--json")
+    assert (code, out) == (6, "")
+    assert "trajectory.csv:2: altered since it was written" in err
+    seal(path.parent, path.name)
     code, out, _ = run("verify", str(path.parent), "--json")
     assert code == 5
     assert not json.loads(out)["verification"]["passed"]
@@ -140,6 +145,7 @@ def test_a_run_that_lost_its_arcs_is_broken(run):
     _, out, _ = run("solve", PROBLEM, "--json")
     path = Path(json.loads(out)["run"]) / "trajectory.csv"
     path.write_text(path.read_text().splitlines()[0] + "\n")
+    seal(path.parent, path.name)
     code, out, err = run("verify", str(path.parent))
     assert code == 6
     assert "does not hold a gait" in err
@@ -149,6 +155,7 @@ def test_a_resolved_problem_that_was_edited_is_broken(run):
     _, out, _ = run("solve", PROBLEM, "--json")
     path = Path(json.loads(out)["run"]) / "resolved.json"
     path.write_text(path.read_text().replace('"friction": 1.0', '"friction": 2.0'))
+    seal(path.parent, path.name)
     code, _, err = run("verify", str(path.parent))
     assert code == 6
     assert "hash" in err
@@ -273,9 +280,9 @@ def test_an_unexpected_error_is_one_line_and_a_traceback_only_on_request(run, mo
     monkeypatch.setattr(study, "solve", broken)
     code, _, err = run("solve", PROBLEM, "--quiet")
     assert code == 1
-    assert err.splitlines() == [
-        "gaitopt: internal error: ZeroDivisionError: oops; rerun with --debug for the traceback"
-    ]
+    (line,) = err.splitlines()
+    assert line.startswith("gaitopt: internal error: ZeroDivisionError: oops (tests/test_cli.py:")
+    assert line.endswith("; rerun with --debug for the traceback")
     code, _, err = run("solve", PROBLEM, "--quiet", "--debug")
     assert code == 1
     assert "Traceback" in err

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.store import BRANCH_FILE, LineWriter
+from gaitopt.store import BRANCH_FILE, LineWriter, read_lines
 from gaitopt.study.continuation.follow import Follower
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
@@ -20,7 +20,7 @@ def records(out):
 
 
 def stored(folder="branch"):
-    return [json.loads(line) for line in (Path(folder) / BRANCH_FILE).read_text().splitlines()]
+    return list(read_lines(Path(folder) / BRANCH_FILE))
 
 
 def test_json_is_one_record_per_line_and_the_same_on_the_disk(run):

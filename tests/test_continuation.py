@@ -10,13 +10,13 @@ import pytest
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import Cycle, Mode
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.study.continuation import continuation
 from gaitopt.study.continuation.follow import Follower, Limits
-from gaitopt.study.continuation.piece import Piece, Station
+from gaitopt.study.continuation.piece import Metric, Piece, Station
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
@@ -45,9 +45,9 @@ def changes(branch: Branch) -> list[float]:
 
 def test_the_passive_gait_walks_from_sticking_into_stick_slip_by_itself() -> None:
     branch = downwards()
-    sequences = list(dict.fromkeys(point.gait.problem.sequence for point in branch))
+    sequences = list(dict.fromkeys(point.gait.problem.cycle for point in branch))
     expected = [(STICK,), (FORWARD, STICK), (FORWARD, STICK, BACKWARD)]
-    assert sequences == [ModeSequence(phases, STICK) for phases in expected]
+    assert sequences == [Cycle.of_one_step(phases, STICK) for phases in expected]
     assert branch.specials[-1].type == "end"
     assert branch[-1].value == pytest.approx(0.171, abs=1e-14)
 
@@ -80,13 +80,12 @@ def test_the_mesh_does_not_decide_what_is_found(intervals: int) -> None:
 
 def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | SpecialPoint]:
     """A family that begins on a mesh of many intervals."""
-    system, sequence = gait.system, gait.problem.sequence
-    durations = tuple(duration for _, duration in gait.step.phases)
+    system, sequence = gait.system, gait.problem.cycle
+    durations = tuple(duration for _, duration in gait.phases)
     plan = layout(sequence, durations, ()).refined([intervals] * len(durations))
     transcription = Transcription(system, plan, ("friction",))
     value = float(gait.p[system.parameters.index("friction")])
-    scales = (float(np.abs(gait.state).max()), gait.step.period, abs(to - value))
-    piece = Piece(gait.problem, "friction", transcription, gait.p, scales)
+    piece = Piece(gait.problem, "friction", transcription, gait.p, Metric.of(gait, gait.period, abs(to - value)))
     nodes = roll_out(system, gait.p, sequence, gait.state, durations).nodes(plan)
     w = transcription.pack(nodes, np.array(durations), (value,))
     station = piece.start(w, np.append(np.zeros(w.size - 1), to - value))
@@ -111,7 +110,7 @@ def test_a_joint_has_the_same_motion_on_both_sides() -> None:
         before, after = branch.branch(special.branch)[-1], branch.branch(special.next[0])[0]
         assert before.value > special.value > after.value
         assert after.gait.state == pytest.approx(special.gait.state, rel=0, abs=1e-4)
-        assert after.gait.step.period == pytest.approx(special.gait.step.period, rel=0, abs=1e-4)
+        assert after.gait.period == pytest.approx(special.gait.period, rel=0, abs=1e-4)
 
 
 def test_every_point_is_a_gait_that_the_nlp_finds_too() -> None:
@@ -162,7 +161,7 @@ def test_cost_of_the_torque_gait_first_rises_and_then_falls_as_friction_falls() 
     branch = continuation(solved("compass-torque-stick"), "friction", 0.05)
     cost = branch.column("cost_of_transport")
     top = int(np.argmax(cost))
-    slips = next(k for k, point in enumerate(branch) if len(point.gait.step.phases) > 1)
+    slips = next(k for k, point in enumerate(branch) if len(point.gait.phases) > 1)
     assert slips < top < len(branch) - 1
     assert cost[slips] < cost[top]
     assert cost[-1] < cost[top]
@@ -183,7 +182,7 @@ def test_the_sticking_gait_shrinks_away_as_the_slope_does() -> None:
 def test_the_short_period_gait_goes_on_above_its_impact_change_and_in_slope() -> None:
     joined = continuation(solved("compass-passive-b"), "friction", 1.0)
     (change,) = joined.special("impact_change")
-    assert change.after == ModeSequence((STICK,), STICK)
+    assert change.after == Cycle.of_one_step((STICK,), STICK)
     assert joined[-1].value == pytest.approx(1.0, abs=1e-14)
     down = continuation(joined[-1].gait, "walker.slope", 0.0005)
     up = continuation(joined[-1].gait, "walker.slope", 0.08)

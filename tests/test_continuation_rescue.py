@@ -1,16 +1,15 @@
 """Where Newton's method fails, IPOPT takes the family up again."""
 
 import pytest
+from named import named
 
-from gaitopt.problem import load_problem
-from gaitopt.study import solve
 from gaitopt.study.continuation import continuation
 from gaitopt.study.continuation.piece import Piece
 
 
 @pytest.fixture(scope="module")
 def wheel():
-    return solve(load_problem("rimless-wheel-slip"))
+    return named("rimless-wheel-slip")
 
 
 def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):

@@ -12,8 +12,10 @@ from simulated_family import SimulatedFamily
 
 import gaitopt as go
 from gaitopt.gait import Branch, BranchPoint, SpecialPoint
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import Cycle, Mode
 from gaitopt.study.continuation import continuation
+
+pytestmark = pytest.mark.portable
 
 AGREEMENT = 1e-9
 ASIDE = 1e-5
@@ -55,13 +57,11 @@ def simulated(at: SpecialPoint | BranchPoint, parameter: str, section: Mode) -> 
     return SimulatedFamily(gait, parameter, section, np.round(gait.state[gait.system.section(section)], 8))
 
 
-def approached(
-    family: Family, special: SpecialPoint, sequence: ModeSequence
-) -> tuple[SimulatedFamily, tuple[float, float]]:
+def approached(family: Family, special: SpecialPoint, cycle: Cycle) -> tuple[SimulatedFamily, tuple[float, float]]:
     """Simulated gaits of one sequence, and two values on the way to a special point."""
-    points = [point for point in branch(family) if point.gait.problem.sequence == sequence]
+    points = [point for point in branch(family) if point.gait.problem.cycle == cycle]
     start = min(points, key=lambda point: abs(abs(point.value - special.value) - FAR))
-    walk = simulated(start, family.parameter, sequence.impact)
+    walk = simulated(start, family.parameter, cycle.impact)
     return walk, (start.value, start.value + NEARER * (special.value - start.value))
 
 
@@ -168,7 +168,7 @@ def test_stability_is_lost_where_the_simulated_multipliers_say(
 ) -> None:
     special = only(family, kind, near)
     assert special.status == "converged"
-    walk = simulated(special, family.parameter, special.gait.problem.sequence.impact)
+    walk = simulated(special, family.parameter, special.gait.problem.cycle.impact)
     root = walk.crossing(function, special.value - ASIDE, special.value + ASIDE)
     assert special.value == pytest.approx(root, rel=0, abs=AGREEMENT)
     assert special.value == pytest.approx(near, rel=0, abs=AGREEMENT)
@@ -177,7 +177,7 @@ def test_stability_is_lost_where_the_simulated_multipliers_say(
 @pytest.mark.slow
 def test_fold_is_where_a_simulated_multiplier_is_one() -> None:
     special = only(HIP, "fold", 0.42656)
-    walk = simulated(special, "control.hip", special.gait.problem.sequence.impact)
+    walk = simulated(special, "control.hip", special.gait.problem.cycle.impact)
     assert special.value == pytest.approx(walk.fold(special.value, reach=1e-4), rel=0, abs=AGREEMENT)
     assert special.value == pytest.approx(0.426564546887, rel=0, abs=AGREEMENT)
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from named import named
 
 from gaitopt.gait import Ending, Status
 from gaitopt.mechanics import BeyondEnd, BezierTracking, control_points
-from gaitopt.nlp.between import touches
 from gaitopt.problem import load_problem, parse_problem
 from gaitopt.study import build_system, simulate, solve, verify
 
@@ -71,9 +71,11 @@ def test_objective_is_the_scalar_that_is_reported(objective, scalar, sense):
 
 
 def test_margins_hold_between_the_nodes():
-    gait = solve(load_problem("compass-torque-stable-slip"))
+    gait = named("compass-torque-stable-slip")
     assert gait.converged, gait.message
-    assert not touches(gait, 1e-8)
+    claims = {claim.name: claim for claim in verify(gait).claims}
+    assert claims["friction cone"].figure <= 1e-11
+    assert claims["slip direction"].figure <= 1e-11
 
 
 @pytest.mark.parametrize("speed", [0.45, 0.46])
@@ -120,7 +122,7 @@ def test_infeasible_design_names_constraint_obstacle_and_best_reached():
     bounded = {"control.ankle": {"free": [-5, 1], "guess": 0.9}}
     gait = solve(sticking({"objective": "cost_of_transport", "constraints": {"speed": {"min": 0.8}}}, **bounded))
     assert gait.status is Status.INFEASIBLE
-    assert gait.step is None
+    assert not gait.steps
     assert "speed >= 0.8 conflicts with" in gait.message
     assert "control.ankle <= 1" in gait.message
     assert "best reached 0.55" in gait.message
@@ -180,7 +182,7 @@ def test_designed_reference_answers_the_open_problem():
     assert gait.measures["step_length"] >= 0.311 - 1e-8
     assert gait.measures["speed"] >= 0.40
     assert gait.measures["cost_of_transport"] <= 0.00565 + 1e-8
-    assert gait.measures["absolute_cost_of_transport"] == pytest.approx(0.0056244, rel=1e-4)
+    assert gait.measures["absolute_cost_of_transport"] == pytest.approx(0.00546732, rel=1e-6)
     assert gait.spectral_radius <= 0.5 + 1e-7
     assert max(abs(v) for k, v in gait.freed.items() if "reference" in k) <= 0.6 + 1e-9
     assert recovered(gait, walks=100, steps=40, size=0.05) >= 95
@@ -191,7 +193,7 @@ def test_designed_reference_slides_as_fast_with_longer_steps():
     gait = solve(load_problem("compass-pd-slippery"))
     assert gait.converged, gait.message
     assert verify(gait).passed
-    assert gait.measures["step_length"] >= 0.4597
+    assert gait.measures["step_length"] >= 0.46040
     assert gait.state[-1] >= 0.257 - 1e-8
     assert gait.measures["absolute_cost_of_transport"] <= 0.01475 + 1e-8
     assert gait.spectral_radius <= 0.6 + 1e-7

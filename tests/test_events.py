@@ -9,7 +9,20 @@ from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
 from gaitopt.mechanics import Mode, margin_names
-from gaitopt.simulation.events import EDGE, PRIORITY, Point, first_event, violated
+from gaitopt.simulation.events import (
+    EDGE,
+    INSTANT,
+    LOOK,
+    PRIORITY,
+    Point,
+    coincides,
+    fallen,
+    falls,
+    first_event,
+    is_armed,
+    lift,
+    refine,
+)
 
 NAMES = ("touchdown", "upright", "normal_force", "slip_velocity", "painleve")
 
@@ -122,8 +135,79 @@ def test_a_margin_that_falls_from_its_edge_fires_at_the_start() -> None:
     assert found[1] == 0.0
 
 
-def test_a_margin_below_its_edge_is_violated_at_once() -> None:
-    point = _motion([Polynomial([1.0]), Polynomial([-1e-3]), Polynomial([-1.0])])(0.0)
-    assert violated(NAMES[:3], point, [True, True, True]) == "normal_force"
-    assert violated(NAMES[:3], point, [True, True, False]) == "upright"
-    assert violated(NAMES[:3], point, [True, False, False]) is None
+# the start of an arc
+
+
+@pytest.mark.parametrize(
+    ("margin", "rate", "bend", "expected"),
+    [
+        (0.0, 1.0, 0.0, False),
+        (0.0, -1.0, 0.0, True),
+        (0.0, 0.0, 1.0, False),
+        (0.0, 0.0, -1.0, True),
+        (0.0, -1e-14, 1.0, False),
+        (0.0, 1e-14, -1.0, True),
+        (0.0, -1e-8, 1e-3, False),
+        (0.0, -1e-7, 1e-3, True),
+        (-1e-3, 5.0, 0.0, True),
+        (-1e-11, 1.0, 0.0, False),
+        (1e-11, -1.0, 0.0, False),
+    ],
+)
+def test_a_margin_at_its_edge_falls_or_leaves_it_by_its_first_derivative_that_is_not_zero(
+    margin: float, rate: float, bend: float, expected: bool
+) -> None:
+    assert falls("upright", margin, rate, bend) == expected
+    several = falls("upright", *(np.full(2, value) for value in (margin, rate, bend)))
+    assert several.tolist() == [expected] * 2
+    assert not falls("touchdown", margin, rate, bend)
+    assert falls("painleve", margin, rate, bend) == (margin <= EDGE)
+
+
+def start_of(*margins: Polynomial) -> str | None:
+    def rates(t: float) -> list[float]:
+        return [m.deriv()(t) for m in margins]
+
+    return fallen(NAMES[: len(margins)], [m(0.0) for m in margins], rates(0.0), lambda: rates(LOOK))
+
+
+def test_of_the_margins_that_do_not_hold_at_the_start_the_first_by_priority_counts() -> None:
+    assert start_of(Polynomial([-1.0]), Polynomial([1.0])) is None
+    assert start_of(Polynomial([1.0]), Polynomial([-1e-3]), Polynomial([-1.0])) == "normal_force"
+    assert start_of(Polynomial([1.0]), Polynomial([-1e-3]), Polynomial([1.0])) == "upright"
+
+
+def test_where_the_rate_is_zero_the_bend_is_looked_for() -> None:
+    assert start_of(Polynomial([1.0]), Polynomial([0.0, 0.0, -1.0])) == "upright"
+    assert start_of(Polynomial([1.0]), Polynomial([0.0, 0.0, 1.0])) is None
+
+
+def test_no_lifted_margin_starts_at_zero_and_only_one_that_is_armed_starts_above() -> None:
+    for margin in (0.0, EDGE / 3, -EDGE / 3):
+        for rate in (-1.0, 0.0, 1.0):
+            assert margin + lift("touchdown", margin, rate) < 0
+            assert margin + lift("upright", margin, rate) > 0
+            assert not is_armed("touchdown", margin)
+    assert 0 < lift("slip_velocity", 0.0, 1.0) < 1e-17
+    dipping = Polynomial([0.0, -1e-5, 1e5])
+    lowest = dipping(-dipping.coef[1] / (2 * dipping.coef[2]))
+    assert not falls("slip_velocity", *dipping.coef[:2], 2 * dipping.coef[2])
+    assert lowest + lift("slip_velocity", *dipping.coef[:2]) > 0
+
+
+@pytest.mark.parametrize("depth", [1.0, 1e-3, 1.1 * EDGE])
+def test_the_root_of_a_lifted_margin_leads_to_that_of_the_margin(depth: float) -> None:
+    dip = from_roots(0.45, 0.45) - depth
+    root, lifted = (max(0.0, 0.45 - np.sqrt(depth - lifted)) for lifted in (0.0, EDGE))
+    at = _motion([dip + 0.0])
+    time, state = refine(0, at(0.45 - np.sqrt(depth + 0.0) + EDGE), lambda point, duration: at(point.time + duration))
+    assert lifted >= root
+    assert time == pytest.approx(0.45 - np.sqrt(depth), abs=1e-10)
+    assert state[0] == pytest.approx(time, abs=1e-15)
+
+
+def test_margins_that_fall_within_an_instant_coincide() -> None:
+    assert coincides(0.0, -1.0)
+    assert coincides(5e-13, -1.0)
+    assert not coincides(5e-13, 1.0)
+    assert not coincides(INSTANT, -1.0)

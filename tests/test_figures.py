@@ -90,26 +90,28 @@ def test_torques_of_a_passive_walker_are_not_drawn_unasked():
 def test_a_record_is_enough_to_draw_the_same_motion(name):
     ours = gait(name)
     again = motion_from_record(ours.system, ours.p, ours.to_record())
-    assert [arc.mode for arc in again.step.arcs] == [arc.mode for arc in ours.step.arcs]
-    for one, other in zip(again.step.arcs, ours.step.arcs, strict=True):
+    assert [arc.mode for arc in again.steps[0].arcs] == [arc.mode for arc in ours.steps[0].arcs]
+    for one, other in zip(again.steps[0].arcs, ours.steps[0].arcs, strict=True):
         np.testing.assert_allclose(one.states[-1], other.states[-1], atol=1e-9)
-    np.testing.assert_allclose(again.step.impact.state, ours.step.impact.state, atol=1e-9)
+    np.testing.assert_allclose(again.steps[-1].impact.state, ours.steps[-1].impact.state, atol=1e-9)
 
 
 def test_two_roads_agree_and_a_spoiled_gait_is_seen_to_disagree():
     ours = gait("compass-passive-a")
     walked = simulated(ours)
     motion = motion_of(ours)
-    assert max(np.abs(gap).max() for _, gap in differences(motion.step, walked)) < 1e-8
-    arcs = [Arc(mode=a.mode, segment=a.segment, times=a.times, states=a.states + 1e-4) for a in motion.step.arcs]
-    spoiled = Step(arcs=tuple(arcs), impact=motion.step.impact)
-    assert max(np.abs(gap).max() for _, gap in differences(spoiled, walked)) > 9e-5
+    assert max(np.abs(gap).max() for _, gap in differences(motion.steps, walked)) < 1e-8
+    arcs = [Arc(mode=a.mode, segment=a.segment, times=a.times, states=a.states + 1e-4) for a in motion.steps[0].arcs]
+    spoiled = Step(arcs=tuple(arcs), impact=motion.steps[-1].impact)
+    assert max(np.abs(gap).max() for _, gap in differences([spoiled], walked)) > 9e-5
 
 
 def test_arcs_are_not_compared_beyond_a_different_mode():
     motion = motion_of(gait("compass-passive-a"))
-    other = replace(motion.step, arcs=(replace(motion.step.arcs[0], mode=Mode.STICK), *motion.step.arcs[1:]))
-    assert list(differences(other, motion.step)) == []
+    other = replace(
+        motion.steps[0], arcs=(replace(motion.steps[0].arcs[0], mode=Mode.STICK), *motion.steps[0].arcs[1:])
+    )
+    assert list(differences([other], motion.steps)) == []
 
 
 def test_stable_gaits_are_thick_and_unstable_ones_dotted():

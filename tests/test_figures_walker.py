@@ -19,7 +19,7 @@ WALKERS = (*SEQUENCES, TORSO)
 
 def drawing(name):
     motion = motion_of(gait(name))
-    states = np.vstack([arc.states for arc in motion.step.arcs])
+    states = np.vstack([arc.states for arc in motion.steps[0].arcs])
     return motion, states, skeleton(motion, states)
 
 
@@ -59,7 +59,7 @@ def test_the_step_begins_and_ends_with_the_feet_on_the_ground(name):
     np.testing.assert_allclose(drawn.points[:, 0], np.column_stack([states[:, x], np.zeros(len(states))]), atol=1e-12)
     landing = drawn.points[-1, 1]
     assert landing[1] == pytest.approx(0, abs=1e-9)
-    assert landing[0] == pytest.approx(motion.step.impact.step_length)
+    assert landing[0] == pytest.approx(motion.steps[-1].impact.step_length)
 
 
 def test_a_walker_of_ones_own_is_drawn_from_its_bodies_and_says_what_is_not_rigid():

@@ -64,7 +64,7 @@ def test_the_named_gait_is_confirmed_though_friction_drops_at_the_onset_of_slip(
     check = go.verify(gait)
     assert check.passed, check
     assert check.figure("multipliers") < 1e-9
-    backward = gait.step.arcs[-1]
+    backward = gait.arcs[-1]
     data = gait.system.control.data(backward.segment)
     stick, slip = (gait.system.flow(mode)(0, backward.states[0], gait.p, data) for mode in (Mode.STICK, backward.mode))
     assert abs(float(stick[-1] - slip[-1])) > 0.1  # the acceleration of the foot jumps there [m/s^2]
@@ -125,7 +125,7 @@ def nearly_held(gait):
 
 
 def test_the_nlp_refuses_a_slip_that_static_friction_would_hold(nearly_held):
-    durations = [duration for _, duration in nearly_held.step.phases]
+    durations = [duration for _, duration in nearly_held.phases]
     changes = {**guess_of(nearly_held, durations), "friction.static": 0.1575}
     refused = go.solve(nearly_held.problem.replace(changes))
     assert not refused.converged

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from named import named
 
 import gaitopt as go
 from gaitopt.gait import Arc, Step, floquet_multipliers, multiplier_distance
@@ -24,7 +25,7 @@ def test_arcs_of_one_mode_across_a_breakpoint_are_one_phase() -> None:
 
 
 def test_only_a_converged_gait_may_be_trusted() -> None:
-    gait = go.solve(go.load_problem("rimless-wheel-stick"))
+    gait = named("rimless-wheel-stick")
     assert gait.converged
     assert gait.status is go.Status.CONVERGED
     for status in set(go.Status) - {go.Status.CONVERGED}:
@@ -35,7 +36,7 @@ def test_only_a_converged_gait_may_be_trusted() -> None:
 
 
 def test_verification_is_kept_with_the_gait() -> None:
-    gait = go.solve(go.load_problem("rimless-wheel-stick"))
+    gait = named("rimless-wheel-stick")
     assert gait.to_record()["verification"] is None
     record = go.verify(gait).to_record()
     assert gait.verified(record).to_record()["verification"] == record

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from oracles import numbers
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 
 from gaitopt.gait import Arc, ImpactRecord, Step, curves, measure
 from gaitopt.mechanics import CompassBiped, ConstantTorque, HybridSystem, Mode, NoControl, RimlessWheel
@@ -126,7 +126,7 @@ def test_constant_torques_do_the_work_of_torque_times_angle() -> None:
 
 def test_absolute_cost_counts_braking_as_work() -> None:
     system, p, step = compass_step()
-    absolute = sum(np.trapezoid(np.abs(power), times).sum() for times, power in dense(2))
+    absolute = sum(trapezoid(np.abs(power), times).sum() for times, power in dense(2))
     measures = measure(system, p, step)
     scale = numbers(system.weight(p))[0].item() * step.impact.step_length
     assert measures["absolute_cost_of_transport"] * scale == pytest.approx(absolute, rel=1e-7)

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from named import named
 
 import gaitopt as go
 from gaitopt.gait import Arc, Gait
@@ -16,7 +17,7 @@ NAMES = ("rimless-wheel-stick", "rimless-wheel-slip", "compass-passive-stick", "
 
 @cache
 def solved(name: str) -> Gait:
-    return go.solve(go.load_problem(name))
+    return named(name)
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
@@ -28,12 +29,12 @@ def with_parameter(gait: Gait, name: str, value: float) -> Gait:
 
 def with_slip_velocity(gait: Gait, index: int, factor: float, offset: float = 0.0) -> Gait:
     """The slip velocity of one arc spoilt."""
-    arcs = list(gait.step.arcs)
+    arcs = list(gait.arcs)
     states = arcs[index].states.copy()
     states[:, -1] = factor * states[:, -1] + offset
     old = arcs[index]
     arcs[index] = Arc(mode=old.mode, segment=old.segment, times=old.times, states=states)
-    return replace(gait, step=replace(gait.step, arcs=tuple(arcs)))
+    return replace(gait, steps=(replace(gait.steps[0], arcs=tuple(arcs)),))
 
 
 def lost(gait: Gait) -> set[Name]:
@@ -84,7 +85,7 @@ def test_a_slip_against_its_mode_is_seen(name: str, phase: int) -> None:
 
 def test_a_slip_that_dips_below_zero_within_its_phase_is_seen() -> None:
     gait = solved("compass-passive-b")
-    assert gait.step.arcs[0].mode is Mode.SLIP_FORWARD
+    assert gait.arcs[0].mode is Mode.SLIP_FORWARD
     assert Name("slip_velocity", 0) in lost(with_slip_velocity(gait, 0, 1.0, -0.01 * gait.state[-1]))
 
 
@@ -107,10 +108,10 @@ def test_a_slip_after_the_impact_that_fades_is_seen_before_it_is_gone() -> None:
 def test_a_foot_that_lands_between_is_seen() -> None:
     """The swing leg is bent in mid-step until the foot touches the ground, and lifted again."""
     gait = solved("compass-passive-stick")
-    (arc,) = gait.step.arcs
+    (arc,) = gait.arcs
     where = (arc.times - arc.start) / arc.duration
     apart = arc.states[:, 1] - arc.states[:, 0]
     states = arc.states.copy()
     states[:, 1] -= 1.5 * apart * np.exp(-(((where - 0.7) / 0.1) ** 2))
-    step = replace(gait.step, arcs=(Arc(mode=arc.mode, segment=arc.segment, times=arc.times, states=states),))
-    assert lost(replace(gait, step=step)) >= {Name("touchdown", 0)}
+    step = replace(gait.steps[0], arcs=(Arc(mode=arc.mode, segment=arc.segment, times=arc.times, states=states),))
+    assert lost(replace(gait, steps=(step,))) >= {Name("touchdown", 0)}

@@ -47,13 +47,13 @@ def test_sticking_foot_does_not_drift(compass):
 
 def test_problem_without_freed_parameters_is_square(compass):
     problem, _ = passive("compass-passive-a")
-    transcription = Transcription(compass, layout(problem.sequence, [0.09, 0.63, 0.03], []))
+    transcription = Transcription(compass, layout(problem.cycle, [0.09, 0.63, 0.03], []))
     assert transcription.equalities.numel() == transcription.w.numel()
 
 
 def test_jacobian_agrees_with_central_differences(compass):
     problem, _ = passive("compass-passive-a")
-    transcription = Transcription(compass, layout(problem.sequence, [0.09, 0.63, 0.03], []))
+    transcription = Transcription(compass, layout(problem.cycle, [0.09, 0.63, 0.03], []))
     w = np.random.default_rng(1).normal(scale=0.1, size=transcription.w.numel())
     direction = np.random.default_rng(2).normal(size=w.size)
     eps = 1e-6
@@ -63,7 +63,7 @@ def test_jacobian_agrees_with_central_differences(compass):
 
 
 def test_breakpoints_cut_phases_into_arcs():
-    sequence = load_problem("compass-passive-a").sequence
+    sequence = load_problem("compass-passive-a").cycle
     plan = layout(sequence, [0.1, 0.6, 0.05], [0.3, 0.72])
     assert [(arc.phase, arc.segment) for arc in plan.arcs] == [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)]
     assert plan.arc_times(np.array([0.1, 0.6, 0.05]))[2] == (0.3, pytest.approx(0.7))
@@ -72,7 +72,7 @@ def test_breakpoints_cut_phases_into_arcs():
 
 
 def test_step_that_outlasts_a_breakpoint_it_did_not_reach_needs_another_layout():
-    plan = layout(load_problem("compass-passive-stick").sequence, [0.6], [0.7])
+    plan = layout(load_problem("compass-passive-stick").cycle, [0.6], [0.7])
     assert plan.in_order(np.array([0.65]), [0.7])
     assert not plan.in_order(np.array([0.75]), [0.7])
 
@@ -80,8 +80,8 @@ def test_step_that_outlasts_a_breakpoint_it_did_not_reach_needs_another_layout()
 def test_rollout_finds_the_durations_that_a_solved_gait_has():
     problem, system = passive("compass-passive-a")
     gait = solve_gait(problem, system)
-    rolled = roll_out(system, gait.p, problem.sequence, gait.state)
-    assert np.allclose(rolled.durations, [duration for _, duration in gait.step.phases], atol=1e-6)
+    rolled = roll_out(system, gait.p, problem.cycle, gait.state)
+    assert np.allclose(rolled.durations, [duration for _, duration in gait.phases], atol=1e-6)
 
 
 def test_given_durations_lead_to_the_same_gait():
@@ -95,12 +95,12 @@ def test_given_durations_lead_to_the_same_gait():
 def test_error_estimate_is_the_error():
     problem, system = passive("compass-passive-stick")
     gait = solve_gait(problem, system)
-    coarse = Transcription(system, layout(problem.sequence, [gait.step.period], []).refined([5]))
+    coarse = Transcription(system, layout(problem.cycle, [gait.period], []).refined([5]))
     fractions = np.linspace(gait.shooting.times[0], gait.shooting.times[-1], 6)
     start = coarse.pack(integrate_to(system, Mode.STICK, gait.state, fractions, gait.p, np.zeros(0)).T, [fractions[-1]])
     at = polish(coarse, start, gait.p).at
     nodes, durations = integration_error(coarse, at)
-    actual = gait.step.period - coarse.unpack(at.w)[1][0]
+    actual = gait.period - coarse.unpack(at.w)[1][0]
     assert abs(actual) > 1e-9
     assert durations[0] == pytest.approx(actual, rel=0.05)
     assert nodes[0, 0] == pytest.approx(gait.state[0] - at.w[0], rel=0.05)
@@ -131,7 +131,7 @@ def test_failure_says_what_hurts_in_physical_words(name, overrides, words):
     assert gait.status in (Status.INFEASIBLE, Status.NOT_CONVERGED)
     with pytest.raises(ValueError, match="no gait to take a state from"):
         _ = gait.state
-    assert gait.step is None
+    assert not gait.steps
     assert re.search(words, gait.message), gait.message
 
 

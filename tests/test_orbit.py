@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.gait import Ending, floquet_multipliers
-from gaitopt.mechanics import HybridSystem, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl, RimlessWheel
 from gaitopt.orbit import ReturnMap
-from gaitopt.orbit.return_map import FIXED_POINT_TOLERANCE
+from gaitopt.orbit.return_map import ROUNDING
 from gaitopt.simulation import Simulator
 from gaitopt.study import build_system
 
@@ -33,14 +33,14 @@ def wheel(friction: float = 2.0) -> ReturnMap:
 def return_map(name: str, **overrides: object) -> ReturnMap:
     problem = go.load_problem(name).replace({key.replace("__", "."): value for key, value in overrides.items()})
     system = build_system(problem)
-    return ReturnMap(Simulator(system, system.values(problem.parameters)), problem.sequence.impact)
+    return ReturnMap(Simulator(system, system.values(problem.parameters)), problem.cycle.impact)
 
 
 def guess(name: str) -> Array:
     problem = go.load_problem(name)
     system = build_system(problem)
     state = np.array([problem.guess.state[key] for key in system.state_names])
-    return state[system.section(problem.sequence.impact)]
+    return state[system.section(problem.cycle.impact)]
 
 
 @pytest.mark.parametrize("rate", [0.6, 0.65, 0.7, FIXED])
@@ -50,15 +50,15 @@ def test_map_of_the_wheel_is_that_of_its_energy_and_momentum(rate: float) -> Non
     exact = BETA * sqrt(rate**2 + GAINED)
     assert result.ending is Ending.COMPLETED
     assert result.xi == pytest.approx([exact], abs=1e-13)
-    assert wheel().jacobian(result.step) == pytest.approx(np.array([[BETA**2 * rate / exact]]), abs=1e-12)
+    assert wheel().jacobian(result.steps) == pytest.approx(np.array([[BETA**2 * rate / exact]]), abs=1e-12)
 
 
 @pytest.mark.parametrize("start", [0.5, 0.7, 0.9])
 def test_newton_finds_the_fixed_point_of_the_wheel_from_afar(start: float) -> None:
     point = wheel().fixed_point(np.array([start]))
     assert point.converged
-    assert point.residual < FIXED_POINT_TOLERANCE
-    assert point.xi == pytest.approx([FIXED], abs=FIXED_POINT_TOLERANCE / (1 - BETA**2))
+    assert point.residual < ROUNDING
+    assert point.xi == pytest.approx([FIXED], abs=ROUNDING / (1 - BETA**2))
     assert floquet_multipliers(point.jacobian)[0].real == pytest.approx(BETA**2, abs=1e-12)
 
 
@@ -74,7 +74,7 @@ def test_deviations_pass_the_breakpoints_of_a_reference_unchanged(beyond_end: st
     name, h = "compass-pd-impact-slip", 1e-6
     mapped = return_map(name, control__reference__beyond_end=beyond_end)
     xi = guess(name)
-    jacobian = mapped.jacobian(mapped(xi).step)
+    jacobian = mapped.jacobian(mapped(xi).steps)
     columns = [(mapped(xi + h * unit).xi - mapped(xi - h * unit).xi) / (2 * h) for unit in np.eye(xi.size)]
     assert np.abs(np.column_stack(columns) - jacobian).max() < 1e-5 * np.abs(jacobian).max()
 
@@ -92,10 +92,42 @@ def test_fall_does_not_return() -> None:
 def test_other_kind_of_impact_is_off_the_section() -> None:
     result = wheel(0.2)(np.array([0.75]))
     assert result.xi is None
-    assert result.step.impact.mode is Mode.SLIP_FORWARD
+    assert result.steps[0].impact.mode is Mode.SLIP_FORWARD
     assert "off the section of stick" in result.message
 
 
 def test_stalled_newton_is_not_called_a_fixed_point() -> None:
     """Below the friction that its impact needs there is no sticking gait to converge to."""
     assert not wheel(0.2).fixed_point(np.array([0.75])).converged
+
+
+GARCIA = np.array([-0.200310900544287, 0.199832473004977, -0.199832473004977 * cos(2 * 0.200310900544287)])
+"""The simplest walker on a slope of 0.009 (Garcia et al. 1998), feet without mass, after its impact."""
+
+
+@pytest.mark.parametrize(("foot_mass", "hip_mass"), [(1e-6, 1.0), (1e-9, 1.0), (1e-9, 4e6)])
+def test_fixed_point_of_a_walker_with_very_light_feet_keeps_all_digits(foot_mass: float, hip_mass: float) -> None:
+    system = HybridSystem(CompassBiped, NoControl())
+    simulator = Simulator(system, np.array([1, foot_mass, 1e-6, hip_mass, 1, 0.009, 2.0]))
+    point = ReturnMap(simulator, Mode.STICK).fixed_point(GARCIA)
+    assert point.converged
+    assert point.residual < 1e-12
+    assert point.xi == pytest.approx(GARCIA, abs=5e-6)
+
+
+@pytest.mark.parametrize(("length", "time", "mass"), [(1e3, 1.0, 1e3), (1.0, 1e-3, 1e-3), (1e3, 670.0, 1.0)])
+@pytest.mark.parametrize("friction", [0.14, 0.3])
+def test_fixed_point_is_the_same_in_other_units(length: float, time: float, mass: float, friction: float) -> None:
+    system = HybridSystem(CompassBiped, NoControl())
+    points = []
+    for metre, second, kilogram in ((1.0, 1.0, 1.0), (length, time, mass)):
+        gravity = 9.8 * metre / second**2
+        p = np.array([1.6 * metre, 4 * kilogram, 0.8 * metre, 2 * kilogram, gravity, radians(1), friction])
+        mapped = ReturnMap(Simulator(system, p), Mode.STICK)
+        point = mapped.fixed_point(np.array([-0.1478, 0.7328 / second, -0.5007 / second]))
+        assert point.converged
+        units = np.array([1, 1 / second, 1 / second])
+        periods = [duration / second for _, duration in point.steps[0].phases]
+        points.append((point.xi / units, floquet_multipliers(point.jacobian), periods))
+    for first, second_units in zip(*points, strict=True):
+        np.testing.assert_allclose(second_units, first, rtol=0, atol=1e-10)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from named import named
 
 from gaitopt.cli.main import main
-from gaitopt.cli.progress import interruptible
+from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
 from gaitopt.paper import Archive, parts
@@ -20,9 +21,7 @@ from gaitopt.paper.numbers import NUMBERS
 from gaitopt.paper.reasons import EXPLANATIONS, Reason
 from gaitopt.paper.sentences import SENTENCES
 from gaitopt.paper.table import markdown, record, row
-from gaitopt.problem import load_problem
 from gaitopt.store import run_folder
-from gaitopt.study import solve
 
 COMMITTED = Path(__file__).parents[1] / "results" / "gamus-or-2013"
 RECOMPUTED = ("A: |λ| at μ = 0.14", "B: |λ| at μ = 0.14", "μ_c", "impulse ratio", "θ1* [rad]", "I: τ1, mean [N m]")
@@ -37,7 +36,7 @@ def committed() -> dict:
 
 @cache
 def passive() -> Gait:
-    return solve(load_problem("compass-passive-stick"))
+    return named("compass-passive-stick")
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +90,7 @@ def test_copied_torques_are_the_closed_form_difference_of_gravity():
         walker.leg_mass * walker.leg_com + (walker.leg_mass + walker.hip_mass) * walker.leg_length
     )
     swing = walker.leg_mass * walker.gravity * (walker.leg_length - walker.leg_com)
-    for arc, (_, torques) in zip(passive().step.arcs, copied_torques(passive()), strict=True):
+    for arc, (_, torques) in zip(passive().arcs, copied_torques(passive()), strict=True):
         theta1, theta2 = arc.states[:, 0], arc.states[:, 1]
         hip = swing * (np.sin(theta2) - np.sin(theta2 - walker.slope))
         ankle = moment * (np.sin(theta1 + walker.slope) - np.sin(theta1)) - hip

@@ -69,7 +69,7 @@ def test_every_gait_of_the_paper_has_its_problem(name):
     problem = load_problem(name)
     assert name in problem_names()
     assert problem.name == name
-    assert (problem.friction, problem.sequence.phases, problem.sequence.impact) == PAPER[name]
+    assert (problem.friction, problem.cycle.phases, problem.cycle.impact) == PAPER[name]
     assert problem.path.name == f"{name}.yaml"
     assert problem.text == problem.path.read_text()
     assert 0 < len(problem.about) <= 120
@@ -149,7 +149,7 @@ def test_overrides_change_what_they_name_and_nothing_else():
         {"friction": 0.16, "walker.slope": "2 deg", "gait.phases": ["stick"], "gait.guess.state.theta1": -0.2}
     )
     assert (other.friction, other.walker.slope) == (0.16, math.radians(2))
-    assert other.sequence.phases == (Mode.STICK,)
+    assert other.cycle.phases == (Mode.STICK,)
     assert other.guess.state["theta1"] == other.guess.state["theta2"] == -0.2
     assert other.guess.state["dtheta1"] == problem.guess.state["dtheta1"]
     assert problem.friction == 0.14
@@ -190,7 +190,7 @@ def test_the_slip_velocity_goes_with_the_slipping_impact():
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        ({"friction": -1}, "--set friction: -1 must be at least 0 (coefficient of friction mu)"),
+        ({"friction": -1}, "--set friction: -1 must be at least 0 and at most 1000 (coefficient of friction mu)"),
         ({"walker.leg_mas": 3}, "--set walker.leg_mas: unknown key; did you mean leg_mass or leg_com?"),
         ({"impact_law.x": 1}, "--set impact_law.x: impact_law is 'coulomb' and has no keys: set it as a whole"),
         ({"frction": 1, "name": "a/b"}, "--set frction: unknown key; did you mean friction?\n--set name: 'a/b' has"),

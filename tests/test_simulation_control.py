@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from gaitopt.gait import Ending, curves, observe
 from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, Piece, ProportionalDerivative, Reference
+from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
 
 Array = NDArray[np.float64]
@@ -95,6 +96,34 @@ def test_a_jump_of_the_torque_out_of_the_cone_starts_a_slip_at_the_breakpoint() 
         step = staircase((0.3, 0.32), (0, 0), (torque, 0), (0, 0), friction=0.18).run(START).steps[0]
         assert [arc.mode for arc in step.arcs[:2]] == [Mode.STICK, slip]
         assert step.arcs[1].start == 0.3
+
+
+def test_a_slip_that_a_jump_of_the_torque_starts_is_decided_there_and_no_switch_by_itself() -> None:
+    """Of the two changes of mode only the end of the slip is an event."""
+    simulator = staircase((0.3, 0.32), (0, 0), (30, 0), (0, 0), friction=0.18)
+    limited = Simulator(simulator.system, simulator.p, max_switches=1)
+    step = limited.run(START).steps[0]
+    assert [mode for mode, _ in step.phases] == [Mode.STICK, Mode.SLIP_BACKWARD, Mode.STICK]
+    assert step.impact is not None
+
+
+@pytest.mark.parametrize(
+    ("levels", "friction", "modes"),
+    [
+        (((0.3, 0.1), (-1.5, 0.6), (0.5, 0)), 1.0, [Mode.STICK] * 3),
+        (((0, 0), (45, 0), (0, 0)), 0.3, [Mode.STICK, Mode.SLIP_BACKWARD, Mode.SLIP_BACKWARD, Mode.STICK]),
+    ],
+)
+def test_deviations_pass_a_jump_of_the_torque_unchanged(
+    levels: tuple[tuple[float, float], ...], friction: float, modes: list[Mode]
+) -> None:
+    """A breakpoint lies at a fixed time for all neighbours: it is no event, even where the foot begins to slip."""
+    mapped, xi, h = ReturnMap(staircase((0.3, 0.32), *levels, friction=friction), Mode.STICK), START[[0, 3, 4]], 1e-6
+    (step,) = mapped(xi).steps
+    assert step is not None
+    assert [arc.mode for arc in step.arcs] == modes
+    columns = [(mapped(xi + h * unit).xi - mapped(xi - h * unit).xi) / (2 * h) for unit in np.eye(3)]
+    assert np.column_stack(columns) == pytest.approx(mapped.jacobian(step), rel=1e-5, abs=1e-5)
 
 
 def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:

@@ -14,6 +14,7 @@ from gaitopt.simulation.decisions import Decisions, Refusal
 Array = NDArray[np.float64]
 
 NO_DATA = np.zeros(0)
+COMPASS = (1.6, 4, 0.8, 2, 9.8, np.radians(1))
 
 
 @cache
@@ -31,7 +32,7 @@ def wheel_parameters(friction: float, kappa: float = 1 / 3, slope: float = 0.2) 
 
 
 def compass_parameters(friction: float) -> Array:
-    return np.array([1.6, 4, 0.8, 2, 9.8, np.radians(1), friction])
+    return np.array([*COMPASS, friction])
 
 
 def everything_possible(p: Array, z: Array) -> list[str]:
@@ -141,12 +142,47 @@ def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) ->
             assert record.impulse[0] == 0
 
 
-def test_a_foot_that_rises_at_touchdown_has_no_consistent_impact() -> None:
-    refusal = Decisions(compass(), compass_parameters(0.5)).impact(touchdown(0.15, -0.9, 0.3))
-    assert isinstance(refusal, Refusal)
-    assert refusal.ending is Ending.IMPACT_INCONSISTENT
-    assert "no impact is consistent at mu = 0.5" in refusal.reason
-    assert "stick needs F_t" in refusal.reason
+@pytest.mark.parametrize("friction", [0.05, 0.5, 4.099, 50.0])
+@pytest.mark.parametrize("law", list(ImpactLaw))
+def test_a_foot_that_comes_from_below_the_ground_has_no_impact(law: ImpactLaw, friction: float) -> None:
+    """For theta < 0 the legs also pass each other, but there the foot rises."""
+    for z in (touchdown(-0.15, 0.9, -0.3), touchdown(0.15, -0.9, 0.3), touchdown(-0.15, 0.9, -0.3, dx=0.4)):
+        refusal = Decisions(compass(law), compass_parameters(friction)).impact(z)
+        assert isinstance(refusal, Refusal)
+        assert refusal.ending is Ending.IMPACT_INCONSISTENT
+        assert "the swing foot does not come down: its normal velocity is" in refusal.reason
+        assert "from below" in refusal.reason
+
+
+def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
+    """F_n (C_tt + mu s C_nt) = -det(C) v_n: the sign of the impulse says which slips have a solution."""
+    rng, seen = np.random.default_rng(11), set()
+    for _ in range(300):
+        p = wheel_parameters(10 ** rng.uniform(-1, 1.5), rng.uniform(0.01, 0.3))
+        z = np.array([np.pi / 8, 0, rng.uniform(0.1, 2), rng.normal()])
+        record = Decisions(wheel(), p).impact(z)
+        for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD):
+            _, impulse, slip, _, painleve = (np.asarray(output).ravel() for output in wheel().impact(mode)(z, p))
+            assert np.sign(impulse[1]) == np.sign(painleve[0])
+            if isinstance(record, ImpactRecord) and record.mode is mode:
+                assert painleve[0] > 0
+            elif painleve[0] < 0 and mode.direction * slip[0] > 0:
+                seen.add(mode)
+    assert seen
+
+
+def test_an_impact_at_the_very_edge_of_the_cone_sticks() -> None:
+    """A slip that starts with rounding for a velocity is the same impact; it is no second one."""
+    rng = np.random.default_rng(12)
+    for _ in range(100):
+        z = touchdown(rng.uniform(0.05, 0.3), rng.uniform(0.3, 1.5), rng.uniform(-1, 0.2), rng.normal() * 0.1)
+        _, (f_t, f_n), *_ = (np.asarray(output).ravel() for output in compass().impact(Mode.STICK)(z, [*COMPASS, 1]))
+        for rounding in (-2e-16, 0.0, 2e-16):
+            record = Decisions(compass(), compass_parameters(abs(f_t / f_n) * (1 + rounding))).impact(z)
+            if isinstance(record, Refusal):
+                assert record.ending is Ending.DOUBLE_SUPPORT
+            else:
+                assert record.mode is Mode.STICK
 
 
 class TwoImpacts(HybridSystem):

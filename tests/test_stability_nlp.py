@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from casadi import MX, Function, jacobian
+from named import named
 
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.stability import certified_radius, radius_gradient, smoothed_radius
@@ -45,10 +46,10 @@ def test_gradient_in_the_matrix_is_that_of_central_differences(name):
 
 @pytest.mark.parametrize("name", ["compass-torque-slip", "compass-torque-impact-slip", "rimless-wheel-stick"])
 def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
-    gait = solve(load_problem(name))
+    gait = named(name)
     free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))
-    durations = [duration for _, duration in gait.step.phases]
-    plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
+    durations = [duration for _, duration in gait.phases]
+    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
     t = Transcription(gait.system, plan, free)
     values = [gait.p[gait.system.parameters.index(key)] for key in free]
     w = t.pack(gait.shooting.states.T, np.array(durations), values)
@@ -62,8 +63,7 @@ def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
 
 
 def test_stable_open_loop_slip_is_as_stable_as_it_was_asked_to_be():
-    gait = solve(load_problem("compass-torque-stable-slip"))
-    assert gait.converged, gait.message
+    gait = named("compass-torque-stable-slip")
     assert gait.spectral_radius == pytest.approx(0.5, abs=1e-7)
     assert verify(gait).passed
 

@@ -7,13 +7,15 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.store import LineWriter, Table, csv_text, json_text, read_lines, write_whole
-from gaitopt.store.text import parse_csv
+from gaitopt.store import LineWriter, Table, csv_text, files, json_text, read_lines, write_whole
+from gaitopt.store.lines import lines_text
+from gaitopt.store.text import parse_csv, parse_object
 
 ONE_THIRD = 1 / 3
 
@@ -83,7 +85,10 @@ def test_a_table_is_read_back_to_the_last_digit():
     assert "nan" not in csv_text(table)
 
 
-@pytest.mark.parametrize(("text", "words"), [("t,x\n0,1\n2", "line 3 has 1 cells"), ("t,x\n0,l\n", "line 2: .*'l'")])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("t,x\n0,1\n2", "line 3 has 1 cells"), ("t,x\n0,l\n", "line 2: .*'l'"), ("t,x\n0,nan\n", "line 2: .*finite")],
+)
 def test_a_torn_table_names_its_line(text, words):
     with pytest.raises(ValueError, match=words):
         parse_csv(text)
@@ -101,25 +106,106 @@ def test_appended_records_are_read_back_in_order(tmp_path):
     assert records[1]["value"] is None
 
 
-@pytest.mark.parametrize("torn", [b'{"index": 1, "val', b'{"index": 1}', b"\0\0\0\0\n", b"\xff\n", b"17\n"])
-def test_a_torn_last_line_is_dropped_and_then_overwritten(tmp_path, torn):
-    path = tmp_path / "branch.jsonl"
-    path.write_bytes(b'{"index": 0}\n' + torn)
-    assert list(read_lines(path)) == [{"index": 0}]
+def written(path, *records):
     with LineWriter(path) as lines:
-        lines.append({"index": 7})
-    assert path.read_bytes() == b'{"index": 0}\n{"index": 7}\n'
+        for record in records:
+            lines.append(record)
+    return path.read_bytes()
 
 
-def test_a_broken_line_in_the_middle_is_named_and_left_alone(tmp_path):
+@pytest.mark.parametrize("kept", [1, 10, -2, -1])
+def test_a_torn_last_line_is_dropped_and_then_overwritten(tmp_path, kept):
     path = tmp_path / "branch.jsonl"
-    text = b'{"index": 0}\n{"ind\n{"index": 2}\n'
+    first = written(path, {"index": 0})
+    whole = written(path, {"index": 7})
+    path.write_bytes(first + whole[len(first) :][:kept])
+    assert list(read_lines(path)) == [{"index": 0}]
+    assert written(path, {"index": 7}) == whole
+
+
+def test_lines_written_at_once_are_those_appended(tmp_path):
+    records = [{"index": k, "value": ONE_THIRD} for k in range(3)]
+    assert written(tmp_path / "branch.jsonl", *records).decode() == lines_text(records)
+
+
+DAMAGES = {
+    "digit": (2, lambda lines: [lines[0], lines[1].replace(b"1.5", b"1.6"), *lines[2:]]),
+    "digit of the last line": (4, lambda lines: [*lines[:3], lines[3].replace(b"3.5", b"3.6")]),
+    "digit of a checksum": (2, lambda lines: [lines[0], lines[1][:-4] + b'x"}\n', *lines[2:]]),
+    "deleted": (2, lambda lines: [lines[0], *lines[2:]]),
+    "first deleted": (1, lambda lines: lines[1:]),
+    "doubled": (3, lambda lines: [*lines[:2], lines[1], *lines[2:]]),
+    "swapped": (2, lambda lines: [lines[0], lines[2], lines[1], lines[3]]),
+    "not an object": (2, lambda lines: [lines[0], b"17\n", *lines[2:]]),
+    "without checksum": (2, lambda lines: [lines[0], b'{"index": 1, "value": 1.5}\n', *lines[2:]]),
+    "not text": (4, lambda lines: [*lines[:3], b"\xff\n"]),
+    "zeros": (4, lambda lines: [*lines[:3], b"\0\0\0\n"]),
+    "nested": (2, lambda lines: [lines[0], b"[" * 100_000 + b"\n", *lines[2:]]),
+    "blank": (2, lambda lines: [lines[0], b"\n", *lines[1:]]),
+}
+
+
+@pytest.mark.parametrize(("line", "damage"), DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_line_is_named_and_left_alone(tmp_path, line, damage):
+    path = tmp_path / "branch.jsonl"
+    written(path, *({"index": k, "value": k + 0.5} for k in range(4)))
+    text = b"".join(damage(path.read_bytes().splitlines(keepends=True)))
     path.write_bytes(text)
-    with pytest.raises(StorageError, match=r"branch\.jsonl:2: not a JSON object"):
+    with pytest.raises(StorageError, match=rf"branch\.jsonl:{line}: altered, or not in its place"):
         list(read_lines(path))
-    with pytest.raises(StorageError, match=r"branch\.jsonl:2"), LineWriter(path):
+    with pytest.raises(StorageError, match=rf"branch\.jsonl:{line}"), LineWriter(path):
         pass
     assert path.read_bytes() == text
+
+
+@pytest.mark.parametrize("record", ["[" * 100_000, '{"a": NaN}', '{"a": 1', "17", '{"a": %s}' % ("1" * 5000)])
+def test_what_is_no_object_is_refused_as_such(record):
+    with pytest.raises(ValueError, match=r"not JSON|not a JSON object|no number of JSON"):
+        parse_object(record)
+
+
+@pytest.mark.parametrize("deleted", ["unlink", "replaced"])
+def test_a_file_of_lines_that_is_deleted_while_it_grows_is_noticed(tmp_path, deleted):
+    path = tmp_path / "branch.jsonl"
+    with LineWriter(path) as lines:
+        lines.append({"index": 0})
+        path.unlink()
+        if deleted == "replaced":
+            path.write_text("")
+        with pytest.raises(StorageError, match="was deleted or replaced while this command was writing it"):
+            lines.append({"index": 1})
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_planted_links_are_never_written_through(tmp_path, monkeypatch):
+    precious = tmp_path / "precious"
+    precious.write_text("precious")
+    (tmp_path / "report.html").symlink_to(precious)
+    (tmp_path / "branch.jsonl").symlink_to(precious)
+    monkeypatch.setattr(files.secrets, "token_hex", lambda _: "0" * 16)
+    guessed = tmp_path / f".report.html.{os.getpid()}-{'0' * 16}.tmp"
+    guessed.symlink_to(precious)
+    with pytest.raises(StorageError, match=r"cannot write .*report\.html: File exists"):
+        write_whole(tmp_path / "report.html", "page")
+    write_whole(tmp_path / "report.html", "page")  # the link has been removed, and is not followed
+    assert not (tmp_path / "report.html").is_symlink()
+    with pytest.raises(StorageError, match=r"branch\.jsonl"), LineWriter(tmp_path / "branch.jsonl"):
+        pass
+    (tmp_path / "branch.jsonl").unlink()
+    (tmp_path / "branch.jsonl").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(StorageError, match="Too many levels of symbolic links"), LineWriter(tmp_path / "branch.jsonl"):
+        pass
+    assert not (tmp_path / "nowhere").exists()
+    assert precious.read_text() == "precious"
+
+
+def test_names_of_temporary_files_cannot_be_guessed(tmp_path, monkeypatch):
+    names, replace = [], Path.replace
+    monkeypatch.setattr(Path, "replace", lambda path, target: (names.append(path.name), replace(path, target))[1])
+    write_whole(tmp_path / "a", "1")
+    write_whole(tmp_path / "a", "2")
+    assert len(set(names)) == 2
+    assert all(files.TEMPORARY_NAME.fullmatch(name) for name in names)
 
 
 def test_a_full_disk_keeps_the_lines_before(tmp_path, monkeypatch):

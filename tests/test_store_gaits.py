@@ -2,29 +2,29 @@
 
 import numpy as np
 import pytest
+from named import named
 
 from gaitopt.gait.table import trajectory_header, trajectory_rows
-from gaitopt.problem import load_problem
 from gaitopt.store import Table, read_run, write_run
-from gaitopt.study import simulate, solve, verify
+from gaitopt.study import simulate, verify
 from gaitopt.study.restore import restore_gait
 
 
 @pytest.fixture(scope="module", params=["compass-passive-a", "compass-pd-impact-slip"])
 def gait(request):
-    return solve(load_problem(request.param))
+    return named(request.param)
 
 
 @pytest.fixture(scope="module")
 def restored(gait, tmp_path_factory):
-    rows = trajectory_rows(gait.system, gait.p, [gait.step])
+    rows = trajectory_rows(gait.system, gait.p, gait.steps)
     table = Table(header=trajectory_header(gait.system), rows=rows)
     folder = tmp_path_factory.mktemp("results") / "run"
     return restore_gait(read_run(write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table)))
 
 
 def test_arcs_come_back_to_the_last_digit(gait, restored):
-    for ours, theirs in zip(gait.step.arcs, restored.step.arcs, strict=True):
+    for ours, theirs in zip(gait.arcs, restored.arcs, strict=True):
         assert (ours.mode, ours.segment) == (theirs.mode, theirs.segment)
         np.testing.assert_array_equal(ours.times, theirs.times)
         np.testing.assert_array_equal(ours.states, theirs.states)

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.store import Table, check_folder, find_run, read_run, run_folder, write_run
-from gaitopt.store import files as store_files
+from gaitopt.store import Table, check_folder, find_run, growing, read_run, run_folder, stored_lines, write_run
+from gaitopt.store.manifest import seal
 
 GAIT = {"problem": "walk", "status": "converged", "period": 1 / 3, "required_friction": None}
 TRAJECTORY = Table(header=("t", "mode", "theta"), rows=((0.0, "stick", -0.1), (1 / 3, "stick", 0.1)))
@@ -56,7 +56,7 @@ def test_a_run_is_read_back_as_it_was_written(folder):
 
 def test_the_manifest_names_versions_and_platform_but_no_host(folder):
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["schema"] == 1
+    assert manifest["schema"] == 2
     assert {"gaitopt", "python", "casadi", "numpy", "scipy"} <= manifest["versions"].keys()
     assert manifest["platform"]["system"] == platform.system()
     assert platform.node() not in (folder / "manifest.json").read_text()
@@ -90,33 +90,102 @@ def test_a_manifest_of_another_tool_is_foreign(tmp_path):
 
 def test_a_newer_run_is_named_and_left_alone(folder):
     manifest = json.loads((folder / "manifest.json").read_text())
-    (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 2, "hash": {"sha3": "0"}}))
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 3, "hash": {"sha3": "0"}}))
     before = contents(folder)
-    with pytest.raises(StorageError, match=r"newer gaitopt \(schema 2"):
+    with pytest.raises(StorageError, match=r"newer gaitopt \(schema 3"):
         read_run(folder)
     with pytest.raises(StorageError, match="newer gaitopt"):
         write_run(folder, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
     assert contents(folder) == before
 
 
+def test_a_run_without_checksums_is_refused(folder):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["files"], manifest["checksum"]
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 1}))
+    with pytest.raises(StorageError, match=r"older gaitopt, without checksums \(schema 1\)"):
+        read_run(folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"format": "gaitopt r', "not JSON"),
+        ("[" * 100_000, "nested too deeply"),
+        ("[]", "not a JSON object"),
+        ('{"format": "gaitopt run"}', "altered"),
+        ('{"format": "gaitopt run", "schema": null}', "altered"),
+        ('{"format": "gaitopt run", "schema": 2, "files": {}}', "altered"),
+        ('{"format": "gaitopt run", "schema": 2, "hash": NaN}', "no number of JSON"),
+    ],
+)
+def test_a_broken_manifest_is_named_and_left_alone(folder, text, words):
+    (folder / "manifest.json").write_text(text)
+    before = contents(folder)
+    with pytest.raises(StorageError, match=rf"manifest\.json: .*{words}.*left alone"):
+        read_run(folder)
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("name", ["gait.json", "resolved.json", "trajectory.csv", "problem.yaml"])
+@pytest.mark.parametrize("change", ["digit", "row", "swap", "torn", "empty", "bytes"])
+def test_an_altered_file_is_named_with_its_line_and_left_alone(folder, name, change):
+    (folder / "problem.yaml").write_text("name: walk\nfriction: 0.2\nlast: 3\n")
+    seal(folder, "problem.yaml")
+    lines = (folder / name).read_bytes().splitlines(keepends=True)
+    damaged, line = {
+        "digit": ([*lines[:-1], lines[-1].replace(b"\n", b" \n")], len(lines)),
+        "row": ([lines[0], *lines[2:]], 2),
+        "swap": ([lines[1], lines[0], *lines[2:]], 1),
+        "torn": ([*lines[:-1], lines[-1][:-1]], len(lines)),
+        "empty": ([], 1),
+        "bytes": ([b"\xff\xfe", *lines[1:]], 1),
+    }[change]
+    (folder / name).write_bytes(b"".join(damaged))
+    before = contents(folder)
+    with pytest.raises(StorageError, match=rf"{name}:{line}: altered since it was written .*left alone"):
+        read_run(folder)
+    assert contents(folder) == before
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("manifest.json", '{"format": "gaitopt r', "is not JSON"),
-        ("manifest.json", '{"format": "gaitopt run", "schema": 1}', "problem: Field required"),
-        ("manifest.json", '{"format": "gaitopt run", "schema": 1, "problem": "walk", "hash": 7}', "hash: "),
-        ("gait.json", '{"status": "conv', "is not JSON"),
+        ("gait.json", '{"status": "conv', "not JSON"),
         ("gait.json", "[]", "not a JSON object"),
-        ("resolved.json", "\0", "is not JSON"),
+        ("gait.json", "[" * 100_000, "nested too deeply"),
+        ("resolved.json", "\0", "not JSON"),
         ("trajectory.csv", "t,mode,theta\n0.0,stick\n", "line 2 has 2 cells"),
+        ("trajectory.csv", b"\xff\n", "not UTF-8 text"),
     ],
 )
-def test_a_broken_file_is_named_and_left_alone(folder, name, text, words):
-    (folder / name).write_text(text)
-    before = contents(folder)
+def test_a_broken_file_that_has_its_checksum_is_named_all_the_same(folder, name, text, words):
+    (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    seal(folder, name)
     with pytest.raises(StorageError, match=rf"{name}.*{words}.*broken and was left alone"):
         read_run(folder)
-    assert contents(folder) == before
+
+
+def test_rows_missing_from_the_end_of_finished_lines_are_noticed(folder):
+    with growing(folder, "jobs.jsonl") as lines:
+        for k in range(3):
+            lines.append({"job": k})
+    text = (folder / "jobs.jsonl").read_bytes()
+    (folder / "jobs.jsonl").write_bytes(b"".join(text.splitlines(keepends=True)[:-1]))
+    with pytest.raises(StorageError, match=r"jobs\.jsonl:3: missing, 3 lines were written"):
+        list(stored_lines(folder, "jobs.jsonl"))
+    (folder / "jobs.jsonl").write_bytes(text[:-5])  # torn: as a crash leaves it
+    assert len(list(stored_lines(folder, "jobs.jsonl"))) == 2
+    (folder / "jobs.jsonl").unlink()
+    with pytest.raises(StorageError, match=r"cannot read .*jobs\.jsonl"):
+        list(stored_lines(folder, "jobs.jsonl"))
+
+
+def test_lines_may_grow_after_they_were_finished(folder):
+    for k in range(3):
+        with growing(folder, "jobs.jsonl") as lines:
+            lines.append({"job": k})
+    assert [record["job"] for record in stored_lines(folder, "jobs.jsonl")] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("name", ["problem.yaml", "resolved.json", "trajectory.csv"])
@@ -124,36 +193,6 @@ def test_a_missing_file_is_named(folder, name):
     (folder / name).unlink()
     with pytest.raises(StorageError, match=rf"{name} is missing"):
         read_run(folder)
-
-
-def test_bytes_that_are_not_text_are_named(folder):
-    (folder / "problem.yaml").write_bytes(b"\xff\xfe")
-    with pytest.raises(StorageError, match=r"problem\.yaml: it is not UTF-8 text"):
-        read_run(folder)
-
-
-@pytest.mark.parametrize("written", range(len(FILES)))
-def test_a_run_interrupted_after_any_file_is_unfinished_and_can_be_written_again(tmp_path, monkeypatch, written):
-    remaining = [written]
-
-    def interrupted(folder):
-        if remaining[0] == 0:
-            raise KeyboardInterrupt
-        remaining[0] -= 1
-
-    folder = run_folder(SomeProblem(), tmp_path)
-    folder.mkdir()
-    monkeypatch.setattr(os, "fsync", lambda _: interrupted(folder))
-    monkeypatch.setattr(store_files, "sync_folder", lambda _: None)
-    with pytest.raises(KeyboardInterrupt):
-        write_run(folder, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
-    monkeypatch.undo()
-    assert len(contents(folder)) == written
-    assert find_run(SomeProblem(), tmp_path) is None
-    with pytest.raises(StorageError):
-        read_run(folder)
-    write_run(folder, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
-    assert find_run(SomeProblem(), tmp_path) == folder
 
 
 def test_a_full_disk_names_the_file_and_what_was_kept(tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from named import named
 
 import gaitopt as go
 from gaitopt.errors import SolveError, UnknownNameError
@@ -23,7 +24,7 @@ RESULT = {
 
 @cache
 def gait(name: str = "compass-passive-a") -> Gait:
-    return go.solve(go.load_problem(name))
+    return named(name)
 
 
 @cache
@@ -128,22 +129,22 @@ def test_long_walk_keeps_only_the_ends_of_its_arcs() -> None:
 def test_reference_is_the_gait_up_to_its_end(beyond_end: BeyondEnd) -> None:
     source = gait("compass-passive-b")
     reference = gait_reference(source, beyond_end)
-    for arc in source.step.arcs:
+    for arc in source.arcs:
         inside = arc.times[1:-1]
         angles, rates = reference(inside)
         np.testing.assert_allclose(angles.T, arc.states[1:-1, :2], rtol=0, atol=1e-12)
         np.testing.assert_allclose(rates.T, arc.states[1:-1, 3:5], rtol=0, atol=1e-11)
-    assert source.step.period == pytest.approx(reference.breakpoints[1], abs=1e-15)
+    assert source.period == pytest.approx(reference.breakpoints[1], abs=1e-15)
 
 
 def test_reference_that_flows_on_is_the_motion_of_its_last_mode() -> None:
     """Its rates are those of its angles, and they obey the equations of motion."""
     source = gait("compass-passive-b")
-    reference, end = gait_reference(source, BeyondEnd.FLOW), source.step.period
+    reference, end = gait_reference(source, BeyondEnd.FLOW), source.period
     t, h = end + 0.3, 1e-5
     (angles, rates), (before, rates_before), (after, rates_after) = (reference([s]) for s in (t, t - h, t + h))
     z = np.concatenate([angles[:, 0], [0.0], rates[:, 0], [0.0]])
-    flow = np.asarray(source.system.flow(source.step.arcs[-1].mode)(t, z, source.p, [])).ravel()
+    flow = np.asarray(source.system.flow(source.arcs[-1].mode)(t, z, source.p, [])).ravel()
     assert (after - before)[:, 0] / (2 * h) == pytest.approx(flow[:2], abs=1e-8)
     assert (rates_after - rates_before)[:, 0] / (2 * h) == pytest.approx(flow[3:5], abs=1e-7)
     assert reference.horizon >= 3 * end
@@ -152,8 +153,8 @@ def test_reference_that_flows_on_is_the_motion_of_its_last_mode() -> None:
 @pytest.mark.parametrize(("beyond_end", "kept"), [(BeyondEnd.LINEAR, 1.0), (BeyondEnd.HOLD, 0.0)])
 def test_reference_goes_on_straight_or_stands_still(beyond_end: BeyondEnd, kept: float) -> None:
     source = gait("compass-passive-b")
-    last = source.step.arcs[-1].states[-1]
-    angles, rates = gait_reference(source, beyond_end)([source.step.period + 0.2])
+    last = source.arcs[-1].states[-1]
+    angles, rates = gait_reference(source, beyond_end)([source.period + 0.2])
     assert rates[:, 0] == pytest.approx(kept * last[3:5], abs=1e-12)
     assert angles[:, 0] == pytest.approx(last[:2] + 0.2 * kept * last[3:5], abs=1e-12)
 

@@ -2,15 +2,15 @@
 
 import pytest
 
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import Cycle, Mode, ModeSequence
 from gaitopt.study.continuation.monitors import Name, Reading
 from gaitopt.study.continuation.successors import successors
 
 T, F, B = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
 
 
-def proposed(phases: tuple[Mode, ...], impact: Mode, kind: str, phase: int | None, where: float) -> list[ModeSequence]:
-    return successors(ModeSequence(phases, impact), [(Name(kind, phase), Reading(0.0, where))])
+def proposed(phases: tuple[Mode, ...], impact: Mode, kind: str, phase: int | None, where: float) -> list[Cycle]:
+    return successors(Cycle.of_one_step(phases, impact), [(Name(kind, phase), Reading(0.0, where))])
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_the_first_proposal_is_what_the_physics_suggests(
     where: float,
     first: tuple[tuple[Mode, ...], Mode],
 ) -> None:
-    assert proposed(phases, impact, kind, phase, where)[0] == ModeSequence(*first)
+    assert proposed(phases, impact, kind, phase, where)[0] == Cycle.of_one_step(*first)
 
 
 @pytest.mark.parametrize("kind", ["cone_forward", "slip_velocity", "duration"])
@@ -47,12 +47,26 @@ def test_proposals_differ_from_the_old_sequence_and_from_each_other_and_never_re
 ) -> None:
     for phase in range(len(phases)):
         found = proposed(phases, T, kind, phase, 0.5)
-        assert ModeSequence(phases, T) not in found
+        assert Cycle.of_one_step(phases, T) not in found
         assert len(set(found)) == len(found)
-        assert all(a is not b for s in found for a, b in zip(s.phases, s.phases[1:], strict=False))
+        assert all(a is not b for c in found for a, b in zip(c.phases, c.phases[1:], strict=False))
 
 
 def test_a_slipping_impact_is_followed_by_its_slip() -> None:
     for kind in ("duration", "slip_velocity"):
-        for sequence in proposed((F, T), F, kind, 0, 0.5):
-            assert sequence.impact is T or sequence.phases[0] is sequence.impact
+        for cycle in proposed((F, T), F, kind, 0, 0.5):
+            assert cycle.impact is T or cycle.phases[0] is cycle.impact
+
+
+def test_an_impact_that_slips_changes_the_step_that_it_ends_and_the_one_that_follows() -> None:
+    cycle = Cycle((ModeSequence((T,), T), ModeSequence((F, T), T)))
+    first, *_ = successors(cycle, [(Name("impulse_cone_backward", step=0), Reading(0.0))])
+    assert first == Cycle((ModeSequence((T,), B), ModeSequence((B, F, T), T)))
+    last, *_ = successors(cycle, [(Name("impulse_cone_forward", step=1), Reading(0.0))])
+    assert last == Cycle((ModeSequence((F, T), T), ModeSequence((F, T), F)))
+
+
+def test_a_phase_is_edited_within_its_own_step() -> None:
+    cycle = Cycle((ModeSequence((T, B), T), ModeSequence((F, T), T)))
+    first, *_ = successors(cycle, [(Name("duration", 2), Reading(0.0))])
+    assert first == Cycle((ModeSequence((T, B), T), ModeSequence((T,), T)))

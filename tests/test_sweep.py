@@ -2,6 +2,9 @@
 
 import csv
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -9,10 +12,12 @@ from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.problem import load_problem
 from gaitopt.store import read_lines
-from gaitopt.store.lock import only_writer
+from gaitopt.store.manifest import seal
 from gaitopt.study import solved as study
-from gaitopt.study.grid import Axis, Grid, check_room
+from gaitopt.study.front import design_front
+from gaitopt.study.grid import Axis, Grid, check_room, size_words
 from gaitopt.study.jobs import SetAside, Workers
+from gaitopt.study.multistart import multistart
 from gaitopt.study.solved import JOBS_FILE
 from gaitopt.study.sweep import TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
 
@@ -102,8 +107,19 @@ def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monk
 
 
 def test_two_sweeps_of_a_problem_do_not_write_at_once(tmp_path):
-    with only_writer(tmp_path / JOBS_FILE), pytest.raises(StorageError, match="another process is writing"):
-        run_sweep(wheel_sweep(tmp_path), HERE)
+    other = """
+import pathlib, sys
+from gaitopt.store.lock import only_writer
+with only_writer(pathlib.Path(sys.argv[1])):
+    input(print("locked", flush=True))
+"""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", other, tmp_path], **pipes) as process:
+        process.stdout.readline()
+        with pytest.raises(StorageError, match=rf"being written by process {process.pid} \(-c .*since 20"):
+            run_sweep(wheel_sweep(tmp_path), HERE)
+        process.communicate(b"\n")
+    run_sweep(wheel_sweep(tmp_path), HERE)
 
 
 def test_grid_over_something_else_than_a_parameter_is_refused(tmp_path):
@@ -118,9 +134,34 @@ def test_grid_with_a_point_that_is_no_problem_is_refused_before_it_starts(tmp_pa
         check_sweep(wheel_sweep(tmp_path, Axis(key="friction", lower=-0.1, upper=0.4, count=3)))
 
 
-def test_grid_that_does_not_fit_is_refused_with_its_size():
-    with pytest.raises(StorageError, match=r"1,000,000 points needs about 6 GB on disk, but 1 GB are free"):
-        check_room(10**6, [("of memory", 10, 10**9), ("on disk", 6000, 10**9)])
+def test_grid_that_does_not_fit_is_refused_with_its_size(tmp_path):
+    with pytest.raises(StorageError, match=r"1,000,000 points need about 6 PB on disk, but .*B are free: choose fewer"):
+        check_room(10**6, tmp_path, disk=6 * 10**9, memory=1)
+
+
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [
+        (0, "0 B"),
+        (36_000, "36 kB"),
+        (999, "999 B"),
+        (2_500_000, "2.5 MB"),
+        (6 * 10**9, "6 GB"),
+        (10**300, "over 1000 EB"),
+    ],
+)
+def test_sizes_are_in_units_that_suit_them(size, words):
+    assert size_words(size) == words
+
+
+def test_front_and_starts_that_do_not_fit_are_refused_before_they_start(tmp_path):
+    design = load_problem("compass-torque-efficient")
+    axis = Axis(key="constraints.speed", lower=0.3, upper=0.4, count=50_000_000)
+    with pytest.raises(StorageError, match=r"100,000,000 points need about"):
+        design_front(design, axis, tmp_path)
+    with pytest.raises(StorageError, match=r"100,000,000 points need about"):
+        multistart(design, 100_000_000, tmp_path)
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -169,5 +210,8 @@ def test_finished_sweep_is_drawn_again_from_its_folder_unless_it_is_broken(tmp_p
     assert "choose from period" in capsys.readouterr().err
     lines = (tmp_path / record["table"]).read_text().splitlines()
     (tmp_path / record["table"]).write_text("\n".join(lines[:-1]) + "\n")
+    assert main(["plot", record["run"]]) == 6
+    assert "table.csv:5: altered since it was written" in capsys.readouterr().err
+    seal(Path(record["run"]).parent, "/".join(Path(record["table"]).parts[-2:]))
     assert main(["plot", record["run"]]) == 6
     assert "has 3 rows for 4 points" in capsys.readouterr().err

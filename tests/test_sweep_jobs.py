@@ -139,13 +139,13 @@ def test_interrupted_workers_end_soon_in_silence_and_what_is_finished_is_kept(tm
     assert list(read_lines(lines))
 
 
-def test_interrupt_waits_while_workers_start():
+def assert_interrupt_waits(press):
+    """Ctrl-C inside the block is heard of after it; ``os.kill`` would leave open which thread hears of it, and when."""
     seen, handler = [], signal.getsignal(signal.SIGINT)
 
     def start():
         with uninterrupted():
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.05)
+            press()
             seen.append("the end of the block")
 
     with pytest.raises(KeyboardInterrupt):
@@ -153,6 +153,22 @@ def test_interrupt_waits_while_workers_start():
     assert seen
     assert signal.getsignal(signal.SIGINT) is handler
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_interrupt_waits_while_workers_start():
+    assert_interrupt_waits(lambda: signal.raise_signal(signal.SIGINT))
+
+
+def test_interrupt_that_another_thread_hears_of_waits_while_workers_start():
+    inside = threading.Event()
+    other = threading.Thread(target=lambda: inside.wait() and signal.raise_signal(signal.SIGINT))
+    other.start()  # before the block, in which threads start with the signal blocked
+
+    def press():
+        inside.set()
+        other.join()
+
+    assert_interrupt_waits(press)
 
 
 def test_job_that_kills_its_workers_is_set_aside_and_the_others_are_done(tmp_path):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from casadi import Function, jacobian
+from named import named
 
-import gaitopt as go
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.variation import Variation
@@ -20,9 +20,9 @@ from gaitopt.nlp.variation import Variation
     ],
 )
 def test_it_agrees_with_that_of_the_symbols_away_from_solutions_too(name: str, free: tuple[str, ...]) -> None:
-    gait = go.solve(go.load_problem(name))
-    durations = [duration for _, duration in gait.step.phases]
-    plan = layout(gait.problem.sequence, durations, gait.system.control.breakpoints)
+    gait = named(name)
+    durations = [duration for _, duration in gait.phases]
+    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
     transcription = Transcription(gait.system, plan.refined(list(gait.shooting.intervals)), free)
     values = [gait.p[gait.system.parameters.index(key)] for key in free]
     w = transcription.pack(gait.shooting.states.T, np.array(durations), values)

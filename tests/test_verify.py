@@ -6,12 +6,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from named import named
 from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.errors import SolveError
 from gaitopt.gait import Arc, Gait, ImpactRecord
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import Cycle, Mode
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
 from gaitopt.study.comparison import record_claims
@@ -25,7 +26,7 @@ SLIGHT = 1e-6
 
 @cache
 def good(name: str = "compass-passive-a") -> Gait:
-    return go.solve(go.load_problem(name))
+    return named(name)
 
 
 def failed(gait: Gait) -> set[str]:
@@ -34,8 +35,8 @@ def failed(gait: Gait) -> set[str]:
 
 def with_arcs(gait: Gait, change: Callable[[int, Arc], Arc]) -> Gait:
     """The gait with every arc changed; ``change`` is given its index."""
-    arcs = tuple(change(k, arc) for k, arc in enumerate(gait.step.arcs))
-    return replace(gait, step=replace(gait.step, arcs=arcs))
+    arcs = tuple(change(k, arc) for k, arc in enumerate(gait.arcs))
+    return replace(gait, steps=(replace(gait.steps[0], arcs=arcs),))
 
 
 def with_states(gait: Gait, index: int, change: Callable[[Array], None]) -> Gait:
@@ -51,7 +52,7 @@ def with_states(gait: Gait, index: int, change: Callable[[Array], None]) -> Gait
 
 
 def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
-    return replace(gait, problem=replace(gait.problem, sequence=ModeSequence(phases=phases, impact=impact)))
+    return replace(gait, problem=replace(gait.problem, cycle=Cycle.of_one_step(phases, impact)))
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
@@ -64,7 +65,7 @@ def lengthened(gait: Gait, seconds: float) -> Gait:
     """The last phase takes longer, on the same way."""
 
     def stretch(k: int, arc: Arc) -> Arc:
-        factor = 1 + seconds / arc.duration if k == len(gait.step.arcs) - 1 else 1.0
+        factor = 1 + seconds / arc.duration if k == len(gait.arcs) - 1 else 1.0
         return replace(arc, times=arc.start + factor * (arc.times - arc.start))
 
     return with_arcs(gait, stretch)
@@ -183,11 +184,11 @@ def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(error: float) -> N
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-torque-impact-slip", "rimless-wheel-slip"])
 def test_every_measure_is_recomputed(name: str) -> None:
     gait = good(name)
-    walked = Simulator(gait.system, gait.p).run(gait.state, dense=True).steps[0]
+    walked = Simulator(gait.system, gait.p).run(gait.state, dense=True).steps
     for key, value in gait.measures.items():
         if value not in (None, 0.0):
             falsified = replace(gait, measures={**gait.measures, key: 1.001 * value})
-            measures, impact = record_claims(falsified, gait.step, walked, walked.impact)
+            measures, impact = record_claims(falsified, walked)
             assert (measures.passed, measures.note) == (False, f"worst: {key}")
             assert impact.passed
 
@@ -196,8 +197,13 @@ def test_verification_looks_at_measures_and_impact() -> None:
     gait = good()
     slower = replace(gait, measures={**gait.measures, "speed": 0.999 * gait.measures["speed"]})
     assert failed(slower) == {"measures"}
-    weaker = replace(gait.step.impact, impulse=0.999 * gait.step.impact.impulse)
-    assert failed(replace(gait, step=replace(gait.step, impact=weaker))) == {"impact"}
+    weaker = replace(gait.steps[-1].impact, impulse=0.999 * gait.steps[-1].impact.impulse)
+    assert failed(
+        replace(
+            gait,
+            steps=(replace(gait.steps[0], impact=weaker),),
+        )
+    ) == {"impact"}
 
 
 def test_a_measure_that_is_missing_or_undefined_without_reason_is_seen() -> None:
@@ -221,10 +227,10 @@ def test_everything_that_is_recorded_of_the_impact_is_recomputed(
     what: str, falsify: Callable[[ImpactRecord], dict[str, object]]
 ) -> None:
     gait = good()
-    impact = replace(gait.step.impact, **falsify(gait.step.impact))
-    falsified = replace(gait, step=replace(gait.step, impact=impact))
-    walked = Simulator(gait.system, gait.p).run(gait.state, dense=True).steps[0]
-    measures, claim = record_claims(falsified, falsified.step, walked, walked.impact)
+    impact = replace(gait.steps[-1].impact, **falsify(gait.steps[-1].impact))
+    falsified = replace(gait, steps=(replace(gait.steps[0], impact=impact),))
+    walked = Simulator(gait.system, gait.p).run(gait.state, dense=True).steps
+    measures, claim = record_claims(falsified, walked)
     assert (claim.passed, claim.note) == (False, f"worst: {what}")
     assert measures.passed
 
@@ -269,7 +275,7 @@ def test_gait_that_tracks_itself_passes_though_its_switches_lie_on_the_breakpoin
     )
     gait = go.solve(tracking)
     assert failed(gait) == set()
-    assert gait.step.period == pytest.approx(passive.step.period, abs=1e-9)
+    assert gait.period == pytest.approx(passive.period, abs=1e-9)
     assert gait.measures["peak_torque"] < 1e-9
 
 
@@ -287,5 +293,5 @@ def test_step_that_outlasts_its_reference_unlike_its_guess_is_solved_with_what_c
         }
     )
     gait = go.solve(tracking)
-    assert gait.step.period > gait.system.control.breakpoints[-1]
+    assert gait.period > gait.system.control.breakpoints[-1]
     assert failed(gait) == set()

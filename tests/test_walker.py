@@ -8,7 +8,16 @@ from oracles import CASES, COMPASS, TORSO, WHEEL, TorsoCompass
 from pydantic import ValidationError
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.mechanics import CompassBiped, Mode, ModeSequence, RimlessWheel, Walker, find_walker, registered_walkers
+from gaitopt.mechanics import (
+    CompassBiped,
+    Cycle,
+    Mode,
+    ModeSequence,
+    RimlessWheel,
+    Walker,
+    find_walker,
+    registered_walkers,
+)
 from gaitopt.mechanics.units import parse_angle
 
 WALKERS = {RimlessWheel: WHEEL, CompassBiped: COMPASS, TorsoCompass: TORSO}
@@ -126,7 +135,7 @@ def test_both_feet_are_on_the_ground_after_an_impact() -> None:
 )
 def test_sequence_that_contradicts_itself_is_refused(phases: tuple[Mode, ...], impact: Mode, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        ModeSequence(phases=phases, impact=impact)
+        Cycle.of_one_step(phases, impact)
 
 
 def test_slip_may_turn_into_the_opposite_slip_and_follow_a_sticking_impact() -> None:

@@ -36,23 +36,28 @@ def basin(
     The other coordinates are those of RUN's gait. Finished tiles are kept; the same command goes on where it was.
     """
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.progress import interruptible
+    from gaitopt.cli.signals import interruptible
     from gaitopt.simulation import choose_engine
+    from gaitopt.store import adding, writing
     from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
     from gaitopt.study.jobs import make_workers
 
     points, console = grid(over), narration(quiet=quiet)
     choose_engine(engine)
+    tiles_at = make_workers(workers, scheduler)
     start, folder = _start(run, changes, output, console)
     plan = BasinPlan(start=start, grid=points, max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
-    with interruptible(), job_progress(console, "tiles") as progress:
-        found = walk_basin(plan, make_workers(workers, scheduler), progress=progress)
-    if found is None:
-        raise KeyboardInterrupt
-    record = {**found.to_record(), "run": str(plan.place)}
-    if len(points.axes) == 2:
-        record["figures"] = [str(path) for path in draw_basin(found, DEFAULT_FORMATS, plan.place)]
+    with writing(folder, plan.problem):
+        with interruptible() as interrupted, job_progress(console, "tiles") as progress:
+            found = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
+        if found is None:
+            raise KeyboardInterrupt
+        record = {**found.to_record(), "run": str(plan.place)}
+        if len(points.axes) == 2:
+            with adding(folder, plan.place) as figures:
+                figures += draw_basin(found, DEFAULT_FORMATS, plan.place)
+            record["figures"] = [str(path) for path in figures]
     if json:
         print_json(record)
     else:

@@ -13,7 +13,10 @@ def holds_branch(run: str) -> bool:
     """Whether ``run`` is a folder with a branch in it."""
     from gaitopt.store import BRANCH_FILE
 
-    return (Path(run) / BRANCH_FILE).is_file()
+    try:
+        return (Path(run) / BRANCH_FILE).is_file()
+    except OSError:  # no name of a folder
+        return False
 
 
 def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
@@ -24,11 +27,11 @@ def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
     StorageError
         If the folder is not a run, is broken or newer, or its branch has no point.
     """
-    from gaitopt.store import BRANCH_FILE, read_lines, read_problem
+    from gaitopt.store import BRANCH_FILE, read_problem, stored_lines
 
     folder = Path(run)
     problem = read_problem(folder)
-    records = list(read_lines(folder / BRANCH_FILE))
+    records = list(stored_lines(folder, BRANCH_FILE))
     parameters = {record["parameter"] for record in records if "parameter" in record}
     if len(parameters) != 1 or not any(record.get("record") == "point" for record in records):
         raise StorageError(f"{folder / BRANCH_FILE} holds no branch yet; `gaitopt continue` writes one")

@@ -40,10 +40,10 @@ def validate(
     problem: ProblemArgument, changes: SetOption = None, json: JsonOption = False, debug: DebugOption = False
 ) -> int:
     """Check a problem and name all of its faults."""
-    from gaitopt.cli.console import print_json, results
+    from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
 
-    found = asked(problem, changes)
+    found = asked(problem, changes, narration(quiet=False))
     if json:
         print_json({"problem": found.name, "valid": True, "hash": found.digest})
     else:

@@ -2,17 +2,25 @@
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+
+from gaitopt.cli.printable import printable
 
 PIPED_WIDTH = 160
 """Columns where no terminal says how many it has."""
 
 
 class ResultConsole(Console):
-    """A console that lets a broken pipe through to where exit codes are decided."""
+    """A console that escapes control characters and lets a broken pipe through to where exit codes are decided."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Render as usual; what a terminal would obey in a text is shown instead, only styles of our own are not."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)
 
     def on_broken_pipe(self) -> None:
         """Raise what rich would turn into an exit."""

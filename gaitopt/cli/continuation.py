@@ -58,7 +58,7 @@ def continue_(
     from gaitopt.cli.console import narration, print_json
     from gaitopt.cli.runs import gait_of
     from gaitopt.cli.solve import report
-    from gaitopt.store import branch_folder
+    from gaitopt.store import branch_folder, writing
     from gaitopt.study.continuation import Request, check_request
 
     request = Request(
@@ -77,7 +77,8 @@ def continue_(
         return NOT_A_GAIT
     check_request(gait, request)
     folder = output or branch_folder(gait.problem, request.to_record())
-    records = _walk(gait, request, folder, console, print_json if json else None)
+    with writing(folder, gait.problem):
+        records = _walk(gait, request, folder, console, print_json if json else None)
     if not json:
         _print_summary(records, folder)
     return DISAGREES if any("the simulator disagrees" in record.get("reason", "") for record in records) else 0
@@ -100,20 +101,24 @@ def _walk(
     gait: "Gait", request: "Request", folder: Path, console: "Console", emit: Callable[[Mapping[str, Any]], None] | None
 ) -> list[dict[str, Any]]:
     """Walk along the family, each record on the disk before it is shown; returns all of them, in short."""
-    from gaitopt.cli.progress import interruptible
+    from gaitopt.cli.signals import interruptible
     from gaitopt.gait import branch_header, branch_rows
-    from gaitopt.store import BRANCH_FILE, LineWriter, begin_branch, read_lines, stored_records, write_branch_table
+    from gaitopt.store import BRANCH_FILE, begin_branch, growing, stored_lines, stored_records, write_branch_table
     from gaitopt.study.continuation import follow_family, resumable
 
     done = resumable(stored_records(folder, gait.problem, request.to_record()))
-    path = begin_branch(folder, gait.problem, request.to_record(), done)
+    begin_branch(folder, gait.problem, request.to_record(), done)
     if done:
         console.print(f"taken up from {folder} after {len(done)} records", soft_wrap=True)
     summary = [_short(record) for record in done]
     if emit:
         for stored in done:
             emit(stored)
-    with interruptible() as interrupted, LineWriter(path) as lines, _live(console, request.parameter) as show:
+    with (
+        interruptible() as interrupted,
+        growing(folder, BRANCH_FILE) as lines,
+        _live(console, request.parameter) as show,
+    ):
         for found in follow_family(gait, request, done=done, should_stop=interrupted):
             record = found.to_record()
             lines.append(record)
@@ -123,7 +128,7 @@ def _walk(
                 emit(record)
     if interrupted():
         raise KeyboardInterrupt
-    records = [record for record in read_lines(folder / BRANCH_FILE) if record["record"] != "continuation"]
+    records = [record for record in stored_lines(folder, BRANCH_FILE) if record["record"] != "continuation"]
     header = branch_header(records)
     write_branch_table(folder, header, branch_rows(records, header))
     return summary
@@ -178,6 +183,7 @@ def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
     from rich.table import Table
 
     from gaitopt.cli.console import results
+    from gaitopt.gait import TERMINAL
 
     console = results()
     table = Table(title="Branches", title_justify="left")
@@ -189,7 +195,7 @@ def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
             continue
         radii = [point["spectral_radius"] for point in points]
         last = [record for record in records if record["branch"] == number and record["record"] == "special"]
-        ends = [r for r in last if r["next"] or r["type"] in ("end", "lift_off", "painleve")]
+        ends = [r for r in last if r["next"] or r["type"] in TERMINAL]
         joined = f"{ends[-1]['type'].replace('_', ' ')}" if ends else ""
         joined += "".join(f" -> {following}" for following in (ends[-1]["next"] if ends else ()))
         table.add_row(

@@ -26,8 +26,8 @@ def explain(
     """Say why a problem has no gait: the conditions that it violates, the gaits that there are, the nearest values."""
     from gaitopt import study
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.progress import interruptible
     from gaitopt.cli.runs import asked
+    from gaitopt.cli.signals import interruptible
     from gaitopt.study.jobs import make_workers
 
     console, found = narration(quiet=quiet), asked(problem, changes)

@@ -51,9 +51,9 @@ def find(
     stable ones first. What is done is kept; the same command goes on where it was.
     """
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.progress import interruptible
     from gaitopt.cli.runs import asked
-    from gaitopt.store import begin_run, check_folder, run_folder
+    from gaitopt.cli.signals import interruptible
+    from gaitopt.store import begin_run, run_folder, writing
     from gaitopt.study.find import opened
     from gaitopt.study.find_run import find_durably
     from gaitopt.study.jobs import make_workers
@@ -61,16 +61,20 @@ def find(
     console, found = narration(quiet=quiet), opened(asked(problem, changes))
     found = found if steps is None else found.replace({"gait.steps": steps})
     folder = output or run_folder(found)
-    check_folder(folder, found)
-    begin_run(folder, found)
-    with interruptible() as interrupted, job_progress(console, "parts of the search") as progress:
+    spans, jobs_at = ranges(within), make_workers(workers, scheduler)
+    with (
+        writing(folder, found),
+        interruptible() as interrupted,
+        job_progress(console, "parts of the search") as progress,
+    ):
+        begin_run(folder, found)
         gaits = find_durably(
             found,
             folder,
-            make_workers(workers, scheduler),
+            jobs_at,
             starts=starts,
             seed=seed,
-            within=ranges(within),
+            within=spans,
             progress=progress,
             should_stop=interrupted,
         )

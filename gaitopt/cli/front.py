@@ -34,9 +34,9 @@ def front(
     Every design is kept as soon as it is found; the same command goes on where it was.
     """
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.progress import interruptible
     from gaitopt.cli.runs import asked
-    from gaitopt.store import begin_run, check_folder, json_text, run_folder, write_whole
+    from gaitopt.cli.signals import interruptible
+    from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
     from gaitopt.study.front import design_front
 
     axes, found = grid(over).axes, asked(problem, changes)
@@ -44,24 +44,26 @@ def front(
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
     folder = output or run_folder(found)
     check_folder(folder, found)
-    begin_run(folder, found)
-    with interruptible() as interrupted, job_progress(narration(quiet=quiet), "designs") as progress:
-        points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
-    if points is None:
-        raise KeyboardInterrupt
-    records = [point.to_record() for point in points]
-    record = {"problem": found.name, "over": str(axes[0]), "points": records}
     path = folder / f"front-{axes[0].key}.json"
-    write_whole(path, json_text(record) + "\n")
-    figures = _draw(found, axes[0].key, records, path.with_suffix(""))
+    with writing(folder, found):
+        with interruptible() as interrupted, job_progress(narration(quiet=quiet), "designs") as progress:
+            points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
+        if points is None:
+            raise KeyboardInterrupt
+        records = [point.to_record() for point in points]
+        record = {"problem": found.name, "over": str(axes[0]), "points": records}
+        with replacing(folder, path.name):
+            write_whole(path, json_text(record) + "\n")
+        with adding(folder, folder) as figures:
+            figures += _draw(found, axes[0].key, records, path.with_suffix(""))
     if json:
-        print_json({**record, "file": str(path), "figures": figures})
+        print_json({**record, "file": str(path), "figures": [str(path) for path in figures]})
     else:
         _print(results(), axes[0].key, points, str(path))
     return _exit_code(points)
 
 
-def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", stem: Path) -> list[str]:
+def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", stem: Path) -> list[Path]:
     """The objective over what is varied; where a bound is varied, over the scalar that it bounds."""
     from gaitopt.figures.front import pareto_front
     from gaitopt.figures.style import save
@@ -73,7 +75,7 @@ def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", s
     first = bounded if bounded in drawn[0] else "value"
     second = next(iter(problem.objective)) if len(problem.objective) == 1 else "objective"
     figure = pareto_front({problem.name: drawn}, first, second if second in drawn[0] else "objective", varied=bounded)
-    return [str(path) for path in save(figure, stem)]
+    return save(figure, stem)
 
 
 def _exit_code(points: "list[FrontPoint]") -> int:

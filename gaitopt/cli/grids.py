@@ -24,6 +24,8 @@ WorkersOption = Annotated[
 SchedulerOption = Annotated[
     str | None, typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask scheduler, tcp://host:8786.")
 ]
+LONGEST_COUNT = 100
+"""Characters of a number of values that are read; far fewer are accepted."""
 LINE_EVERY = 5.0
 """Seconds between two lines of progress where there is no terminal."""
 
@@ -49,7 +51,7 @@ def _axis(text: str) -> "Axis":
 
     key, spans = key_value(text, "--over")
     parts = spans.split(":")
-    if len(parts) != 3 or not parts[2].strip().isdecimal():
+    if len(parts) != 3 or not parts[2].strip().isdecimal() or len(parts[2]) > LONGEST_COUNT:
         raise ValueError(f"{text}: write --over {key}=LO:HI:N, for instance {key}=0.1:0.3:20")
     lower, upper = map(number_or_angle, parts[:2])
     return Axis(key=key, lower=lower, upper=upper, count=int(parts[2]))
@@ -77,7 +79,12 @@ def job_progress(console: "Console", what: str) -> Iterator[Callable[[int, int],
     if console.is_terminal:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
         with Progress(*columns, console=console, transient=True) as progress:
             bar = progress.add_task(what, total=None)
             yield lambda done, total: progress.update(bar, completed=done, total=total)

@@ -9,12 +9,15 @@ import typer
 from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.continuation import continue_
+from gaitopt.cli.endings import check_working_folder, internal_error, shown_warnings
 from gaitopt.cli.explain import explain
 from gaitopt.cli.find import find
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
+from gaitopt.cli.printable import printable
 from gaitopt.cli.report import report
 from gaitopt.cli.reproduce import reproduce
+from gaitopt.cli.signals import listening
 from gaitopt.cli.simulate import simulate
 from gaitopt.cli.solve import solve
 from gaitopt.cli.sweep import sweep
@@ -23,7 +26,7 @@ from gaitopt.errors import GaitoptError
 
 INTERNAL_ERROR = 1
 USAGE = 2
-INTERRUPTED = 130
+STORAGE = 6
 BROKEN_PIPE = 141
 """Whoever read our output has gone; the code that a shell gives a program ended by SIGPIPE."""
 
@@ -63,21 +66,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not arguments:
         main(["--help"])
         return USAGE
-    try:
-        return _run(arguments)
-    except GaitoptError as error:
-        return _say(str(error), error.exit_code, arguments)
-    except typer.TyperException as error:
-        command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
-        return _say(f"{error.format_message()} (see {command} --help)", error.exit_code, arguments)
-    except KeyboardInterrupt:
-        return _say("interrupted", INTERRUPTED, arguments)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
-        return BROKEN_PIPE
-    except Exception as error:  # noqa: BLE001 - the last resort, so that no traceback reaches a user unasked
-        words = f"internal error: {type(error).__name__}: {error}; rerun with --debug for the traceback"
-        return _say(words, INTERNAL_ERROR, arguments)
+    with listening() as ending:
+        try:
+            check_working_folder()
+            with shown_warnings():
+                return _run(arguments)
+        except GaitoptError as error:
+            return _say(str(error), error.exit_code, arguments)
+        except typer.TyperException as error:
+            command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
+            return _say(f"{error.format_message()} (see {command} --help)", error.exit_code, arguments)
+        except KeyboardInterrupt:
+            return _say(ending.words, ending.exit_code, arguments)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
+            return BROKEN_PIPE
+        except OSError as error:
+            if error.strerror is None:  # raised by a library, not by the system
+                return _say(internal_error(error), INTERNAL_ERROR, arguments)
+            return _say(f"{error.strerror}: {error.filename or 'file or connection'}", STORAGE, arguments)
+        except Exception as error:  # noqa: BLE001 - the last resort, so that no traceback reaches a user unasked
+            if ending:  # compiled code has made an error of its own of the interrupt
+                return _say(ending.words, ending.exit_code, arguments)
+            return _say(internal_error(error), INTERNAL_ERROR, arguments)
 
 
 def _run(arguments: list[str]) -> int:
@@ -96,6 +107,6 @@ def _say(message: str, code: int, arguments: list[str]) -> int:
     if "--debug" in arguments:
         import traceback
 
-        traceback.print_exc()
-    sys.stderr.write(f"gaitopt: {message}\n")
+        sys.stderr.write(printable(traceback.format_exc()))
+    sys.stderr.write(printable(f"gaitopt: {message}\n"))
     return code

@@ -9,7 +9,7 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from gaitopt.study.basin_run import Basin
+    from gaitopt.study.basin_tiles import Basin
     from gaitopt.study.grid import Grid
 
 BASIN = "basin"
@@ -67,20 +67,17 @@ def draw_again(kind: str, folder: Path, what: list[str] | None, formats: "Sequen
     typer.BadParameter
         If it has no such figure.
     """
-    from gaitopt.store.files import make_folder
-    from gaitopt.study.basin_run import read_basin
+    from gaitopt.study.basin_tiles import read_basin
     from gaitopt.study.sweep import SCALARS, read_sweep
 
     if kind == BASIN:
         check_words(what or [], (BASIN,))
         basin = read_basin(folder)
         _check_axes(basin.grid, folder, (2,))
-        make_folder(output)
         return draw_basin(basin, formats, output)
     check_words(what or [], SCALARS)
     grid, records = read_sweep(folder)
     _check_axes(grid, folder, (1, 2))
-    make_folder(output)
     return draw_sweep(grid, records, what or [USUAL_SCALAR], formats, output)
 
 

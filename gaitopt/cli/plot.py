@@ -56,19 +56,25 @@ def plot(
     from gaitopt.cli.branches import holds_branch
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.gaits import stored_gaits
+    from gaitopt.store import adding
 
     kind = map_in(runs[0]) if len(runs) == 1 else None
+    drawn = formats or DEFAULT_FORMATS
     if kind is not None:
-        written = draw_again(kind, Path(runs[0]), what, formats or DEFAULT_FORMATS, output or Path(runs[0]))
+        own = Path(runs[0])
+        with adding(own.resolve().parent, output or own) as written:
+            written += draw_again(kind, own, what, drawn, output or own)
     elif len(runs) == 1 and holds_branch(runs[0]):
-        written = _plot_branch(runs[0], what, formats or DEFAULT_FORMATS, output or Path(runs[0]) / FIGURES)
+        with adding(Path(runs[0]), output or Path(runs[0]) / FIGURES) as written:
+            written += _plot_branch(runs[0], what, drawn, output or Path(runs[0]) / FIGURES)
     else:
         gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
         if output is None and len(gaits) > 1:
             raise typer.BadParameter("say with -o where the figures of several runs go")
-        written = _plot_gaits(gaits, what, formats or DEFAULT_FORMATS, output or folders[0] / FIGURES)
+        with adding(folders[0], output or folders[0] / FIGURES) as written:
+            written += _plot_gaits(gaits, what, drawn, output or folders[0] / FIGURES)
     for path in written:
         results().print(str(path), soft_wrap=True)
     return 0
@@ -80,14 +86,12 @@ def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Seque
     from gaitopt.figures.motion import motion_of
     from gaitopt.figures.style import save
     from gaitopt.store import write_whole
-    from gaitopt.store.files import make_folder
 
     words = what or [*telling(gaits), *([ANIMATION] if len(gaits) == 1 else [])]
     check_words(words, (*GAIT_FIGURES, ANIMATION))
     alone = [word for word in words if word in ("roads", ANIMATION) and len(gaits) > 1]
     if alone:
         raise typer.BadParameter(f"--what {alone[0]} shows one gait, not {len(gaits)}")
-    make_folder(folder)
     written: list[Path] = []
     for word in words:
         if word == ANIMATION:
@@ -102,11 +106,9 @@ def _plot_branch(run: str, what: list[str] | None, formats: "Sequence[str]", fol
     from gaitopt.cli.branches import stored_branch
     from gaitopt.figures.catalogue import BRANCH_FIGURES, USUAL_BRANCH_FIGURES, branch_figure
     from gaitopt.figures.style import save
-    from gaitopt.store.files import make_folder
 
     words = what or list(USUAL_BRANCH_FIGURES)
     check_words(words, BRANCH_FIGURES)
     problem, parameter, records = stored_branch(run)
-    make_folder(folder)
     drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
     return [path for paths in drawn for path in paths]

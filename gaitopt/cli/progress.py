@@ -1,11 +1,8 @@
-"""Progress of IPOPT on stderr, and Ctrl-C during it."""
+"""Progress of IPOPT on stderr."""
 
 import math
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Event
-from types import FrameType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -24,7 +21,7 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
         console.print(what)
         yield lambda iteration, violation: console.print(f"  iteration {iteration}, violation {violation:.1e}")
         return
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=20), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=20), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         bar = progress.add_task(what, total=-math.log10(SOLVED))
 
@@ -34,27 +31,3 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
             progress.update(bar, completed=max(digits, 0.0), description=words)
 
         yield show
-
-
-@contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
-    """Remember a Ctrl-C, and give the question whether there was one.
-
-    CasADi swallows the KeyboardInterrupt and returns as if nothing had happened, or turns it into an error of its own,
-    so a flag is kept beside it.
-    """
-    pressed = Event()
-
-    def remember(signum: int, frame: FrameType | None) -> None:
-        pressed.set()
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, remember)
-    try:
-        yield pressed.is_set
-    except Exception as error:
-        if pressed.is_set():
-            raise KeyboardInterrupt from error
-        raise
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -34,16 +34,20 @@ def report(
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.gaits import stored_gaits
     from gaitopt.report import branch_report, comparison_report
-    from gaitopt.store import write_whole
+    from gaitopt.store import adding, write_whole
 
+    if output is not None and (not output.name or output.is_dir()):
+        raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
     if len(runs) == 1 and holds_branch(runs[0]):
-        page, place = branch_report(*stored_branch(runs[0])), Path(runs[0]) / REPORT
+        page, folder = branch_report(*stored_branch(runs[0])), Path(runs[0])
     else:
         gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
-        page, place = comparison_report(gaits), folders[0] / REPORT if len(gaits) == 1 else Path(COMPARISON)
-    path = output or place
-    write_whole(path, page)
+        page, folder = comparison_report(gaits), folders[0]
+    path = output or (folder / REPORT if len(runs) == 1 else Path(COMPARISON))
+    with adding(folder, path.parent) as written:
+        write_whole(path, page)
+        written.append(path)
     results().print(str(path), soft_wrap=True)
     return 0

@@ -30,7 +30,7 @@ def reproduce(
     """
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.grids import job_progress
-    from gaitopt.cli.progress import interruptible
+    from gaitopt.cli.signals import interruptible
     from gaitopt.paper import Archive, check_names
     from gaitopt.paper import reproduce as write
     from gaitopt.store.run import RESULTS

@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
-def asked(problem: str, changes: list[str] | None) -> "Problem":
-    """The problem of a name or a file, with the ``--set`` options applied."""
+def asked(problem: str, changes: list[str] | None, console: "Console | None" = None) -> "Problem":
+    """The problem of a name or a file, with the ``--set`` options applied; what is unusual about it is remarked."""
     from gaitopt.problem import load_problem
 
-    found = load_problem(problem)
-    return found.replace(overrides(changes)) if changes else found
+    stated = load_problem(problem)
+    changed = stated.replace(overrides(changes)) if changes else stated
+    if console is not None:
+        for remark in changed.remarks:
+            console.print(f"warning: {remark}", soft_wrap=True)
+    return changed
 
 
 def motion_table(system: "HybridSystem", p: "NDArray[np.float64]", steps: "Iterable[Step]") -> "Table":
@@ -47,11 +51,18 @@ def is_folder(run: str) -> bool:
         If it is a path to nothing, and no problem file.
     """
     from gaitopt.problem import problem_names
+    from gaitopt.problem.faults import shown
 
     path = Path(run)
-    if run not in problem_names() and len(path.parts) > 1 and path.suffix not in PROBLEM_SUFFIXES and not path.exists():
+    if run in problem_names():
+        return False
+    try:
+        exists, is_dir = path.exists(), path.is_dir()
+    except OSError as error:  # a name that is too long, for instance
+        raise UnknownNameError(f"there is no run folder {shown(run)}: {error.strerror}") from error
+    if len(path.parts) > 1 and path.suffix not in PROBLEM_SUFFIXES and not exists:
         raise UnknownNameError(f"there is no run folder {run}; `ls results` shows those that there are")
-    return run not in problem_names() and path.is_dir()
+    return is_dir
 
 
 def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
@@ -77,7 +88,7 @@ def gait_of(run: str, changes: list[str] | None, output: Path | None, console: "
 
     if is_folder(run):
         return (*stored_gait(run, changes), False)
-    problem = asked(run, changes)
+    problem = asked(run, changes, console)
     folder = output or run_folder(problem)
     check_folder(folder, problem)
     if (folder / GAIT_FILE).is_file():

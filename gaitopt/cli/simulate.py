@@ -48,8 +48,8 @@ def simulate(
     """
     from gaitopt import study
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.progress import interruptible
     from gaitopt.cli.runs import asked, is_folder, stored_gait
+    from gaitopt.cli.signals import interruptible
     from gaitopt.cli.tables import print_walk
     from gaitopt.gait import Gait
     from gaitopt.store import check_folder

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
+MANY_PHASES = 10
+"""Known gaits have up to five; so many take more than half a minute."""
 NOT_A_GAIT = 4
 NOT_VERIFIED = 5
 
@@ -49,24 +51,25 @@ def solve(
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.starts import print_optima, sampled_optima, started
-    from gaitopt.store import check_folder, run_folder
+    from gaitopt.store import run_folder, writing
     from gaitopt.study.jobs import make_workers
 
     console = narration(quiet=quiet)
-    found = asked(problem, changes)
+    found = asked(problem, changes, console)
     found = started(found, start, console) if start else found
     folder = output or run_folder(found)
-    check_folder(folder, found)
-    best, about = found, dict[str, Any]()
-    if starts > 1:
-        optima = sampled_optima(found, starts, folder, seed, spread, make_workers(workers, scheduler), console)
-        best = optima[0].problem if optima else found
-        about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
-        if not json:
-            print_optima(results(), optima, starts)
-    gait = solve_verified(best, console)
-    gait = gait if best is found else replace(gait, problem=found)
-    return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
+    jobs_at = make_workers(workers, scheduler)
+    with writing(folder, found):
+        best, about = found, dict[str, Any]()
+        if starts > 1:
+            optima = sampled_optima(found, starts, folder, seed, spread, jobs_at, console)
+            best = optima[0].problem if optima else found
+            about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
+            if not json:
+                print_optima(results(), optima, starts)
+        gait = solve_verified(best, console)
+        gait = gait if best is found else replace(gait, problem=found)
+        return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
 
 
 def solve_verified(problem: "Problem", console: "Console") -> "Gait":
@@ -78,9 +81,13 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
     from gaitopt import study
-    from gaitopt.cli.progress import interruptible, solver_progress
+    from gaitopt.cli.progress import solver_progress
+    from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
 
+    phases = len(problem.cycle.phases)
+    if phases > MANY_PHASES:
+        console.print(f"large: {phases} phases in one step; each has equations of its own, so that this takes minutes")
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from gaitopt.study.jobs import Workers
     from gaitopt.study.multistart import Optimum
 
+LARGEST_SPREAD = 0.99
+"""Below one, no coordinate of a sample changes its sign."""
 StartOption = Annotated[
     str | None,
     typer.Option(
@@ -28,7 +30,10 @@ StartsOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the sampled guesses.")]
 SpreadOption = Annotated[
-    float, typer.Option("--spread", min=0.0, help="How far samples go from the first guess, relative to it.")
+    float,
+    typer.Option(
+        "--spread", min=0.0, max=LARGEST_SPREAD, help="How far samples go from the first guess, relative to it."
+    ),
 ]
 
 
@@ -65,11 +70,9 @@ def sampled_optima(
     KeyboardInterrupt
         If Ctrl-C was pressed.
     """
-    from gaitopt.cli.progress import interruptible
-    from gaitopt.store import begin_run
+    from gaitopt.cli.signals import interruptible
     from gaitopt.study.multistart import multistart
 
-    begin_run(folder, problem)
     with interruptible() as interrupted, job_progress(console, "starts") as progress:
         optima = multistart(
             problem,

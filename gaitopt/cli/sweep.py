@@ -36,10 +36,10 @@ def sweep(
     result.
     """
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.progress import interruptible
     from gaitopt.cli.runs import asked
+    from gaitopt.cli.signals import interruptible
     from gaitopt.errors import UnknownNameError
-    from gaitopt.store import begin_run, check_folder, run_folder
+    from gaitopt.store import adding, check_folder, run_folder, writing
     from gaitopt.study.jobs import make_workers
     from gaitopt.study.sweep import SCALARS, TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
 
@@ -50,15 +50,18 @@ def sweep(
     check_folder(folder, found)
     asked_for = Sweep(problem=found, grid=points, warm=warm, folder=folder)
     check_sweep(asked_for)
-    begin_run(folder, found)
-    with interruptible(), job_progress(narration(quiet=quiet), "jobs") as progress:
-        records = run_sweep(asked_for, make_workers(workers, scheduler), progress=progress)
-    if records is None:
-        raise KeyboardInterrupt
-    place = asked_for.place
-    record = sweep_record(asked_for, records) | {"table": str(place / TABLE_FILE), "run": str(place)}
-    if len(points.axes) <= 2:
-        record["figures"] = [str(path) for path in draw_sweep(points, records, [what], DEFAULT_FORMATS, place)]
+    jobs_at = make_workers(workers, scheduler)
+    with writing(folder, found):
+        with interruptible() as interrupted, job_progress(narration(quiet=quiet), "jobs") as progress:
+            records = run_sweep(asked_for, jobs_at, progress=progress, should_stop=interrupted)
+        if records is None:
+            raise KeyboardInterrupt
+        place = asked_for.place
+        record = sweep_record(asked_for, records) | {"table": str(place / TABLE_FILE), "run": str(place)}
+        if len(points.axes) <= 2:
+            with adding(folder, place) as figures:
+                figures += draw_sweep(points, records, [what], DEFAULT_FORMATS, place)
+            record["figures"] = [str(path) for path in figures]
     if json:
         print_json(record)
     else:

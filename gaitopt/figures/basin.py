@@ -11,7 +11,7 @@ from gaitopt.figures.labels import symbol
 from gaitopt.figures.style import COLOURS, STYLE, entry, legend_below, panels
 from gaitopt.simulation.batch_steps import ENDINGS
 from gaitopt.study.basin import UNDECIDED
-from gaitopt.study.basin_run import Basin
+from gaitopt.study.basin_tiles import Basin
 
 FAILURES = ("#ffffff", "#d9d9d9", "#bdbdbd", "#f0e0d0", "#969696", "#e5dbe5", "#d5e0d5", "#c8c0b0")
 """Shades of the ways to fail, in the order of how often they occur; pale, so that the gaits stand out."""

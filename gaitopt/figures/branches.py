@@ -29,6 +29,7 @@ SPECIAL = {
     "impact_change": ("other impact begins", "v"),
     "lift_off": ("foot lifts off", "P"),
     "painleve": ("Painlevé paradox", "X"),
+    "vanishing": ("gait vanishes", "x"),
     "end": ("branch ends", "|"),
 }
 """Words and marker of every type of special point."""

@@ -1,6 +1,6 @@
 """Gaits and trajectories as data, and the scalars that describe them."""
 
-from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
+from gaitopt.gait.branch import TERMINAL, Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
 from gaitopt.gait.cause import Cause, in_words
 from gaitopt.gait.gait import Gait, Shooting, Status
 from gaitopt.gait.measures import MEASURES, Observation, measure, measure_scales, observe
@@ -9,6 +9,7 @@ from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
 
 __all__ = [
     "MEASURES",
+    "TERMINAL",
     "Arc",
     "Branch",
     "BranchPoint",

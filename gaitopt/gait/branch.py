@@ -12,6 +12,8 @@ from gaitopt.mechanics import Cycle
 from gaitopt.problem import cycle_data
 
 Array = NDArray[np.float64]
+TERMINAL = ("end", "vanishing", "lift_off", "painleve")
+"""Types of special points at which a family ends."""
 _PLACE = ("branch", "index", "value")
 
 
@@ -57,8 +59,8 @@ class SpecialPoint:
     Attributes
     ----------
     branch : number of the branch that it lies on.
-    type : ``fold``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, ``lift_off``,
-        ``painleve`` or ``end``.
+    type : ``fold``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, or one of
+        ``TERMINAL``.
     value : the parameter.
     status : ``converged`` when located to rounding, ``guess`` when only bracketed.
     reason : in words.

@@ -32,9 +32,11 @@ def _analysis(count: int) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _fine(count: int) -> tuple[Array, Array]:
+def _fine(count: int) -> tuple[Array, Array, Array]:
+    """A fine grid, and the matrices from values at the points to values and derivatives on it."""
     s = np.cos(np.linspace(np.pi, 0, FINE_FACTOR * count))
-    return s, chebyshev.chebvander(s, count - 1) @ _analysis(count)
+    by_slope = chebyshev.chebvander(s, count - 2) @ _differentiation(count) @ _analysis(count)
+    return s, chebyshev.chebvander(s, count - 1) @ _analysis(count), by_slope
 
 
 @lru_cache(maxsize=32)
@@ -56,7 +58,10 @@ def coefficients(values: Array) -> Array:
 
 
 def tail(values: Array) -> float:
-    """Size of the last coefficients, relative to the largest value of each column or one: the curve's resolution."""
+    """Size of the last coefficients, relative to the largest value of each column or one: the curve's resolution.
+
+    Values that have a unit are given in their natural one, so that one means something.
+    """
     c = np.abs(coefficients(values))
     scale = np.maximum(np.abs(values).max(axis=0), 1.0)
     return float((c[-3:].max(axis=0) / scale).max())
@@ -82,21 +87,67 @@ def absolute_integral(values: Array, duration: float) -> float:
     return float(np.abs(np.diff(evaluate(primitive, ends))).sum()) * duration / 2
 
 
+def integrals(columns: Array, duration: float) -> Array:
+    """Integrals of many curves, shape (m, n), over an interval of the given duration; shape (n,)."""
+    return np.asarray(_weights(columns.shape[0]) @ columns) * duration / 2
+
+
+def signed_integrals(values: Array, columns: Array, duration: float) -> Array:
+    """Integrals of curves (m, n) multiplied by the sign of the curve through ``values`` (m,); shape (n,)."""
+    changes = roots(values)
+    primitive = np.asarray(chebyshev.chebint(coefficients(columns)), dtype=float)
+    pieces = np.diff(evaluate(primitive, np.concatenate([[-1.0], changes, [1.0]])), axis=0)
+    sign = 1.0 if integral(values, 1.0) >= 0 else -1.0
+    if changes.size:
+        own = np.asarray(chebyshev.chebint(coefficients(values)), dtype=float)
+        signs = np.sign(np.diff(evaluate(own, np.concatenate([[-1.0], changes, [1.0]]))))
+        return np.asarray(signs @ pieces) * duration / 2
+    return np.asarray(sign * pieces[0]) * duration / 2
+
+
 def roots(values: Array) -> Array:
     """Roots in (-1, 1) at which the curve changes sign, ascending; at an end itself rounding decides."""
-    s, to_fine = _fine(values.shape[0])
-    negative = to_fine @ values < 0  # a zero on the grid counts as positive, so that no change is missed or doubled
+    s, to_fine, _ = _fine(values.shape[0])
+    c, fine = coefficients(values), to_fine @ values
+    negative = fine < 0  # a zero on the grid counts as positive, so that no change is missed or doubled
     before = np.flatnonzero(negative[:-1] != negative[1:])
-    if before.size == 0:
+    single = _newton(c, s[before], s[before + 1])
+    both = np.sort(np.concatenate([single, _double_changes(values, c, fine)]))
+    return both[np.abs(both) < 1]
+
+
+def _double_changes(values: Array, c: Array, fine: Array) -> Array:
+    """Pairs of roots between two neighbours on the fine grid, where the curve just dips through zero."""
+    s, _, to_slopes = _fine(values.shape[0])
+    toward = fine * (to_slopes @ values) < 0
+    cells = np.flatnonzero(toward[:-1] & ~toward[1:] & ((fine[:-1] < 0) == (fine[1:] < 0)))
+    if cells.size == 0:
         return np.zeros(0)
-    found = _newton(coefficients(values), s[before], s[before + 1])
-    return found[np.abs(found) < 1]
+    slope = _derivative(c)
+    bottom = _newton(slope, s[cells], s[cells + 1])
+    depth, bend = evaluate(c, bottom), evaluate(_derivative(slope), bottom)
+    through = (depth < 0) != (fine[cells] < 0)
+    cells, bottom, half = cells[through], bottom[through], np.sqrt(2 * np.abs(depth / bend)[through])
+    left = _newton(c, s[cells], bottom, bottom - half)
+    right = _newton(c, bottom, s[cells + 1], bottom + half)
+    return np.concatenate([left, right])
+
+
+def slopes(values: Array, s: Array) -> Array:
+    """Derivatives of the curve in s, at points s in [-1, 1]; shape of s."""
+    return evaluate(_derivative(coefficients(values)), s)
+
+
+def critical(values: Array) -> Array:
+    """Points in (-1, 1) where the curve has extrema, ascending."""
+    c = _derivative(coefficients(values))
+    return roots(evaluate(np.append(c, 0.0), points(values.shape[0])))
 
 
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     """Where in [start, 1] the curve is largest, and its value there."""
     c = coefficients(values)
-    fine, to_fine = _fine(values.shape[0])
+    fine, to_fine, _ = _fine(values.shape[0])
     inside = fine > start
     s = np.concatenate([[start], fine[inside]])
     heights = np.concatenate([evaluate(c, s[:1]), (to_fine @ values)[inside]])
@@ -109,10 +160,10 @@ def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     return float(s[best]), float(heights[best])
 
 
-def _newton(c: Array, lower: Array, upper: Array) -> Array:
+def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) -> Array:
     """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is put back on its edge."""
     slope = _derivative(c)
-    s = (lower + upper) / 2
+    s = (lower + upper) / 2 if start is None else np.clip(start, lower, upper)
     for _ in range(NEWTON_STEPS):
         rate = evaluate(slope, s)
         step = np.divide(evaluate(c, s), rate, out=np.zeros_like(s), where=rate != 0)

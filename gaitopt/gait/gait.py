@@ -35,8 +35,8 @@ class Shooting:
     times : ndarray, shape (n_nodes,) - time since the last impact of every node [s].
     states : ndarray, shape (n_nodes, n_z).
     intervals : number of intervals of every arc.
-    residual : largest violation of the equalities.
-    errors : ndarray, shape (n_phases,) - estimate of the integration error of the states in every phase.
+    residual : largest violation of the equalities, in natural units.
+    errors : ndarray, shape (n_phases,) - estimated integration error of states and duration of every phase, likewise.
     """
 
     times: Array

@@ -9,8 +9,8 @@ from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
 from gaitopt.mechanics.rimless_wheel import RimlessWheel
 from gaitopt.mechanics.scales import Scales
-from gaitopt.mechanics.system import HybridSystem, ending_margin, margin_names, margin_scales
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, registered_walkers
+from gaitopt.mechanics.system import HybridSystem, ending_margin, margin_names, margin_scales, margin_unit
+from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, refused_walkers, registered_walkers
 
 __all__ = [
     "BeyondEnd",
@@ -41,5 +41,7 @@ __all__ = [
     "find_walker",
     "margin_names",
     "margin_scales",
+    "margin_unit",
+    "refused_walkers",
     "registered_walkers",
 ]

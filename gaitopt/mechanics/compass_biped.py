@@ -14,7 +14,7 @@ from typing import Annotated, Any, Self
 from casadi import cos, pi, sin, vertcat
 from pydantic import Field, model_validator
 
-from gaitopt.mechanics.units import Angle, NonNegative, Positive
+from gaitopt.mechanics.units import NonNegative, Positive, Slope
 from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
 
 
@@ -26,13 +26,14 @@ class CompassBiped(Walker):
     section = ("theta1",)
     actuators = ("ankle", "hip")
     tracked = ("theta1", "theta2")
+    largest_angle = pi / 2
 
     leg_length: Annotated[Positive, Field(description="length of a leg [m]")]
     leg_mass: Annotated[Positive, Field(description="point mass on each leg [kg]")]
     leg_com: Annotated[Positive, Field(description="distance of the leg's mass from its foot [m]")]
     hip_mass: Annotated[NonNegative, Field(description="point mass at the hip [kg]")]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
-    slope: Annotated[Angle, Field(gt=-pi / 2, lt=pi / 2, description="slope, downhill along x [rad]")]
+    slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
 
     @model_validator(mode="after")
     def _com_within_leg(self) -> Self:

@@ -13,12 +13,14 @@ With the velocity v of the colliding foot in place of that of the stance foot, t
 
     F = C (v_plus - v_minus)        C = (W_swing M^-1 W_swing')^-1, the apparent mass of the colliding foot
 
-without an inverse of M, which is singular for walkers whose mass sits in a single point.
+without an inverse of M, which is singular for walkers whose mass sits in a single point. The mass matrix in these
+coordinates is summed up from positions relative to the colliding foot: a transformation of M would lose the inertia
+of a light leg in the rounding of a heavy hip.
 """
 
 from dataclasses import dataclass
 
-from casadi import SX, jtimes, vertcat
+from casadi import SX, jacobian, jtimes, vertcat
 
 from gaitopt.mechanics.contact import solve_spd
 from gaitopt.mechanics.lagrangian import EquationsOfMotion
@@ -54,9 +56,7 @@ def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX)
     """
     n = len(eom.walker.shape)
     reach = eom.W_swing[:, :n]  # the swing foot is the stance foot plus a function of the shape
-    foot_mass = eom.M[n:, n:]
-    coupling = eom.M[n:, :n] - foot_mass @ reach
-    shape_mass = eom.M[:n, :n] - reach.T @ eom.M[n:, :n] - coupling.T @ reach
+    foot_mass, coupling, shape_mass = _masses(eom)
     response = solve_spd(shape_mass, coupling.T)
     C = foot_mass - coupling @ response
 
@@ -81,3 +81,16 @@ def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX)
         lift_velocity=-(reach @ rates)[1],
         painleve=painleve,
     )
+
+
+def _masses(eom: EquationsOfMotion) -> tuple[SX, SX, SX]:
+    """Blocks of the mass matrix in the velocity of the swing foot and the shape rates: foot, foot by shape, shape."""
+    n = len(eom.walker.shape)
+    shape = eom.q[:n]
+    coupling, shape_mass = SX.zeros(2, n), SX.zeros(n, n)
+    for body in eom.mechanism.bodies:
+        arm = jacobian(body.position - eom.mechanism.swing_foot, shape)
+        turn = jacobian(SX(body.angle), shape)
+        coupling += body.mass * arm
+        shape_mass += body.mass * (arm.T @ arm) + body.inertia * (turn.T @ turn)
+    return eom.mass * SX.eye(2), coupling, shape_mass

@@ -86,6 +86,11 @@ class Cycle:
                     f"the first phase must be {impact}, not {first}"
                 )
 
+    @classmethod
+    def of_one_step(cls, phases: tuple[Mode, ...], impact: Mode) -> "Cycle":
+        """The cycle of a gait that repeats itself after every step."""
+        return cls((ModeSequence(phases, impact),))
+
     @property
     def phases(self) -> tuple[Mode, ...]:
         """Modes of all phases in order."""

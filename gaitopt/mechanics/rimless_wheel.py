@@ -9,7 +9,8 @@ from typing import Annotated, Any
 from casadi import SX, cos, pi, sin, vertcat
 from pydantic import Field
 
-from gaitopt.mechanics.units import Angle, Positive
+from gaitopt.mechanics.ranges import Within
+from gaitopt.mechanics.units import Positive, Slope
 from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
 
 
@@ -19,13 +20,14 @@ class RimlessWheel(Walker):
     model = "rimless_wheel"
     shape = ("theta",)
     section = ()
+    largest_angle = pi / 2
 
-    spokes: Annotated[int, Field(ge=3, strict=True, description="number of spokes")]
+    spokes: Annotated[int, Field(ge=3, le=1000, strict=True, description="number of spokes"), Within(usual=(3, 100))]
     radius: Annotated[Positive, Field(description="length of a spoke [m]")]
     mass: Annotated[Positive, Field(description="mass [kg]")]
     inertia_ratio: Annotated[float, Field(ge=0, le=1, strict=True, description="moment of inertia / (mass radius^2)")]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
-    slope: Annotated[Angle, Field(gt=-pi / 2, lt=pi / 2, description="slope, downhill along x [rad]")]
+    slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:

@@ -42,8 +42,13 @@ def margin_names(mode: Mode) -> tuple[str, ...]:
 
 def margin_scales(mode: Mode, scales: Scales) -> NDArray[np.float64]:
     """Natural unit of every margin of a mode, in the order of ``margin_names``."""
+    return np.array([margin_unit(name, scales) for name in margin_names(mode)])
+
+
+def margin_unit(name: str, scales: Scales) -> float:
+    """Natural unit of one margin."""
     units = {"touchdown": 1.0, "upright": 1.0, "slip_velocity": scales.speed, "painleve": scales.mass}
-    return np.array([units.get(name, scales.force) for name in margin_names(mode)])
+    return units.get(name, scales.force)
 
 
 def ending_margin(mode: Mode, after: Mode | None) -> str:
@@ -190,6 +195,11 @@ class HybridSystem:
 
         s = SX.sym("s")
         return self._build("open_impact", outputs, inputs=[self._eom.z, s, self._p])
+
+    @cached_property
+    def approach(self) -> Function:
+        """(z, p) -> normal velocity of the swing foot [m/s]; it is negative where the foot comes down."""
+        return Function("approach", [self._eom.z, self._p], [(self._eom.W_swing @ self._eom.dq)[1]])
 
     @cached_property
     def weight(self) -> Function:

@@ -9,6 +9,8 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
+from gaitopt.mechanics.ranges import Within, symmetric
+
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
 _ANGLE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(deg|rad)\s*")
 
@@ -29,11 +31,20 @@ def parse_angle(value: object) -> object:
     return float(match[1]) * ANGLE_UNITS[match[2]]
 
 
-Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Masses, lengths and forces keep so far from zero and infinity, whatever the units, that their products exist."""
+STEEPEST = math.radians(80)
+"""Steady walking needs friction tan(slope) [rad]: nearly 6 here."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+"""A number whose range depends on the walker."""
+Number = Annotated[Finite, Field(ge=-LARGEST, le=LARGEST)]
 """A finite number."""
-Positive = Annotated[Number, Field(gt=0)]
+Positive = Annotated[Number, Field(ge=SMALLEST)]
 """A finite number above zero."""
 NonNegative = Annotated[Number, Field(ge=0)]
 """A finite number, zero allowed."""
 Angle = Annotated[Number, BeforeValidator(parse_angle)]
 """A finite angle [rad]; texts such as ``1 deg`` are converted."""
+Slope = Annotated[Angle, Field(ge=-STEEPEST, le=STEEPEST), Within(usual=symmetric(math.radians(30)))]
+"""An inclination of the ground [rad]."""

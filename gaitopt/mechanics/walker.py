@@ -7,18 +7,21 @@ else (M, B, G, W, E, contact, impact, multipliers) is derived from that by gaito
 Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slope downhill, y along its normal.
 """
 
+import inspect
+import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict
 
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import GaitoptWarning, UnknownNameError
 
 ENTRY_POINT_GROUP = "gaitopt.walkers"
 
@@ -77,6 +80,7 @@ class Walker(BaseModel, ABC):
     section : those shape coordinates that are free just after an impact.
     actuators : names of the actuators.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law.
+    largest_angle : size of the shape coordinates beyond which the walker does not walk [rad].
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -86,6 +90,7 @@ class Walker(BaseModel, ABC):
     section: ClassVar[tuple[str, ...]]
     actuators: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
+    largest_angle: ClassVar[float] = math.pi
 
     @classmethod
     @abstractmethod
@@ -115,11 +120,14 @@ def polar(length: Any, angle: Any) -> SX:
     return vertcat(length * SX(angle).sin(), length * SX(angle).cos())
 
 
-@lru_cache(maxsize=1)
 def registered_walkers() -> Mapping[str, type[Walker]]:
     """Every walker that a problem file may name: ours, and those of the entry-point group ``gaitopt.walkers``."""
-    found = {point.name: point.load() for point in entry_points(group=ENTRY_POINT_GROUP)}
-    return dict(sorted(found.items()))
+    return _plugins()[0]
+
+
+def refused_walkers() -> Mapping[str, str]:
+    """Why a registered name cannot be used, by name."""
+    return _plugins()[1]
 
 
 def find_walker(model: str) -> type[Walker]:
@@ -132,5 +140,40 @@ def find_walker(model: str) -> type[Walker]:
     """
     walkers = registered_walkers()
     if model not in walkers:
-        raise UnknownNameError(f"no walker is called {model!r}; registered: {', '.join(walkers)}")
+        why = refused_walkers().get(model, f"registered: {', '.join(walkers)}")
+        raise UnknownNameError(f"no walker is called {model!r}; {why}")
     return walkers[model]
+
+
+@lru_cache(maxsize=1)
+def _plugins() -> tuple[dict[str, type[Walker]], dict[str, str]]:
+    """Walkers by name, and why the others are refused; warns once of those."""
+    walkers: dict[str, type[Walker]] = {}
+    refused: dict[str, str] = {}
+    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
+        try:
+            walker = point.load()
+        except Exception as error:  # noqa: BLE001 - importing someone's module may raise anything
+            refused[point.name] = f"the plugin {point.value} cannot be imported: {type(error).__name__}: {error}"
+            continue
+        why = _objection(point, walker)
+        if why is None:
+            walkers[point.name] = walker
+        else:
+            refused[point.name] = f"the plugin {point.value} {why}"
+    if refused:
+        reasons = "; ".join(f"walker {name}: {why}" for name, why in refused.items())
+        warnings.warn(f"not available: {reasons}", GaitoptWarning, stacklevel=2)
+    return walkers, refused
+
+
+def _objection(point: EntryPoint, walker: object) -> str | None:
+    """What keeps an entry point from being a walker, if anything does."""
+    if not (isinstance(walker, type) and issubclass(walker, Walker)):
+        return "is no subclass of gaitopt.mechanics.Walker"
+    if inspect.isabstract(walker):
+        return f"lacks {', '.join(sorted(walker.__abstractmethods__))}"
+    missing = [name for name in ("model", "shape", "section") if not hasattr(walker, name)]
+    if missing:
+        return f"does not say its {', '.join(missing)}"
+    return None if walker.model == point.name else f"calls its model {walker.model!r}, unlike its entry point"

@@ -1,9 +1,20 @@
 """Periodic gaits by multiple shooting with a fixed mode sequence, solved by IPOPT."""
 
-from gaitopt.nlp.design import find_gait, free_parameters
+from gaitopt.nlp.design import find_gait
 from gaitopt.nlp.family import Family
 from gaitopt.nlp.integrator import integrate_to
+from gaitopt.nlp.neighbourhood import Neighbourhood, neighbourhood
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
+from gaitopt.nlp.start import free_parameters
 
-__all__ = ["Family", "find_gait", "free_parameters", "integrate_to", "roll_out", "solve_gait"]
+__all__ = [
+    "Family",
+    "Neighbourhood",
+    "find_gait",
+    "free_parameters",
+    "integrate_to",
+    "neighbourhood",
+    "roll_out",
+    "solve_gait",
+]

@@ -17,17 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, vstack
-from scipy.sparse.linalg import SuperLU, splu
 
-from gaitopt.nlp.newton import Linearisation
+from gaitopt.nlp.newton import Linearisation, ScaledFactor
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
 
-RESIDUAL = 1e-12
-"""Largest violation of an equality on the curve; some ten times the rounding of a step."""
-ITERATIONS = 10
+RESIDUAL = 1e-13
+"""Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step."""
+ITERATIONS = 12
 SLOW = 0.2
 """A chord that contracts by less than this is replaced by a new Jacobian."""
 
@@ -46,11 +46,8 @@ class CurvePoint:
 
     at: Linearisation
     tangent: Array
-    factor: SuperLU
+    factor: ScaledFactor
     iterations: int
-
-
-Scales = tuple[float, float, float]
 
 
 class Curve:
@@ -60,7 +57,7 @@ class Curve:
     ----------
     transcription : with exactly one freed parameter.
     p : ndarray - values of the others.
-    scales : scales of the section coordinates, the durations and the parameter.
+    scales : ndarray, shape (n_xi + n_phases + 1,) - scales of the section coordinates, durations and parameter.
     jacobian : (w, p) -> sparse Jacobian of the equalities; by ``Variation`` unless given.
     """
 
@@ -68,7 +65,7 @@ class Curve:
         self,
         transcription: Transcription,
         p: Array,
-        scales: Scales,
+        scales: Array,
         jacobian: Callable[[Array, Array], csc_matrix] | None = None,
     ) -> None:
         self.transcription, self.p = transcription, p
@@ -76,7 +73,9 @@ class Curve:
         section = transcription.system.section(transcription.layout.cycle.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
-        self._scales = np.repeat(scales, (section.size, n_phases, 1))
+        self._scales = scales
+        self._units = transcription.units(p)
+        self._columns = np.append(self._units.unknowns[:-1], scales[-1])
 
     def coordinates(self, w: Array) -> Array:
         """The scaled coordinates y in which arclength is measured; shape (n_xi + n_phases + 1,)."""
@@ -99,6 +98,7 @@ class Curve:
         normal = self.coordinates(point.tangent)
         return self._correct(point.at.w + length * point.tangent, normal, point.factor, normal)
 
+    @overflow_allowed()
     def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
         """The point near ``point`` with the given value of the parameter."""
         slope = point.tangent[-1]
@@ -106,12 +106,15 @@ class Curve:
         predicted[-1] = value
         return self.start(predicted, point.tangent)
 
-    def _correct(self, predicted: Array, normal: Array, factor: SuperLU | None, forward: Array) -> CurvePoint | None:
+    @overflow_allowed()
+    def _correct(
+        self, predicted: Array, normal: Array, factor: ScaledFactor | None, forward: Array
+    ) -> CurvePoint | None:
         w, last = predicted.copy(), np.inf
         for iteration in range(ITERATIONS):
             residual = np.asarray(self.transcription.violation(w, self.p)).ravel()
             offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
-            size = max(float(np.abs(residual).max()), abs(offset))
+            size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
             if not np.isfinite(size):
                 return None
             if size < RESIDUAL:
@@ -125,7 +128,7 @@ class Curve:
         return None
 
     def _linearised(self, w: Array, residual: Array) -> Linearisation:
-        return Linearisation(w=w, p=self.p, residual=residual, jacobian=self._jacobian(w, self.p))
+        return Linearisation(w=w, p=self.p, residual=residual, jacobian=self._jacobian(w, self.p), units=self._units)
 
     def _finish(self, at: Linearisation, forward: Array, iterations: int) -> CurvePoint | None:
         """Tangent and factor at a converged point."""
@@ -139,10 +142,11 @@ class Curve:
         factor = self._factor(at, self.coordinates(tangent))
         return None if factor is None else CurvePoint(at=at, tangent=tangent, factor=factor, iterations=iterations)
 
-    def _factor(self, at: Linearisation, normal: Array) -> SuperLU | None:
+    def _factor(self, at: Linearisation, normal: Array) -> ScaledFactor | None:
         values = normal / self._scales
         row = csc_matrix((values, (np.zeros(values.size, dtype=int), self._indices)), shape=(1, at.w.size))
         try:
-            return splu(vstack([at.jacobian, row], format="csc"))
+            matrix = vstack([at.jacobian, row], format="csc")
+            return ScaledFactor(matrix, np.append(self._units.equalities, 1.0), self._columns)
         except RuntimeError:  # exactly singular
             return None

@@ -59,13 +59,13 @@ def assemble_gait(
     )
 
 
-def assemble_steps(problem: Transcription, w: Array, p: Array) -> tuple[Step, ...]:
-    """The steps that ``w`` describes."""
+def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int, ...] = COUNTS) -> tuple[Step, ...]:
+    """The steps that ``w`` describes; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
     nodes, _, freed = problem.unpack(w)
     full, cycle = problem.full_parameters(p, freed), problem.layout.cycle
     arcs: list[list[Arc]] = [[] for _ in cycle.steps]
     for index, arc in enumerate(problem.layout.arcs):
-        arcs[cycle.step_of(arc.phase)].append(_arc(problem, w, p, index))
+        arcs[cycle.step_of(arc.phase)].append(_arc(problem, w, p, index, counts))
     ends = zip(arcs, cycle.impacts, problem.layout.impact_nodes, strict=True)
     return tuple(
         Step(arcs=tuple(own), impact=impact_record(problem.system, impact, nodes[:, end], full))
@@ -85,11 +85,12 @@ def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) ->
     )
 
 
-def _arc(problem: Transcription, w: Array, p: Array, index: int) -> Arc:
+def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[int, ...]) -> Arc:
     layout = problem.layout.arcs[index]
-    for count in COUNTS:
+    unit = problem.system.state_scales(problem.system.scales(problem.full_parameters(p, problem.unpack(w)[2])))
+    for count in counts:
         times, states = problem.sample(w, p, index, count)
-        if curves.tail(states) < curves.RESOLVED:
+        if curves.tail(states / unit) < curves.RESOLVED:
             break
     _rest_exactly(problem.layout.cycle, layout, states)
     return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states)

@@ -24,7 +24,7 @@ PRESSING = 1e-4
 """Multiplier of a bound that stands in the way; the multipliers of the slack itself are of the order of one."""
 
 
-def conflicts(problem: Problem, program: Program, result: IpoptResult, offsets: Array) -> tuple[Cause, ...]:
+def conflicts(problem: Problem, program: Program, result: IpoptResult) -> tuple[Cause, ...]:
     """The constraints that cannot be met; empty where all can or nothing was found.
 
     Parameters
@@ -33,7 +33,7 @@ def conflicts(problem: Problem, program: Program, result: IpoptResult, offsets: 
     """
     if result.status is not Status.CONVERGED:
         return ()
-    reached = dict(zip(program.names, program.values(result.w, offsets), strict=True))
+    reached = dict(zip(program.names, program.values(result.w), strict=True))
     obstacles = list(_obstacles(problem, program, result, reached))
     causes = []
     for name, span in problem.constraints.items():

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Cause
-from gaitopt.mechanics import Cycle, HybridSystem, ending_margin, margin_names
-from gaitopt.nlp.transcription import Label, Transcription
+from gaitopt.mechanics import Cycle, ending_margin, margin_names
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.units import Label
 
 Array = NDArray[np.float64]
 
@@ -22,21 +23,21 @@ ENDLESS["cone_backward"] = ENDLESS["cone_forward"]
 SAMPLES = 33
 """Points of an arc on which an early touchdown is looked for."""
 AIRBORNE = 1e-9
-"""A guard this close to zero [rad or m] is a foot on the ground, up to rounding."""
+"""A guard this close to zero is a foot on the ground, up to rounding."""
 RUNAWAY = 1e3
-"""Rates of 1000 rad/s belong to no walker, and more than that to no number."""
+"""In natural units: violations of a thousand times what moves a walker belong to no walk."""
 
 SIMPLE_MARGINS = {
-    "normal_force": ("normal force is {value:.4g} N, must be positive", "force"),
-    "slip_velocity": ("slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative", "speed"),
-    "painleve": ("apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)", "one"),
-    "onset": ("static friction holds the foot: the force misses the edge of its cone by {value:.4g} N", "force"),
-    "impact_onset": ("the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s", "impulse"),
-    "impulse": ("normal impulse is {value:.4g} N s, must be positive", "impulse"),
-    "lift_velocity": ("the former stance foot does not lift: its normal velocity is {value:.4g} m/s", "speed"),
-    "touchdown_rate": ("the swing foot leaves the ground instead of landing (guard rate {value:.4g})", "one"),
-    "impact_slip_velocity": ("slip velocity after impact is {value:.4g} m/s in the direction of the mode", "speed"),
-    "impact_painleve": ("inverse apparent mass of the colliding foot is {value:.4g} 1/kg, must be positive", "one"),
+    "normal_force": "normal force is {value:.4g} N, must be positive",
+    "slip_velocity": "slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative",
+    "painleve": "apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)",
+    "onset": "static friction holds the foot: the force misses the edge of its cone by {value:.4g} N",
+    "impact_onset": "the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s",
+    "impulse": "normal impulse is {value:.4g} N s, must be positive",
+    "lift_velocity": "the former stance foot does not lift: its normal velocity is {value:.4g} m/s",
+    "touchdown_rate": "the swing foot leaves the ground instead of landing (guard rate {value:.4g})",
+    "impact_slip_velocity": "slip velocity after impact is {value:.4g} m/s in the direction of the mode",
+    "impact_painleve": "apparent mass of the colliding foot is {value:.4g} kg, must be positive",
 }
 
 
@@ -87,12 +88,13 @@ def phase_words(cycle: Cycle, phase: int) -> str:
     return words if len(cycle.steps) == 1 else f"step {step + 1}, {words}"
 
 
-def residual_complaint(problem: Transcription, w: Array, residual: Array) -> Cause:
+def residual_complaint(problem: Transcription, w: Array, p: Array, residual: Array) -> Cause:
     """The equality that is violated most."""
-    row = int(np.argmax(np.abs(residual)))
+    relative = np.abs(residual / problem.units(p).equalities)
+    row = int(np.argmax(relative))
     n_z, cycle, n_defects = problem.system.n_z, problem.layout.cycle, problem.system.n_z * problem.layout.intervals
     size = abs(float(residual[row]))
-    if not size < RUNAWAY:
+    if not relative[row] < RUNAWAY:
         return Cause(
             what="search", words="the search has left everything that walks; start from a state closer to a gait"
         )
@@ -133,12 +135,11 @@ def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array)
 
 def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     _, labels = problem.inequalities
-    scales = _scales(problem.system, problem.full_parameters(p, problem.unpack(w)[2]), w)
-    for label, value in zip(labels, margins, strict=True):
+    units = problem.units(problem.full_parameters(p, problem.unpack(w)[2])).margins
+    for label, value, unit in zip(labels, margins, units, strict=True):
         if label.name in SIMPLE_MARGINS and value < 0:
-            words, scale = SIMPLE_MARGINS[label.name]
-            text = f"{_place(problem, w, label)}: {words.format(value=value)}"
-            numbers = {"needed": 0.0, "available": float(value), "severity": float(-value / scales[scale])}
+            text = f"{_place(problem, w, label)}: {SIMPLE_MARGINS[label.name].format(value=value)}"
+            numbers = {"needed": 0.0, "available": float(value), "severity": float(-value / unit)}
             yield _cause(label.name, text, problem, w, label, **numbers)
 
 
@@ -153,12 +154,6 @@ def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Cause]:
             yield Cause(
                 what="duration", words=words, phase=phase, needed=0.0, available=float(duration), severity=severity
             )
-
-
-def _scales(system: HybridSystem, p: Array, w: Array) -> dict[str, float]:
-    weight = float(system.weight(p))
-    speed = max(float(np.abs(w).max()), 1e-6)
-    return {"force": weight, "speed": speed, "impulse": weight * speed, "one": 1.0}
 
 
 def _cause(what: str, words: str, problem: Transcription, w: Array, label: Label, **numbers: float) -> Cause:

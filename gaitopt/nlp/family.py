@@ -10,7 +10,6 @@ from collections.abc import Callable
 import numpy as np
 from casadi import Function
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.nlp.assembly import assemble_gait
@@ -20,6 +19,7 @@ from gaitopt.nlp.newton import linearise, polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.solve import trouble
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ MAX_CHORDS = 10
 CONTRACTION = 0.5
 """Least decrease of the residual from chord to chord; with less, Newton's method is cheaper."""
 SETTLED = 1e-12
-"""Residual at which the last chord has reached rounding."""
+"""Residual in natural units at which the last chord has reached rounding."""
 
 
 class Family:
@@ -58,7 +58,7 @@ class Family:
             "equalities", [self._transcription.w, self._transcription.parameters], [self._transcription.equalities]
         )
         self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
-        self._factor = splu(linearise(self._transcription, self._w, gait.p).square)
+        self._factor = linearise(self._transcription, self._w, gait.p).factor()
 
     def solve(self, problem: Problem) -> Gait:
         """The gait of ``problem``, which differs from the first one in parameter values alone.
@@ -93,14 +93,16 @@ class Family:
             problem, refined.transcription, refined.at, errors=refined.errors, message=message, solver=solver
         )
 
+    @overflow_allowed()
     def _near(self, p: Array) -> tuple[Refined | None, tuple[Cause, ...], int]:
         """The solution by chords, what is wrong with it, and their number; no solution if they do not converge."""
         w, size, count = self._w, np.inf, 0
+        units = self._transcription.units(p).equalities
         for count in range(1, MAX_CHORDS + 1):
             residual = np.asarray(self._equalities(w, p)).ravel()
-            if not np.abs(residual).max() < CONTRACTION * size:
+            before, size = size, np.abs(residual / units).max()
+            if not size < CONTRACTION * before:
                 return None, (), count
-            size = np.abs(residual).max()
             w = w - self._factor.solve(residual)
             if size < SETTLED:
                 break
@@ -110,4 +112,4 @@ class Family:
     def _remember(self, refined: Refined) -> None:
         """Start the next solution from this one, unless it had to be refined."""
         if refined.transcription is self._transcription:
-            self._w, self._factor = refined.at.w, splu(refined.at.square)
+            self._w, self._factor = refined.at.w, refined.at.factor()

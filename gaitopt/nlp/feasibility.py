@@ -37,6 +37,7 @@ class Feasibility:
         relaxed: bool = False,
     ) -> None:
         equalities, margins = transcription.equalities, transcription.inequalities[0]
+        self._transcription, self._relaxed = transcription, relaxed
         self._n_phases = transcription.n_phases
         self._n_nodes = transcription.w.numel() - self._n_phases
         self._n_equalities = equalities.numel()
@@ -54,4 +55,7 @@ class Feasibility:
         lower[self._n_equalities] = SHORTEST * start[self._n_nodes :].sum()
         floor = np.full(start.size, -np.inf)
         floor[self._n_nodes :] = self._shortest_phase
-        return self._solver.solve(start, p, (floor, np.full(start.size, np.inf)), (lower, self._upper))
+        units = self._transcription.units(p)
+        rows = [units.equalities, units.unknowns[-1:], *([] if self._relaxed else [units.margins])]
+        sizes = (units.unknowns, np.concatenate(rows))
+        return self._solver.solve(start, p, (floor, np.full(start.size, np.inf)), (lower, self._upper), sizes)

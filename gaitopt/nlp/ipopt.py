@@ -18,11 +18,9 @@ Progress = Callable[[int, float], None]
 """Called with the iteration and the largest violation of the constraints."""
 
 TOLERANCE = 1e-10
-"""Well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
-EXACT = 1e-11
-"""Violation of the constraints of a design: a margin at its edge is to stay there when the nodes are polished."""
-OPTIMALITY = 1e-6
-"""KKT residual of a design, in the sizes of its objective and unknowns."""
+"""In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
+NEAR_OPTIMUM = 1e-4
+"""KKT residual of a smoothed design, in the sizes of its objective and unknowns: ``nlp.sqp`` goes on from there."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
 MAX_ITERATIONS, MAX_DESIGN_ITERATIONS = 300, 600
@@ -124,7 +122,7 @@ class Ipopt:
         on
         everything does not make those of the others dense to compute.
     scale, objective_size : typical sizes of the unknowns, shape (n_w,), and of the objective; secants learn best where
-        all are one.
+        all are one. Sizes that depend on the parameters are given to ``solve``.
     progress, should_stop : called at every iteration.
     """
 
@@ -142,23 +140,26 @@ class Ipopt:
     ) -> None:
         blocks = [g] if isinstance(g, MX) else list(g)
         self._scale = np.broadcast_to(scale, w.numel())
-        x, unscaled = MX.sym("x", w.numel()), DM(self._scale)
+        x, sizes = MX.sym("x", w.numel()), MX.sym("sizes", w.numel())
         value = Function("value", [w, p], [MX(0) if objective is None else objective, vertcat(*blocks)])
         slope = Function("slope", [w, p], [vertcat(*(jacobian(block, w) for block in blocks))])
-        f, rows = value(unscaled * x, p)
-        self._watch = Watch(w.numel(), rows.numel(), p.numel(), progress, should_stop)
+        f, unscaled_rows = value(sizes * x, p)
+        row_sizes = MX.sym("row_sizes", unscaled_rows.numel())
+        rows, parameters = unscaled_rows / row_sizes, vertcat(p, sizes, row_sizes)
+        scaled_slope = diag(1 / row_sizes) @ slope(sizes * x, p) @ diag(sizes)
+        self._watch = Watch(w.numel(), rows.numel(), parameters.numel(), progress, should_stop)
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,  # a point where the motion does not exist is IPOPT's business, as is Ctrl-C
             "iteration_callback": self._watch,
             "error_on_fail": False,
             "calc_lam_p": False,
-            "jac_g": Function("jac_g", [x, p], [rows, slope(unscaled * x, p) @ diag(unscaled)]),
+            "jac_g": Function("jac_g", [x, parameters], [rows, scaled_slope]),
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
-                "tol": TOLERANCE if objective is None else OPTIMALITY,
-                "constr_viol_tol": TOLERANCE if objective is None else EXACT,
+                "tol": TOLERANCE if objective is None else NEAR_OPTIMUM,
+                "constr_viol_tol": TOLERANCE,
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
                 "obj_scaling_factor": 1 / objective_size,
@@ -168,30 +169,42 @@ class Ipopt:
                 "limited_memory_max_history": HISTORY,
             },
         }
-        self._solver = nlpsol("gait", "ipopt", {"x": x, "p": p, "g": rows, "f": f}, options)
+        self._solver = nlpsol("gait", "ipopt", {"x": x, "p": parameters, "g": rows, "f": f}, options)
 
-    def solve(self, w: Array, p: Array, bounds_w: tuple[Array, Array], bounds_g: tuple[Array, Array]) -> IpoptResult:
+    def solve(
+        self,
+        w: Array,
+        p: Array,
+        bounds_w: tuple[Array, Array],
+        bounds_g: tuple[Array, Array],
+        sizes: tuple[Array, Array] | None = None,
+    ) -> IpoptResult:
         """Solve from ``w`` for parameters ``p`` within bounds on w and g.
+
+        ``sizes`` are typical sizes of w and g at these parameters; otherwise ``scale``, and one for every row of g.
 
         Raises
         ------
         RuntimeError
             If IPOPT ends in a way that only a broken installation or a bug can cause.
         """
-        self._watch.begin(*bounds_g)
-        x, lower, upper = (values / self._scale for values in (w, *bounds_w))
-        solution = self._solver(x0=x, p=p, lbx=lower, ubx=upper, lbg=bounds_g[0], ubg=bounds_g[1])
+        scale, rows = (self._scale, np.ones(bounds_g[0].size)) if sizes is None else sizes
+        x, lower, upper = (values / scale for values in (w, *bounds_w))
+        least, greatest = (values / rows for values in bounds_g)
+        self._watch.begin(least, greatest)
+        parameters = np.concatenate([p, scale, rows])
+        solution = self._solver(x0=x, p=parameters, lbx=lower, ubx=upper, lbg=least, ubg=greatest)
         stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
         status, words = ENDINGS[stats["return_status"]]
         return IpoptResult(
-            w=np.asarray(solution["x"]).ravel() * self._scale,
+            w=np.asarray(solution["x"]).ravel() * scale,
             status=status,
             words=words,
             iterations=int(stats["iter_count"]),
-            multipliers=np.asarray(solution["lam_g"]).ravel(),
-            bound_multipliers=np.asarray(solution["lam_x"]).ravel() / self._scale,
+            multipliers=np.asarray(solution["lam_g"]).ravel() / rows,
+            bound_multipliers=np.asarray(solution["lam_x"]).ravel() / scale,
             objective=float(solution["f"]),
             kkt=float(stats["iterations"]["inf_du"][-1]) if "iterations" in stats else np.inf,  # none was begun
         )

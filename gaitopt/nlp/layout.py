@@ -19,7 +19,8 @@ INTERVALS = 14
 FEWEST = 2
 """Intervals of even the shortest arc."""
 COINCIDENT = 1e-11
-"""A switch this close [s] to a breakpoint is at it, on either side: what the torques then miss is below rounding."""
+"""A switch this close to a breakpoint, relative to the period, is at it, on either side: what the torques then miss is
+below rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,9 +103,9 @@ class Layout:
 
         The breakpoints are all those of the control, so that a step which outlasts one that it did not reach is found.
         """
-        limits = (-np.inf, *breakpoints, np.inf)
+        limits, slack = (-np.inf, *breakpoints, np.inf), COINCIDENT * float(np.sum(durations))
         return all(
-            limits[arc.segment] - COINCIDENT <= start <= end + COINCIDENT <= limits[arc.segment + 1] + 2 * COINCIDENT
+            limits[arc.segment] - slack <= start <= end + slack <= limits[arc.segment + 1] + 2 * slack
             for arc, (start, end) in zip(self.arcs, self.arc_times(durations), strict=True)
         )
 

@@ -11,35 +11,66 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import factorise, overflow_allowed
+from gaitopt.nlp.units import Units
 from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
 
-NEWTON_TOLERANCE = 1e-13
-"""Rounding of a step of the integrator."""
+NEWTON_TOLERANCE = 3e-15
+"""Rounding of the equalities in natural units; a polish that does not get there ends where it no longer improves."""
 NEWTON_STEPS = 8
 """A polish starts at IPOPT's tolerance; more steps mean that it does not converge."""
 
 
+class ScaledFactor:
+    """LU factors of a matrix in natural units, so that pivots do not depend on the units of the problem.
+
+    Parameters
+    ----------
+    matrix : sparse by columns, shape (n, n).
+    rows, columns : ndarray, shape (n,) - units of the equations and of the unknowns.
+
+    Raises
+    ------
+    RuntimeError
+        If the matrix is exactly singular.
+    """
+
+    def __init__(self, matrix: csc_matrix, rows: Array, columns: Array) -> None:
+        self._rows, self._columns = rows, columns
+        data = matrix.data * np.repeat(columns, np.diff(matrix.indptr)) / rows[matrix.indices]
+        self._lu = factorise(csc_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape))
+
+    def solve(self, right: Array) -> Array:
+        """x of matrix x = right; shape (n,) or (n, m)."""
+        return np.asarray(self._columns * self._lu.solve((right.T / self._rows).T).T).T
+
+    def solve_transposed(self, right: Array) -> Array:
+        """x of matrix' x = right; shape (n,) or (n, m)."""
+        return np.asarray(self._lu.solve((right.T * self._columns).T, trans="T").T / self._rows).T
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Linearisation:
-    """The equalities at one point.
+    """The equalities at one point, in SI.
 
     Attributes
     ----------
     w, p : ndarray - unknowns and parameters.
     residual : ndarray, shape (n,) - equalities.
     jacobian : sparse, shape (n, n + n_free) - in nodes, durations and freed parameters.
+    units : natural units of rows and columns.
     """
 
     w: Array
     p: Array
     residual: Array
     jacobian: csc_matrix
+    units: Units
 
     @property
     def square(self) -> csc_matrix:
@@ -48,8 +79,19 @@ class Linearisation:
 
     @property
     def size(self) -> float:
-        """Largest violation of the equalities."""
-        return float(np.abs(self.residual).max())
+        """Largest violation of the equalities, in natural units."""
+        return float(np.abs(self.residual / self.units.equalities).max())
+
+    def factor(self, matrix: csc_matrix | None = None) -> ScaledFactor:
+        """Factors of ``square``, or of a matrix with the same rows and columns.
+
+        Raises
+        ------
+        RuntimeError
+            If it is exactly singular.
+        """
+        columns = self.units.unknowns[: self.residual.size]
+        return ScaledFactor(self.square if matrix is None else matrix, self.units.equalities, columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,12 +102,15 @@ class Polished:
     regular: bool
 
 
+@overflow_allowed()
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
     residual = np.asarray(problem.violation(w, p)).ravel()
-    return Linearisation(w=w, p=p, residual=residual, jacobian=variation(problem).jacobian(w, p))
+    jacobian = variation(problem).jacobian(w, p)
+    return Linearisation(w=w, p=p, residual=residual, jacobian=jacobian, units=problem.units(p))
 
 
+@overflow_allowed()
 def polish(problem: Transcription, w: Array, p: Array) -> Polished:
     """Bring a solution of IPOPT down to rounding; freed parameters stay where they are."""
     best = linearise(problem, w, p)
@@ -73,7 +118,7 @@ def polish(problem: Transcription, w: Array, p: Array) -> Polished:
         if best.size < NEWTON_TOLERANCE:
             break
         try:
-            step = splu(best.square).solve(best.residual)
+            step = best.factor().solve(best.residual)
         except RuntimeError:  # singular
             return Polished(at=best, regular=False)
         trial = best.w.copy()
@@ -96,7 +141,7 @@ def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array,
     difference = np.asarray(problem.halved_defects(at.w, at.p)).ravel()
     right = np.zeros(at.residual.size)
     right[: difference.size] = -difference
-    nodes, durations, _ = problem.unpack(splu(at.square).solve(right))
+    nodes, durations, _ = problem.unpack(at.factor().solve(right))
     return nodes, durations
 
 
@@ -121,7 +166,7 @@ def section_response(problem: Transcription, at: Linearisation) -> tuple[Array, 
     reset = -opened[n - n_z :, last].toarray()[indices]
     opened = opened.tolil()
     opened[n - n_z :, last] = 0.0
-    factor = splu(opened.tocsc())
+    factor = at.factor(opened.tocsc())
     full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
     lift = np.asarray(system.lift_jacobian(at.w[system.section(Mode.SLIP_FORWARD)], full))
     right = np.zeros((n, indices.size))
@@ -131,6 +176,6 @@ def section_response(problem: Transcription, at: Linearisation) -> tuple[Array, 
     def adjoint(weights: Array) -> Array:
         end = np.zeros((n, indices.size))
         end[last] = reset.T @ weights
-        return np.asarray(factor.solve(end, trans="T"))
+        return factor.solve_transposed(end)
 
     return response, reset @ response[last], adjoint

@@ -1,8 +1,8 @@
 """Scalars of the result as expressions of the NLP's unknowns, with exact derivatives.
 
 Integrals are sums over the Lobatto points of every shooting interval; extrema are bounded by the values at those
-points. |power| has kinks and is smoothed, sqrt(power^2 + width^2). What points and width miss is small, and is made
-good by an offset in ``nlp.design``: the exact scalar of the last solution minus its value here.
+points. |power| has kinks and is smoothed, sqrt(power^2 + width^2). What points and width miss is small; ``nlp.scalars``
+has the same scalars without it.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,15 @@ from gaitopt.nlp.transcription import Transcription
 
 Array = NDArray[np.float64]
 
-EXTREMA = {"peak_torque": 1, "required_friction": 1, "impulse_ratio": 1, "foot_clearance": 1, "min_normal_force": -1}
+RADIUS = "spectral_radius"
+EXTREMA = {
+    RADIUS: 1,
+    "peak_torque": 1,
+    "required_friction": 1,
+    "impulse_ratio": 1,
+    "foot_clearance": 1,
+    "min_normal_force": -1,
+}
 """Scalars that are the largest (1) or smallest (-1) of some values: of a curve, or of a number and its negative."""
 
 

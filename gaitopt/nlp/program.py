@@ -1,11 +1,12 @@
 """The NLP of a design: the equations of the step, what is asked of its scalars, and what is to be minimised.
 
     min   sum of weight x scalar
-    s.t.  equalities = 0, margins >= 0                     nlp.transcription, nlp.between
-          lo <= scalar + offset <= hi                      nlp.outcome
+    s.t.  equalities = 0, margins >= 0                     nlp.transcription
+          lo <= scalar <= hi                               nlp.outcome
           extremum >= the curve's values                   for peak torque and the like
 
-over nodes, durations, freed parameters and extrema. The multipliers' radius is one of the scalars (nlp.stability).
+over nodes, durations, freed parameters and extrema. The multipliers' radius is one of the scalars (nlp.stability). It
+and |power| are smoothed, and what lies between the nodes is not seen: the solution is where ``nlp.sqp`` starts.
 """
 
 from collections.abc import Callable
@@ -15,9 +16,9 @@ import numpy as np
 from casadi import MX, Function, sum1, vertcat
 from numpy.typing import NDArray
 
-from gaitopt.nlp.between import Touch, touched_margins
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
-from gaitopt.nlp.outcome import EXTREMA, Outcome
+from gaitopt.nlp.outcome import EXTREMA, RADIUS, Outcome
+from gaitopt.nlp.rows import CLEARANCE
 from gaitopt.nlp.search import SMALL, search
 from gaitopt.nlp.stability import certified_radius
 from gaitopt.nlp.transcription import Transcription
@@ -25,11 +26,7 @@ from gaitopt.problem import Problem, Range
 
 Array = NDArray[np.float64]
 
-RADIUS = "spectral_radius"
-CLEARANCE = 1e-8
-"""Force [N] or impulse [N s] that a design keeps from the edge of the friction cone, where optima like to lie: more
-than the rounding that would decide there, and less than anyone could measure."""
-SMOOTHING = 3e-4
+SMOOTHING = 3e-5
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 
 
@@ -52,7 +49,6 @@ class Program:
     transcription : of the step, with the freed parameters.
     bounds : of the freed parameters; shape (2, n_free).
     w, p : ndarray - where the search starts, and the parameters.
-    held : points inside the arcs where margins are held.
     elastic : give the problem's constraints slack, and minimise that instead of the objective.
     """
 
@@ -64,23 +60,21 @@ class Program:
         bounds: Array,
         w: Array,
         p: Array,
-        held: list[Touch],
         elastic: bool = False,
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
         self._problem, self.transcription, self._p = problem, transcription, p
         self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
-        self._offsets = MX.sym("offset", len(self.names))
         self._outcome = Outcome(transcription, SMOOTHING * transcription.system.weight(transcription.p))
-        self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA}
+        self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA and name != RADIUS}
         self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
         extrema = np.array([self._extremum(name, w) for name in self._extrema])
         self._search = search(transcription, w, p, bounds, extrema, self._slack.numel())
-        self.rows = [*self._physics(held), *self._extremal(w), *self._asked()]
+        self.rows = [*self._physics(), *self._extremal(w), *self._asked()]
         unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
-        parameters = vertcat(transcription.parameters, self._offsets)
+        parameters = transcription.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
         objective = self._objective()
         self._solver = Ipopt(
@@ -94,28 +88,26 @@ class Program:
             should_stop=should_stop,
         )
 
-    def solve(self, offsets: Array, start: Array | None = None) -> IpoptResult:
-        """Run IPOPT from ``start``, all unknowns, or from where the motion is known."""
+    def solve(self) -> IpoptResult:
+        """Run IPOPT from the starting motion."""
         lower = np.concatenate([rows.lower for rows in self.rows])
         upper = np.concatenate([rows.upper for rows in self.rows])
-        x, box = self._search.start if start is None else start, (self._search.lower, self._search.upper)
-        return self._solver.solve(x, np.concatenate([self._p, offsets]), box, (lower, upper))
+        box = (self._search.lower, self._search.upper)
+        return self._solver.solve(self._search.start, self._p, box, (lower, upper))
 
     def motion(self, x: Array) -> Array:
         """Nodes, durations and freed parameters among all unknowns."""
         return x[: self.transcription.w.numel()]
 
-    def values(self, x: Array, offsets: Array) -> Array:
-        """The scalars in ``names`` at a solution, offsets included; shape (n_names,)."""
-        return np.asarray(self._values(x, np.concatenate([self._p, offsets]))).ravel()
+    def values(self, x: Array) -> Array:
+        """The scalars in ``names`` at a solution; shape (n_names,)."""
+        return np.asarray(self._values(x, self._p)).ravel()
 
     def scalar(self, name: str) -> MX:
         """One scalar of the result."""
         if self._radius is not None and name == RADIUS:
-            value = self._radius(self.transcription.w, self.transcription.parameters)
-        else:
-            value = self._extrema[name] if name in EXTREMA else self._outcome.value(name)
-        return value + self._offsets[self.names.index(name)]
+            return self._radius(self.transcription.w, self.transcription.parameters)
+        return self._extrema[name] if name in self._extrema else self._outcome.value(name)
 
     def at_reach(self, x: Array) -> bool:
         """Whether a solution has been kept by the reach of the search, and wants to go on."""
@@ -138,23 +130,17 @@ class Program:
 
     def margin_words(self, row: int) -> str:
         """What one row of the margins says."""
-        labels = self.transcription.inequalities[1]
-        if row >= len(labels):
-            return "a margin between the nodes"
-        label = labels[row]
+        label = self.transcription.inequalities[1][row]
         name = label.name.replace("_", " ")
         if label.phase is None:
             return f"the impact ({name})"
         return f"phase {label.phase + 1} ({self.transcription.layout.cycle.phases[label.phase]}: {name})"
 
-    def _physics(self, held: list[Touch]) -> list[Rows]:
-        t = self.transcription
-        names = [*(label.name for label in t.inequalities[1]), *(point.name for point in held)]
-        margins = vertcat(t.inequalities[0], touched_margins(t, held))
-        return [
-            _zero("gait", t.equalities),
-            _positive("margins", margins, np.array([CLEARANCE if "cone" in name else 0.0 for name in names])),
-        ]
+    def _physics(self) -> list[Rows]:
+        margins, labels = self.transcription.inequalities
+        scales = self.transcription.system.scales(self._p)
+        least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
+        return [_zero("gait", self.transcription.equalities), _positive("margins", margins, least)]
 
     def _extremal(self, w: Array) -> list[Rows]:
         rows = []
@@ -198,7 +184,7 @@ class Program:
 
     def _size_at_start(self, objective: MX, unknowns: MX, parameters: MX) -> float:
         function = Function("objective", [unknowns, parameters], [objective])
-        found = float(function(self._search.start, np.concatenate([self._p, np.zeros(len(self.names))])))
+        found = float(function(self._search.start, self._p))
         return max(abs(found), SMALL) if np.isfinite(found) else 1.0
 
     def _objective(self) -> MX | None:

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from gaitopt.nlp.integrator import ORDER
 from gaitopt.nlp.newton import Linearisation, integration_error, polish
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 
 Array = NDArray[np.float64]
 
-ERROR_TOLERANCE = 1e-10
-"""Integration error of states and durations, one digit below the nine that are promised."""
+ERROR_TOLERANCE = 4e-11
+"""Integration error of states and durations in natural units, more than a digit below the nine that are promised."""
 SAFETY = 4.0
 """Factor by which a refinement aims below the tolerance."""
 MAX_REFINEMENTS = 4
@@ -41,6 +42,7 @@ class Refined:
         return bool(self.errors.max() < ERROR_TOLERANCE)
 
 
+@overflow_allowed()
 def refine(transcription: Transcription, at: Linearisation, tolerance: float = ERROR_TOLERANCE) -> Refined:
     """Cut phases with too large an error finer, and polish, until the errors are below the tolerance.
 
@@ -61,8 +63,9 @@ def refine(transcription: Transcription, at: Linearisation, tolerance: float = E
     return current
 
 
+@overflow_allowed()
 def phase_errors(transcription: Transcription, at: Linearisation) -> Array:
-    """Largest estimated error of the states in each phase, and of its duration; shape (n_phases,).
+    """Largest estimated error of the states in each phase, and of its duration, in natural units; shape (n_phases,).
 
     Infinite where the equations are singular.
     """
@@ -70,7 +73,8 @@ def phase_errors(transcription: Transcription, at: Linearisation) -> Array:
         nodes, durations = integration_error(transcription, at)
     except RuntimeError:
         return np.full(transcription.n_phases, np.inf)
-    errors = np.abs(durations)
+    node_units, duration_units, _ = transcription.unpack(at.units.unknowns)
+    nodes, errors = nodes / node_units, np.abs(durations / duration_units)
     for arc, first in zip(transcription.layout.arcs, transcription.layout.first_nodes, strict=True):
         largest = np.abs(nodes[:, first : first + arc.intervals + 1]).max()
         errors[arc.phase] = max(errors[arc.phase], largest)

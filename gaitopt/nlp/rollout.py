@@ -13,21 +13,24 @@ from numpy.typing import NDArray
 from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import brentq
 
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.nlp.layout import Layout
+from gaitopt.nlp.trial import overflow_allowed
 
 Array = NDArray[np.float64]
 
 RTOL, ATOL = 1e-8, 1e-10
-"""A guess needs no more."""
+"""A guess needs no more; the absolute one in natural units."""
 GRID = 8
 """Points per step of the integrator on which the end of a phase is looked for."""
 ARMED = 1e-12
-"""A margin that starts at zero, up to rounding, is not yet positive."""
-FIRST_STEP = 1e-5
-"""Short enough not to jump over a slip that has only just come into being [s]."""
-LONGEST_STEP = 20.0
-"""No walker of human size takes longer over a step [s]."""
+"""In natural units; a margin that starts at zero, up to rounding, is not yet positive."""
+FIRST_STEP = 2.5e-5
+"""In natural units; short enough not to jump over a slip that has only just come into being."""
+LONGEST_STEP = 50.0
+"""In natural units of time, 20 s for legs of 1.6 m: no walker takes longer over a step."""
+MOST_STEPS = 3000
+"""Of the integrator in one phase: the longest step takes some hundreds."""
 SHORTEST_PHASE = 0.05
 """Part of a step for a phase whose end is not found, and for which no time seems to be left."""
 
@@ -66,18 +69,21 @@ class Rollout:
         return nodes
 
 
+@overflow_allowed()
 def roll_out(
     system: HybridSystem,
     p: Array,
     cycle: Cycle,
     state: Array,
     durations: Sequence[float] | Array | None = None,
-    longest: float = LONGEST_STEP,
+    longest: float | None = None,
 ) -> Rollout:
     """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, missing ones are found.
 
-    No phase whose end is looked for lasts beyond ``longest`` after the impact [s].
+    No phase whose end is looked for lasts beyond ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
     """
+    scales = system.scales(p)
+    longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
     time, z = 0.0, state.copy()
     transit = transit_time(system, p, cycle, state)
     found: list[float] = []
@@ -86,10 +92,11 @@ def roll_out(
     for phase, mode in enumerate(cycle.phases):
         if phase > 0 and cycle.impact_before(phase) is not None:
             time, z = 0.0, after_impact(system, p, cycle.impacts[cycle.step_of(phase) - 1], z)
+        z = np.nan_to_num(z)  # of a motion that has broken down
         if mode is Mode.STICK:
             z[-1] = 0.0
         known = None if durations is None else durations[phase]
-        motion = _integrate(system, p, mode, time, z, max(longest - time, FIRST_STEP) if known is None else known)
+        motion = _integrate(system, p, mode, time, z, max(longest - time, first_step) if known is None else known)
         duration = known
         if duration is None:
             end = _phase_end(system, p, cycle, phase, motion)
@@ -112,18 +119,26 @@ def after_impact(system: HybridSystem, p: Array, mode: Mode, z: Array) -> Array:
 def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> float:
     """Time of a step [s] at the rates of ``state``, for the joint that would be first where an impact leads back to it.
 
-    Relabelling is affine, s_plus = A s_minus + b, so that s_minus follows from any one of its values.
+    Where no joint has any way to go, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so
+    that s_minus follows from any one of its values.
     """
     n = system.n_shape
     mapped = np.asarray(system.impact(cycle.impact)(state, p)[0]).ravel()[:n]
     A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
     way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), np.abs(state[n + 1 : 2 * n + 1])
-    return float(np.min(way[rates > 0] / rates[rates > 0], initial=LONGEST_STEP))
+    time = system.scales(p).time
+    if not np.isfinite(way).all():
+        return LONGEST_STEP * time
+    moving = (way > 0) & (rates > 0)
+    return float(np.min(way[moving] / rates[moving], initial=LONGEST_STEP * time)) if moving.any() else time
 
 
 def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array, duration: float) -> OdeSolution:
-    """Motion in one mode across the control's breakpoints, until ``duration`` is over or the walker falls."""
-    flow, margins = system.flow(mode), system.margins(mode)
+    """Motion in one mode across the control's breakpoints, until ``duration`` is over or the walker falls.
+
+    A motion that breaks down at once stands still: what comes of it is seen by the solver.
+    """
+    flow, margins, scales = system.flow(mode), system.margins(mode), system.scales(p)
     data = [system.control.data(k) for k in range(len(system.control.breakpoints) + 1)]
 
     def segment(t: float) -> Array:
@@ -143,12 +158,32 @@ def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array
         z,
         "DOP853",
         dense_output=True,
-        events=upright,
+        events=(upright, _StepLimit()),
         rtol=RTOL,
-        atol=ATOL,
-        first_step=min(FIRST_STEP, end - time) or None,
+        atol=ATOL * system.state_scales(scales),
+        first_step=min(FIRST_STEP * scales.time, end - time) or None,
     )
-    return solution.sol
+    return solution.sol if solution.sol.interpolants else _still(time, end, z)
+
+
+def _still(time: float, end: float, z: Array) -> OdeSolution:
+    return solve_ivp(lambda t, state: np.zeros_like(state), (time, end), z, dense_output=True).sol
+
+
+class _StepLimit:
+    """Event that ends an integration after too many steps; in time it falls through zero within the last one."""
+
+    terminal, direction = True, -1
+
+    def __init__(self) -> None:
+        self._left, self._before, self._end = MOST_STEPS, -np.inf, np.inf
+
+    def __call__(self, t: float, state: Array) -> float:
+        self._left -= 1
+        if self._left == 0:
+            self._end = (self._before + t) / 2
+        self._before = t
+        return self._end - t
 
 
 def _phase_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution) -> float | None:
@@ -185,11 +220,12 @@ def _grid(motion: OdeSolution) -> Array:
 
 
 def _margin(system: HybridSystem, p: Array, mode: Mode, name: str, motion: OdeSolution) -> Callable[[float], float]:
-    """One margin of a mode along a motion."""
+    """One margin of a mode along a motion, in natural units."""
+    unit = margin_unit(name, system.scales(p))
     row, breakpoints = margin_names(mode).index(name), system.control.breakpoints
 
     def margin(t: float) -> float:
         data = system.control.data(int(np.searchsorted(breakpoints, t, side="right")))
-        return float(system.margins(mode)(t, motion(t), p, data)[row])
+        return float(system.margins(mode)(t, motion(t), p, data)[row]) / unit
 
     return margin

@@ -57,7 +57,6 @@ def search(transcription: Transcription, w: Array, p: Array, bounds: Array, extr
     reach = np.tile(reach, transcription.n_nodes)
     longest, free = np.full(durations.size, LONGEST * durations.sum()), np.full(extrema.size, np.inf)
     least, most = np.zeros(n_slack), np.full(n_slack, np.inf)
-    freed_sizes = np.clip(np.abs(freed), SMALLEST_PART * (bounds[1] - bounds[0]), bounds[1] - bounds[0])
     return Search(
         start=np.concatenate([w, extrema, np.ones(n_slack)]),
         lower=np.concatenate([w[: nodes.size] - reach, np.zeros(durations.size), bounds[0], -free, least]),
@@ -66,13 +65,19 @@ def search(transcription: Transcription, w: Array, p: Array, bounds: Array, extr
             [
                 np.tile(states, transcription.n_nodes),
                 np.full(durations.size, durations.sum()),
-                freed_sizes,
+                freed_sizes(freed, bounds),
                 np.maximum(np.abs(extrema), SMALL),
                 np.ones(n_slack),
             ]
         ),
         n_nodes=nodes.size,
     )
+
+
+def freed_sizes(freed: Array, bounds: Array) -> Array:
+    """Typical sizes of the freed parameters, from their values and bounds (2, n_free); shape (n_free,)."""
+    span = bounds[1] - bounds[0]
+    return np.clip(np.abs(freed), SMALLEST_PART * span, span)
 
 
 def _state_sizes(t: Transcription, nodes: Array, durations: Array, p: Array) -> Array:

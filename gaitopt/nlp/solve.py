@@ -19,14 +19,15 @@ from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.problem import Problem
+from gaitopt.nlp.trial import overflow_allowed
+from gaitopt.problem import NO_ENERGY, Problem, lacks_energy
 
 Array = NDArray[np.float64]
 
 MAX_REORDERS = 6
 """Times that switches and breakpoints may change their order; each is a new layout."""
 RESIDUAL_TOLERANCE = 1e-9
-"""Largest violation of any equality or margin in a solution that is called converged."""
+"""Largest violation, in natural units, of any equality or margin in a solution that is called converged."""
 VANISHING = 1e-7
 """A phase shorter than this part of the period does not take place."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
@@ -75,7 +76,7 @@ def solve_gait(
     solver = {"iterations": float(attempt.result.iterations), "seconds": time.perf_counter() - began}
     if attempt.result.status is not Status.CONVERGED:
         status, message = attempt.result.status, attempt.result.words
-        causes = () if status is Status.INTERRUPTED else _causes(attempt, guess)
+        causes = () if status is Status.INTERRUPTED else _causes(problem, attempt, guess)
         message = f"{message}: {in_words(causes)}" if causes else message
         return Gait(problem=problem, system=system, p=p, status=status, message=message, solver=solver, causes=causes)
     return _finish(problem, attempt, solver)
@@ -144,6 +145,7 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
     )
 
 
+@overflow_allowed()
 def trouble(refined: Refined) -> tuple[Cause, ...]:
     """What keeps a solution of IPOPT from being a gait, looked at without IPOPT; empty for a gait."""
     transcription, at = refined.transcription, refined.at
@@ -173,16 +175,19 @@ def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
     return np.asarray(function(w, p)).ravel()
 
 
-def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
+@overflow_allowed()
+def _causes(problem: Problem, attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
     """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open."""
+    if lacks_energy(problem):
+        return (Cause(what="energy", words=NO_ENERGY),)
     transcription, p = attempt.transcription, attempt.p
     relaxed = _attempt(transcription, p, attempt.start, None, None, relaxed=True)
     for w in (relaxed.result.w, attempt.result.w):
         residual = np.asarray(transcription.violation(w, p)).ravel()
-        if np.abs(residual).max() <= RESIDUAL_TOLERANCE:
+        if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
             found = complaints(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
             if found:
                 return tuple(found)
     if guess.endless is not None:
         return (endless_complaint(transcription.layout.cycle, guess.endless),)
-    return (residual_complaint(transcription, attempt.result.w, residual),)
+    return (residual_complaint(transcription, attempt.result.w, p, residual),)

@@ -29,6 +29,7 @@ from scipy.optimize import brentq
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.newton import linearise, section_response
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import overflow_allowed
 
 Array = NDArray[np.float64]
 
@@ -80,15 +81,10 @@ class _Radius(Callback):
         return self._gradient
 
 
-class _Gradient(Callback):
-    """(w, p, rho) -> d rho / dw and, never used, zero for d rho / dp."""
+class ResponseSlope:
+    """Derivative of <G, DPi> in the unknowns w, the return map's derivative DPi weighted by a matrix G."""
 
-    def __init__(
-        self, transcription: Transcription, answers: "_Answers", name: str, options: Mapping[str, Any]
-    ) -> None:
-        super().__init__()
-        self._t, self._answers = transcription, answers
-        t = transcription
+    def __init__(self, t: Transcription) -> None:
         system, n_z = t.system, t.system.n_z
         section = [int(i) for i in system.section(t.layout.cycle.impact)]
         n = t.equalities.numel()
@@ -102,6 +98,21 @@ class _Gradient(Callback):
         last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
         product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], moved)
         self._product = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
+
+    def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
+        """The derivative, shape (n_w,); V and adjoint as in ``newton.section_response``."""
+        return np.asarray(self._product(w, p, V, adjoint, G)).ravel()
+
+
+class _Gradient(Callback):
+    """(w, p, rho) -> d rho / dw and, never used, zero for d rho / dp."""
+
+    def __init__(
+        self, transcription: Transcription, answers: "_Answers", name: str, options: Mapping[str, Any]
+    ) -> None:
+        super().__init__()
+        self._t, self._answers = transcription, answers
+        self._slope = ResponseSlope(transcription)
         self.construct(name, options)
 
     def get_n_in(self) -> int:
@@ -122,7 +133,7 @@ class _Gradient(Callback):
         if answer is None:
             return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
         G = radius_gradient(answer.M, answer.radius, answer.P)
-        return [self._product(w, p, answer.V, answer.adjoint(G), G).T, DM(1, p.size)]
+        return [DM(self._slope(w, p, answer.V, answer.adjoint(G), G)).T, DM(1, p.size)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,12 +162,15 @@ class _Answers:
             self._asked, self._answer = asked, self._found(w, p)
         return self._answer
 
+    @overflow_allowed()
     def _found(self, w: Array, p: Array) -> _Answer | None:
         if not np.isfinite(w).all():
             return None
         try:
             V, M, adjoint = section_response(self._t, linearise(self._t, w, p))
         except RuntimeError:  # singular
+            return None
+        if not np.isfinite(M).all():
             return None
         radius, P = smoothed_radius(M)
         return _Answer(V=V, M=M, adjoint=adjoint, radius=radius, P=P)

@@ -12,7 +12,6 @@ by eq. (5)); the other factor stays an inequality at every node, except where an
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -20,24 +19,12 @@ from casadi import MX, Function, horzcat, repmat, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait.curves import points
-from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
+from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
+from gaitopt.nlp.units import Label, Units
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Label:
-    """What one row of the inequalities says: the margin's name, and the phase and node where it is taken.
-
-    ``phase`` and ``node`` are None for an impact, ``step`` is the index of its step.
-    """
-
-    name: str
-    phase: int | None = None
-    node: int | None = None
-    step: int = 0
 
 
 class Transcription:
@@ -95,10 +82,24 @@ class Transcription:
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and what each one says."""
         rows, labels = [], []
-        for expression, label in (*self._node_margins(), *self._onset_margins(), *self._impact_margins()):
+        for expression, label in (*self._node_margins(), *self._onset_margins(), *self.impact_margins()):
             rows.append(expression)
             labels.append(label)
         return vertcat(*rows), tuple(labels)
+
+    def units(self, p: Array) -> Units:
+        """Natural units of unknowns, equalities and margins for the walker at parameters ``p``, shape (n_p,)."""
+        scales = self.system.scales(p)
+        state = self.system.state_scales(scales)
+        nodes = np.tile(state, self.n_nodes)
+        events = [margin_unit(name, scales) / scales.time**order for _, name, order in self._endings()]
+        return Units(
+            unknowns=self.pack(nodes, np.full(self.n_phases, scales.time), np.ones(len(self.free))),
+            equalities=np.concatenate(
+                [np.tile(state, self.layout.intervals), events, np.tile(state, len(self.layout.cycle.steps))]
+            ),
+            margins=np.array([label.unit(scales) for label in self.inequalities[1]]),
+        )
 
     @cached_property
     def violation(self) -> Function:
@@ -184,15 +185,19 @@ class Transcription:
         A slip that starts at rest is also at rest after no time at all; dividing by that zero leaves its real end,
         and keeps the equations regular where the slip comes into being.
         """
-        cycle, events = self.layout.cycle, []
-        for phase, mode in enumerate(cycle.phases):
+        events = []
+        for phase, (mode, name, order) in enumerate(self._endings()):
             index = max(i for i, arc in enumerate(self.layout.arcs) if arc.phase == phase)
-            name = ending_margin(mode, cycle.after(phase))
             margin = self._end_margins(index)[margin_names(mode).index(name)]
-            jump = self.system.friction.two_coefficients
-            order = cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
             events.append(margin / self.durations[phase] ** order if order else margin)
         return events
+
+    def _endings(self) -> Iterator[tuple[Mode, str, int]]:
+        """Mode of every phase, the margin that ends it, and the order of the zero that this margin starts from."""
+        cycle, jump = self.layout.cycle, self.system.friction.two_coefficients
+        for phase, mode in enumerate(cycle.phases):
+            name = ending_margin(mode, cycle.after(phase))
+            yield mode, name, cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
 
     def _end_margins(self, index: int) -> MX:
         arc, Z, start, h = self.arc(index)
@@ -223,11 +228,12 @@ class Transcription:
                 if name in ("touchdown", "upright"):
                     continue
                 for k in range(arc.intervals + 1):
-                    if not self._is_zero_by_event(i, k, name):
+                    if not self.is_zero_by_event(i, k, name):
                         rows.append((margins[row, k], Label(name=name, phase=arc.phase, node=first + k)))
         return rows
 
-    def _is_zero_by_event(self, index: int, k: int, name: str) -> bool:
+    def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
+        """Whether an event makes a margin zero at node ``k`` of an arc."""
         arc, cycle = self.layout.arcs[index], self.layout.cycle
         if k == 0 and arc.start is None and name == "slip_velocity":
             return cycle.onset_order(arc.phase) > 0
@@ -248,7 +254,8 @@ class Transcription:
                 rows.append((-cone, Label(name="onset", phase=arc.phase, node=first)))
         return rows
 
-    def _impact_margins(self) -> list[tuple[MX, Label]]:
+    def impact_margins(self) -> list[tuple[MX, Label]]:
+        """Margins of the impacts."""
         return [row for step in range(len(self.layout.cycle.steps)) for row in self._margins_of_impact(step)]
 
     def _margins_of_impact(self, step: int) -> Iterator[tuple[MX, Label]]:

@@ -181,3 +181,30 @@ def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:
         varied[i] = (derivatives[i] @ inner).ravel()
     added(DOP853.B, base)
     return base[:, :n_z]
+
+
+def step_derivatives(
+    system: HybridSystem,
+    mode: Mode,
+    free: tuple[str, ...],
+    nodes: Array,
+    times: Array,
+    lengths: Array,
+    p: Array,
+    r: Array,
+) -> Array:
+    """Derivatives of K steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free).
+
+    Parameters
+    ----------
+    nodes, times, lengths : where the steps start, shape (n_z, K) and (K,), and how long they are, shape (K,) [s].
+    p, r : all parameters, and the segment data of the control.
+    """
+    n_z, m = nodes.shape
+    values = stage_derivatives(system, mode, free)(nodes, times[None], lengths[None], p, r)
+    stages = np.asarray(values).reshape(n_z, m, N_STAGES, -1).transpose(2, 1, 0, 3)
+    stages = np.ascontiguousarray(stages)
+    by = _varied(stages[..., 0], stages[..., 1:], lengths)
+    if mode is Mode.STICK:
+        by[:, -1] = 0.0
+    return by

@@ -13,11 +13,12 @@ from gaitopt.gait import Ending, Step
 from gaitopt.mechanics import Mode
 from gaitopt.orbit.variational import StepVariation
 from gaitopt.simulation import Simulator
+from gaitopt.simulation.natural import units
 
 Array = NDArray[np.float64]
 
-FIXED_POINT_TOLERANCE = 1e-12
-"""Rounding of a simulated step."""
+ROUNDING = 1e-12
+"""Error of a simulated step in natural units, as far as it is not amplified."""
 NEWTON_STEPS = 12
 
 
@@ -45,7 +46,9 @@ class FixedPoint:
     Attributes
     ----------
     xi : ndarray, shape (n_xi,) - last iterate.
-    residual : largest entry of Pi(xi) - xi; infinite where the map is not defined.
+    residual : largest entry of Pi(xi) - xi in natural units; infinite where the map is not defined.
+    accuracy : residual below which rounding leaves nothing to improve; what happens early in a step is amplified by
+        the derivative of the map.
     steps : the steps from ``xi``.
     jacobian : ndarray, shape (n_xi, n_xi) - derivative of the map at ``xi``, or None.
     message : how it ended.
@@ -53,6 +56,7 @@ class FixedPoint:
 
     xi: Array
     residual: float
+    accuracy: float
     steps: tuple[Step, ...]
     jacobian: Array | None
     message: str
@@ -60,7 +64,7 @@ class FixedPoint:
     @property
     def converged(self) -> bool:
         """Whether the residual is down at rounding."""
-        return self.residual < FIXED_POINT_TOLERANCE
+        return self.residual <= self.accuracy
 
 
 class ReturnMap:
@@ -70,6 +74,7 @@ class ReturnMap:
         self.simulator, self.section_mode, self.n_steps = simulator, section_mode, n_steps
         self._system, self._p = simulator.system, simulator.p
         self._indices = simulator.system.section(section_mode)
+        self._units = units(self._system, self._p).state[self._indices]
         self._variation = StepVariation(self._system, self._p, section_mode, simulator.stepper)
 
     def __call__(self, xi: Array) -> Return:
@@ -94,9 +99,9 @@ class ReturnMap:
         for _ in range(NEWTON_STEPS):
             if point.converged or point.jacobian is None:
                 break
-            defect = self._returned(point.steps) - point.xi
-            newton = np.linalg.lstsq(point.jacobian - np.eye(xi.size), defect, rcond=None)[0]
-            candidate = self._evaluate(point.xi - newton)
+            defect = (self._returned(point.steps) - point.xi) / self._units
+            newton = np.linalg.lstsq(self._scaled(point.jacobian) - np.eye(xi.size), defect, rcond=None)[0]
+            candidate = self._evaluate(point.xi - newton * self._units)
             if not candidate.residual < point.residual:
                 break
             point = candidate
@@ -110,10 +115,26 @@ class ReturnMap:
     def _evaluate(self, xi: Array) -> FixedPoint:
         result = self(xi)
         if result.xi is None:
-            return FixedPoint(xi=xi, residual=np.inf, steps=result.steps, jacobian=None, message=result.message)
-        residual = float(np.abs(result.xi - xi).max())
-        jacobian = self.jacobian(result.steps)
-        if not np.isfinite(jacobian).all():
+            return FixedPoint(
+                xi=xi, residual=np.inf, accuracy=ROUNDING, steps=result.steps, jacobian=None, message=result.message
+            )
+        residual = float(np.abs((result.xi - xi) / self._units).max())
+        derivative = self.jacobian(result.steps)
+        if not np.isfinite(derivative).all():
             message = "the walk grazes an event, where the return map has no derivative"
-            return FixedPoint(xi=xi, residual=residual, steps=result.steps, jacobian=None, message=message)
-        return FixedPoint(xi=xi, residual=residual, steps=result.steps, jacobian=jacobian, message=result.message)
+            return FixedPoint(
+                xi=xi, residual=residual, accuracy=ROUNDING, steps=result.steps, jacobian=None, message=message
+            )
+        accuracy = ROUNDING * max(1.0, float(np.linalg.norm(self._scaled(derivative), np.inf)))
+        return FixedPoint(
+            xi=xi,
+            residual=residual,
+            accuracy=accuracy,
+            steps=result.steps,
+            jacobian=derivative,
+            message=result.message,
+        )
+
+    def _scaled(self, jacobian: Array) -> Array:
+        """The derivative of the map in natural units."""
+        return jacobian * self._units / self._units[:, None]

@@ -5,23 +5,24 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import SolveError
-from gaitopt.gait import Gait
+from gaitopt.gait import TERMINAL, Gait
 from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.problem import Problem
 from gaitopt.store import (
-    LineWriter,
+    BRANCH_FILE,
     Table,
     begin_branch,
     branch_folder,
     find_run,
+    growing,
     read_run,
     run_folder,
     stored_records,
     write_run,
+    writing,
 )
 from gaitopt.store.run import RESULTS
 from gaitopt.study.continuation import Request, follow_family, resumable
-from gaitopt.study.continuation.follow import TERMINAL
 from gaitopt.study.restore import restore_gait
 from gaitopt.study.solve import solve
 from gaitopt.study.verify import verify
@@ -101,10 +102,11 @@ class Archive:
         gait, done = self.gait(problem), resumable(stored)
         targets = " and ".join(f"{value:g}" for value in request.to)
         self._narrate(f"continuing {problem.name}{_changes(problem)} in {request.parameter} to {targets}")
-        path = begin_branch(folder, problem, request.to_record(), done)
-        with LineWriter(path) as lines:
-            for record in follow_family(gait, request, done=done, should_stop=self._should_stop):
-                lines.append(record.to_record())
+        with writing(folder, problem):
+            begin_branch(folder, problem, request.to_record(), done)
+            with growing(folder, BRANCH_FILE) as lines:
+                for record in follow_family(gait, request, done=done, should_stop=self._should_stop):
+                    lines.append(record.to_record())
         self._check_interrupt()
 
     def _check_interrupt(self) -> None:

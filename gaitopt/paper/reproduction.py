@@ -9,7 +9,7 @@ from gaitopt.paper import table
 from gaitopt.paper.archive import Archive
 from gaitopt.paper.figures import FIGURES
 from gaitopt.store import json_text, write_whole
-from gaitopt.store.files import make_folder
+from gaitopt.store.files import clear_leftovers, make_folder
 
 PAPERS = ("gamus-or-2013",)
 TABLE = "table"
@@ -52,6 +52,7 @@ def reproduce(
     paths : of the files, in the order of ``parts()``.
     """
     make_folder(folder)
+    clear_leftovers(folder)
     wanted = [name for name in parts() if not only or name in only]
     written: list[Path] = []
     for done, name in enumerate(wanted, start=1):

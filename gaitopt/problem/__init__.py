@@ -1,9 +1,10 @@
 """Problems: YAML files that say which gait of which walker is wanted, and how they are read, checked and changed."""
 
 from gaitopt.problem.catalogue import problem_names
-from gaitopt.problem.demands import RESULT_SCALARS
+from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem
 from gaitopt.problem.record import cycle_data
+from gaitopt.problem.scalars import RESULT_SCALARS
 from gaitopt.problem.schema import problem_schema
 from gaitopt.problem.sections import (
     ConstantTorqueSpec,
@@ -21,6 +22,7 @@ from gaitopt.problem.sections import (
 from gaitopt.problem.source import parse_value
 
 __all__ = [
+    "NO_ENERGY",
     "RESULT_SCALARS",
     "ConstantTorqueSpec",
     "ControlSpec",
@@ -35,6 +37,7 @@ __all__ = [
     "Problem",
     "Range",
     "cycle_data",
+    "lacks_energy",
     "load_problem",
     "parse_problem",
     "parse_value",

@@ -14,7 +14,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.modes import Cycle
 from gaitopt.mechanics.reference import BeyondEnd
-from gaitopt.mechanics.walker import Walker
+from gaitopt.mechanics.walker import Walker, refused_walkers
 from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
 from gaitopt.problem.initial import read_gait
@@ -102,6 +102,9 @@ def _find_model(
     name = section.get("model")
     if isinstance(name, str) and name in walkers:
         return walkers[name]
+    if isinstance(name, str) and name in refused_walkers():
+        faults.append(Fault(("walker", "model"), refused_walkers()[name]))
+        return None
     wrong = f"no walker is called {shown(name)}" if "model" in section else "is missing"
     faults.append(Fault(("walker", "model"), f"{wrong}{near_miss(name, tuple(walkers))}"))
     return None
@@ -159,11 +162,11 @@ def _with_reference(data: Mapping[str, Any], faults: list[Fault]) -> dict[str, A
     read: GaitReference | CurveReference | None
     if isinstance(reference, Mapping) and "curve" in reference:
         curve = read_section(Curve, reference["curve"], (*path, "curve"), faults)
-        stand_in = curve or Curve(degree=1, start="")
+        stand_in = curve or Curve.model_construct(degree=1, start="")
         read = read_section(CurveReference, {**reference, "curve": stand_in}, path, faults)
     else:
         read = read_section(GaitReference, reference, path, faults)
-    return {**data, "reference": read or GaitReference(gait="", beyond_end=BeyondEnd.HOLD)}
+    return {**data, "reference": read or GaitReference.model_construct(gait="", beyond_end=BeyondEnd.HOLD)}
 
 
 def _point_faults(curve: Curve, walker: type[Walker]) -> Iterator[Fault]:

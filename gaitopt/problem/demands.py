@@ -10,6 +10,7 @@ from gaitopt.mechanics.modes import Cycle, Mode
 from gaitopt.mechanics.units import Angle, Number
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
+from gaitopt.problem.scalars import RESULT_SCALARS, TORQUE_SCALARS
 from gaitopt.problem.sections import (
     AngleRangeSection,
     ControlSpec,
@@ -21,21 +22,6 @@ from gaitopt.problem.sections import (
     RangeSection,
     is_angle,
 )
-
-TORQUE_SCALARS = ("work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque")
-RESULT_SCALARS = (
-    "period",
-    "step_length",
-    "speed",
-    *TORQUE_SCALARS,
-    "slip_distance",
-    "foot_clearance",
-    "spectral_radius",
-    "required_friction",
-    "impulse_ratio",
-    "min_normal_force",
-)
-"""Scalars of a result that an objective or a constraint may name, besides ``state.NAME`` and freed dotted keys."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,6 +115,9 @@ def check_unknowns(
     asked: Asked, objective: Mapping[str, float], constraints: Mapping[str, Range], faults: list[Fault]
 ) -> None:
     """Whether the free parameters are neither too few nor too many for what is asked."""
+    if asked.unknowns and asked.cycle is not None and len(asked.cycle.steps) > 1:
+        message = "several steps and unknown parameters do not go together yet: give numbers, or a gait of one step"
+        faults.append(Fault(("gait", "steps"), message))
     equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
     if not asked.unknowns and (objective or constraints):
         path: Key = ("objective",) if objective else ("constraints",)

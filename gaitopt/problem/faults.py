@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from gaitopt.errors import ProblemError
+from gaitopt.mechanics.units import LARGEST, SMALLEST
 
 Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""
@@ -70,9 +72,15 @@ class OverridePlace:
 
 def raise_faults(faults: Iterable[Fault], place: Place) -> None:
     """Raise a ProblemError with one line per fault, in the order of their places; nothing if there are none."""
+    lines = fault_lines(faults, place)
+    if lines:
+        raise ProblemError("\n".join(lines))
+
+
+def fault_lines(faults: Iterable[Fault], place: Place) -> list[str]:
+    """One line per fault, in the order of their places."""
     located = sorted((*place.locate(fault.path), fault.message) for fault in faults)
-    if located:
-        raise ProblemError("\n".join(dict.fromkeys(f"{where}: {message}" for _, where, message in located)))
+    return list(dict.fromkeys(f"{where}: {message}" for _, where, message in located))
 
 
 def read_section(model: type[Model], data: object, path: Key, faults: list[Fault]) -> Model | None:
@@ -126,15 +134,41 @@ def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
         choices = re.findall(r"'(.*?)'", str(limits["expected"]))
         return f"{shown(value)} is not one of the choices{near_miss(value, choices)}"
     if kind in ("too_short", "too_long"):
-        wanted = limits.get("min_length", limits.get("max_length"))
-        return f"has {limits['actual_length']} entries where {wanted} belong{meaning}"
+        return f"has {limits['actual_length']} entries, but {_length_words(field)}{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
     if isinstance(value, float) and not math.isfinite(value):
         return f"{value} is not a finite number{meaning}"
+    if kind in _LIMITS:
+        return f"{shown(value)} must be {_range_words(field, kind, limits[_LIMITS[kind]])}{meaning}"
     return f"{shown(value)} {_WANTED.get(kind, item['msg']).format(**limits)}{meaning}"
 
 
+def _length_words(field: FieldInfo | None) -> str:
+    least, most = (_limits(field, (name,)) for name in ("min_length", "max_length"))
+    if least == most:
+        return f"{least[0]:g} belong here"
+    return f"at least {least[0]:g} belong here" if not most else f"at most {most[0]:g} are allowed"
+
+
+def _range_words(field: FieldInfo | None, kind: str, violated: float) -> str:
+    """The whole range of a number; where nothing but its sign or its size is restricted, the limit alone."""
+    if violated == SMALLEST:
+        return f"greater than 0, and at least {SMALLEST:g}"
+    least = max(_limits(field, ("ge",)), default=-LARGEST)
+    most = min(_limits(field, ("le",)), default=LARGEST)
+    if least in (-LARGEST, SMALLEST) or most == LARGEST:
+        return f"at {'least' if kind == 'greater_than_equal' else 'most'} {violated:g}"
+    return f"at least {least:g} and at most {most:g}"
+
+
+def _limits(field: FieldInfo | None, names: Sequence[str]) -> list[float]:
+    """Limits of a field by pydantic's names; none for what stands inside of a list."""
+    metadata = () if field is None else field.metadata
+    return [getattr(part, name) for part in metadata for name in names if getattr(part, name, None) is not None]
+
+
+_LIMITS = {"greater_than_equal": "ge", "less_than_equal": "le"}
 _WANTED: Mapping[str, Any] = {
     "float_type": "is not a number",
     "int_type": "is not an integer",
@@ -143,9 +177,8 @@ _WANTED: Mapping[str, Any] = {
     "tuple_type": "is not a list",
     "dict_type": "is not a mapping",
     "greater_than": "must be greater than {gt:g}",
-    "greater_than_equal": "must be at least {ge:g}",
     "less_than": "must be less than {lt:g}",
-    "less_than_equal": "must be at most {le:g}",
+    "string_too_short": "must not be empty",
     "string_too_long": "must have at most {max_length} characters",
     "string_pattern_mismatch": "has characters that are not allowed",
 }

@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,9 @@ from gaitopt.mechanics.modes import Cycle, ImpactLaw
 from gaitopt.mechanics.walker import Walker, registered_walkers
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
-from gaitopt.problem.faults import Fault, FilePlace, Key, Place, raise_faults, shown
+from gaitopt.problem.faults import Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
+from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.record import problem_data
 from gaitopt.problem.sections import (
     ControlSpec,
@@ -52,6 +53,7 @@ class Problem:
     reference : the problem whose gait the control tracks or its curve starts from.
     path, text : where it came from, verbatim; overrides are not in the text.
     origin : the problem with an open sequence that this one answers, under whose name and digest it is kept.
+    remarks : what is unusual about its numbers, one line each with its place; empty for most problems.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Problem:
     reference: "Problem | None" = None
     path: Path | None = None
     text: str = ""
+    remarks: tuple[str, ...] = field(default=(), compare=False)
     origin: "Problem | None" = None
 
     @property
@@ -112,6 +115,11 @@ class Problem:
             {f"friction.{k}": v for k, v in numbers.items()} if isinstance(numbers, dict) else {"friction": numbers}
         )
         return {**walker, **friction, **control}
+
+    @property
+    def static_friction(self) -> float:
+        """Coefficient that bounds the force of a sticking foot."""
+        return self.friction if isinstance(self.friction, float) else self.friction.static
 
     @property
     def friction_data(self) -> float | dict[str, float]:
@@ -280,8 +288,13 @@ def _build(
         untracked = ", ".join(angle for angle in fields["walker"].tracked if angle not in reference.walker.shape)
         found = f"the reference {shown(name)} is a {reference.walker.model}"
         faults += [Fault(key, f"{found}, which has no {untracked} to track")] if untracked else []
+    if reference and len(reference.cycle.steps) > 1:
+        message = f"the reference {shown(name)} has several steps, but its clock restarts at every impact"
+        faults.append(Fault(key, f"{message}: name a gait of one step"))
     raise_faults(faults, place)
-    return Problem(**fields, reference=reference, path=origin.path, text=text)
+    problem = Problem(**fields, reference=reference, path=origin.path, text=text)
+    raise_faults(impossible(problem), place)
+    return replace(problem, remarks=tuple(fault_lines(remarks(problem), place)))
 
 
 def _reference_name(control: ControlSpec | None) -> tuple[str, Key]:

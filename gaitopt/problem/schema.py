@@ -4,9 +4,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from gaitopt.mechanics.ranges import Within
 from gaitopt.mechanics.units import ANGLE_UNITS
 from gaitopt.mechanics.walker import Walker, registered_walkers
-from gaitopt.problem.demands import RESULT_SCALARS
+from gaitopt.problem.scalars import SCALARS, Scalar
 from gaitopt.problem.sections import (
     Curve,
     CurveReference,
@@ -32,12 +33,6 @@ ANGLE_TEXT = {
 LIMIT_NAMES = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 """Where a validator stands between type and limits, pydantic keeps its own names of the limits."""
 NUMBER_OR_ANGLE = {"anyOf": [{"type": "number"}, ANGLE_TEXT]}
-RANGE = {
-    "type": "object",
-    "properties": {"min": NUMBER_OR_ANGLE, "max": NUMBER_OR_ANGLE},
-    "minProperties": 1,
-    "additionalProperties": False,
-}
 
 
 def problem_schema() -> dict[str, Any]:
@@ -47,7 +42,7 @@ def problem_schema() -> dict[str, Any]:
     head["properties"]["friction"]["anyOf"].append(
         _section(FrictionCoefficients, may_be_free=tuple(FrictionCoefficients.model_fields))
     )
-    scalars = "a scalar of the result, state.NAME, or a freed dotted key: " + ", ".join(RESULT_SCALARS)
+    scalars = "a scalar of the result, state.NAME, or a freed dotted key"
     head["properties"] |= {
         "walker": {
             "description": "the walker and its parameters",
@@ -69,7 +64,8 @@ def problem_schema() -> dict[str, Any]:
         "constraints": {
             "description": f"values or ranges: {scalars}",
             "type": "object",
-            "additionalProperties": {"anyOf": [*NUMBER_OR_ANGLE["anyOf"], RANGE]},
+            "properties": {name: _constraint(scalar) for name, scalar in SCALARS.items()},
+            "additionalProperties": {"anyOf": [*NUMBER_OR_ANGLE["anyOf"], _range(NUMBER_OR_ANGLE, NUMBER_OR_ANGLE)]},
         },
     }
     head["required"] += ["walker", "gait"]
@@ -117,15 +113,36 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
     for key, field in model.model_fields.items():
         entry = schema["properties"][key]
         entry.pop("title", None)
+        ranges = [str(part) for part in field.metadata if isinstance(part, Within)]
+        if ranges:
+            entry["description"] = "; ".join([entry.get("description", ""), *ranges])
         number = entry.get("type") == "number" or {"type": "number"} in entry.get("anyOf", [])
         if not number or not (is_angle(field) or key in may_be_free):
             continue
-        value = {LIMIT_NAMES.get(k, k): v for k, v in entry.items() if k != "description"}
+        own = {LIMIT_NAMES[k]: v for k, v in entry.items() if k in LIMIT_NAMES}
+        value = {k: v for k, v in entry.items() if k != "description" and k not in LIMIT_NAMES} | own
         if is_angle(field):
             value = {"anyOf": [*value.get("anyOf", [value]), ANGLE_TEXT]}
         choices = [value, _free(value)] if key in may_be_free else [value]
         schema["properties"][key] = {"description": entry.get("description", ""), "anyOf": choices}
     return schema
+
+
+def _constraint(scalar: Scalar) -> dict[str, Any]:
+    """A constrained scalar: what can be checked without the walker is what its sign allows."""
+    signed = scalar.within.possible[0] >= 0
+    least: dict[str, Any] = {"type": "number", "minimum": 0} if signed else {"type": "number"}
+    words = "; ".join(filter(None, (scalar.meaning, str(scalar.within))))
+    return {"description": words, "anyOf": [least, _range({"type": "number"}, least)]}
+
+
+def _range(least: dict[str, Any], most: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": {"min": least, "max": most},
+        "minProperties": 1,
+        "additionalProperties": False,
+    }
 
 
 def _free(value: dict[str, Any]) -> dict[str, Any]:

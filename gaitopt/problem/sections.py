@@ -7,18 +7,31 @@ torques) are made from the walker's own names.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from math import pi
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
 
 from gaitopt.mechanics.modes import ImpactLaw, Mode
+from gaitopt.mechanics.ranges import Within, symmetric
 from gaitopt.mechanics.reference import BeyondEnd
-from gaitopt.mechanics.units import Angle, NonNegative, Number, Positive, parse_angle
+from gaitopt.mechanics.units import SMALLEST, Angle, Finite, NonNegative, Number, parse_angle
 from gaitopt.mechanics.walker import Walker
 
 MAX_STEPS = 64
 """Of a cycle; beyond that a walk is taken for irregular."""
+MAX_PHASES = 64
+"""Of one step: known gaits have up to five, and the equations grow with them."""
+FRICTION = Within(usual=(0, 3))
+DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
+Duration = Annotated[Finite, Field(ge=SMALLEST)]
+TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
+RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
+SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
+POSITION = Within(unit="length", possible=symmetric(1000))
+Name = Annotated[str, Field(min_length=1, max_length=1000)]
+"""Of another problem: a name, or a path."""
 
 
 class Section(BaseModel):
@@ -72,7 +85,7 @@ class Guess:
 class GaitReference(Section):
     """The angles of another gait, over the time since the impact."""
 
-    gait: Annotated[str, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
+    gait: Annotated[Name, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
     beyond_end: Annotated[
         BeyondEnd,
         Field(
@@ -86,12 +99,17 @@ class Curve(Section):
     """A smooth curve per tracked joint whose coefficients are unknowns."""
 
     degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
-    start: Annotated[str, Field(description="problem whose gait gives the first guess: a name, or a path")]
+    start: Annotated[Name, Field(description="problem whose gait gives the first guess: a name, or a path")]
     within: Annotated[
-        Angle, Field(gt=0, description="bound of the curves' angles on both sides of zero [rad], kept by construction")
+        Angle,
+        Field(
+            ge=SMALLEST,
+            le=pi,
+            description="bound of the curves' angles on both sides of zero [rad], kept by construction",
+        ),
     ] = 0.6
     duration: Annotated[
-        Positive | None, Field(description="of the curves [s]; the period of the start's gait if left out")
+        Duration | None, Field(description="of the curves [s]; the period of the start's gait if left out"), DURATION
     ] = None
     points: Annotated[
         dict[str, tuple[Angle, ...]] | None,
@@ -135,7 +153,7 @@ class ConstantTorqueSpec(Section):
     """Constant torques by the walker's actuator names [N m]."""
 
     type: Literal["constant_torque"] = "constant_torque"
-    torques: Mapping[str, Number]
+    torques: Mapping[str, Finite]
 
 
 class PDSpec(Section):
@@ -145,8 +163,16 @@ class PDSpec(Section):
     """
 
     type: Literal["pd"] = Field("pd", description="PD tracking of a reference")
-    kp: Annotated[NonNegative, Field(description="gain on the angle [N m/rad]")]
-    kd: Annotated[NonNegative, Field(description="gain on the rate [N m s/rad]")]
+    kp: Annotated[
+        Finite,
+        Field(ge=0, description="gain on the angle [N m/rad]"),
+        Within(unit="torque", possible=(0, 1000), usual=(0, 30)),
+    ]
+    kd: Annotated[
+        Finite,
+        Field(ge=0, description="gain on the rate [N m s/rad]"),
+        Within(unit="damping", possible=(0, 100), usual=(0, 10)),
+    ]
     reference: Annotated[GaitReference | CurveReference, Field(description="motion that the joints track")]
 
 
@@ -165,7 +191,7 @@ class HeadSection(Section):
         ),
     ]
     about: Annotated[str, Field(description="what the gait is, in a sentence")] = ""
-    friction: Annotated[NonNegative, Field(description="coefficient of friction mu")]
+    friction: Annotated[NonNegative, Field(le=1000, description="coefficient of friction mu"), FRICTION]
     impact_law: Annotated[
         ImpactLaw, Field(description="tangential law of a slipping impact: Coulomb friction, or no tangential impulse")
     ] = ImpactLaw.COULOMB
@@ -174,9 +200,13 @@ class HeadSection(Section):
 class FrictionCoefficients(Section):
     """Friction of a foot that sticks, and of one that slips: |f_t| <= mu_s f_n,  f_t = -s mu_k f_n - c dx."""
 
-    static: Annotated[NonNegative, Field(description="coefficient mu_s that bounds the force of a sticking foot")]
-    kinetic: Annotated[NonNegative, Field(description="coefficient mu_k of a slipping foot, at most the static one")]
-    viscous: Annotated[NonNegative, Field(description="drag c of a slip besides that [N s/m]")] = 0.0
+    static: Annotated[
+        NonNegative, Field(le=1000, description="coefficient mu_s that bounds the force of a sticking foot"), FRICTION
+    ]
+    kinetic: Annotated[
+        NonNegative, Field(le=1000, description="coefficient mu_k of a slipping foot, at most the static one"), FRICTION
+    ]
+    viscous: Annotated[NonNegative, Field(le=1e6, description="drag c of a slip besides that [N s/m]")] = 0.0
 
     @model_validator(mode="after")
     def _static_is_larger(self) -> Self:
@@ -191,7 +221,7 @@ class FrictionCoefficients(Section):
 class StepSection(Section):
     """The mode sequence of one step."""
 
-    phases: Annotated[tuple[Mode, ...], Field(description="modes of the stance foot in order")]
+    phases: Annotated[tuple[Mode, ...], Field(max_length=MAX_PHASES, description="modes of the stance foot in order")]
     impact: Annotated[Mode, Field(description="what the colliding foot does just after the impact that ends the step")]
 
 
@@ -227,7 +257,9 @@ class GuessSection(Section):
     state: Annotated[
         dict[str, Any], Field(description="state just after impact; what is left out follows from the section")
     ]
-    durations: Annotated[tuple[Positive, ...] | None, Field(description="of the phases [s], one each; optional")] = None
+    durations: Annotated[
+        tuple[Duration, ...] | None, Field(description="of the phases [s], one each; optional"), DURATION
+    ] = None
 
 
 class FreeSection(Section):
@@ -258,7 +290,9 @@ SECTION_KEYS = ("walker", "control", "gait", "objective", "constraints")
 @lru_cache
 def torques_section(walker: type[Walker]) -> type[Section]:
     """Constant torques of a walker: one key per actuator."""
-    torque = {name: Annotated[Number, Field(description=f"torque of the {name} [N m]")] for name in walker.actuators}
+    torque = {
+        name: Annotated[Finite, Field(description=f"torque of the {name} [N m]"), TORQUE] for name in walker.actuators
+    }
     kind = Annotated[Literal["constant_torque"], Field(description="constant torques [N m]")]
     return _model("TorquesSection", {"type": kind, **torque})
 
@@ -269,8 +303,10 @@ def state_section(walker: type[Walker]) -> type[Section]:
 
     def entry(name: str) -> Any:
         if name in walker.shape:
-            return Annotated[Angle, Field(description="[rad]")]
-        return Annotated[Number, Field(description={"x": "[m]", "dx": "slip velocity [m/s]"}.get(name, "[rad/s]"))]
+            largest = walker.largest_angle
+            return Annotated[Angle, Field(ge=-largest, le=largest, description="[rad]")]
+        words, within = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}.get(name, ("[rad/s]", RATE))
+        return Annotated[Finite, Field(description=words), within]
 
     return _model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
 

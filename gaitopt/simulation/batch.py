@@ -13,6 +13,7 @@ from gaitopt.simulation.batch_decisions import BatchDecisions, Landing
 from gaitopt.simulation.batch_steps import BASE, ENDINGS, MAX_PHASES, MODES, BatchSteps
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.heyoka_batch import Arrivals, HeyokaBatch
+from gaitopt.simulation.natural import units
 from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES, ONSETS
 
 Array = NDArray[np.float64]
@@ -35,18 +36,20 @@ class BatchSimulator:
         system: HybridSystem,
         p: Array,
         *,
-        max_step_time: float = MAX_STEP_TIME,
+        max_step_time: float | None = None,
         max_switches: int = MAX_SWITCHES,
     ) -> None:
         self.system, self.p = system, np.array(p)
         self._max_switches = max_switches
         self._stepper, self._decisions = HeyokaBatch(system, p), BatchDecisions(system, p)
-        limit = min(max_step_time, system.control.horizon)
+        self._units = units(system, p)
+        longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
+        limit = min(longest, system.control.horizon)
         self._ends = np.array([*(t for t in system.control.breakpoints if t < limit), limit])
 
     def step(self, states: Array) -> BatchSteps:
         """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
-        motion = _Motion(states, self.system.n_shape)
+        motion = _Motion(states, self.system.n_shape, EDGE * self._units.speed)
         self._choose_at_rest(motion, np.flatnonzero(motion.states[:, -1] == 0))
         while (going := np.flatnonzero(motion.endings < 0)).size:
             modes = motion.modes[going]
@@ -111,12 +114,12 @@ class BatchSimulator:
 class _Motion:
     """Where all the states have got to; an ending of -1 means that the motion goes on."""
 
-    def __init__(self, states: Array, n_x: int) -> None:
+    def __init__(self, states: Array, n_x: int, at_rest: float) -> None:
         n = len(states)
         self._n_x = n_x
         self.states = np.array(states, dtype=float)
         self.states[:, n_x] = 0.0
-        self.states[np.abs(self.states[:, -1]) <= EDGE, -1] = 0.0
+        self.states[np.abs(self.states[:, -1]) <= at_rest, -1] = 0.0
         self.times, self.step_lengths = np.zeros(n), np.full(n, np.nan)
         self.segments, self.switches = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
         self.modes = np.where(self.states[:, -1] > 0, MODES.index(Mode.SLIP_FORWARD), MODES.index(Mode.SLIP_BACKWARD))

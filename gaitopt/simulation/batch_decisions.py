@@ -15,6 +15,7 @@ from gaitopt.simulation.batch_steps import ENDINGS, MODES, NONE
 from gaitopt.simulation.decisions import Decisions, Refusal
 from gaitopt.simulation.events import EDGE, INSTANT
 from gaitopt.simulation.heyoka_functions import CompiledRows
+from gaitopt.simulation.natural import natural_system, units
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -49,7 +50,11 @@ class BatchDecisions:
         self._friction = float(system.static_friction(p))
         self._stick_first = system.law is ImpactLaw.FRICTIONLESS or system.friction_drops(p)
         self._one_by_one = Decisions(system, p)
-        self._events = [CompiledRows(system.events(mode), {2: p}) for mode in MODES]
+        self._units = units(system, p)
+        self._events = [
+            CompiledRows(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in MODES
+        ]
+        self._approach = CompiledRows(system.approach, {1: p})
         self._impacts = [CompiledRows(system.impact(mode), {1: p}) for mode in MODES]
 
     def at_rest(self, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
@@ -63,7 +68,8 @@ class BatchDecisions:
         """
         if not times.size:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        (stick, rates), *slips = (events(times[:, None], states, data) for events in self._events)
+        taus, zetas = times / self._units.time, states / self._units.state
+        (stick, rates), *slips = (events(taus[:, None], zetas, data) for events in self._events)
         cones = stick[:, 3:]
         clear = np.abs(cones) > EDGE + INSTANT * np.abs(rates[:, 3:])
         carries = [margins[:, 2] > 0 for margins in (stick, *(margins for margins, _ in slips))]
@@ -90,7 +96,8 @@ class BatchDecisions:
         lift_velocities = np.column_stack([candidate[3] for candidate in candidates])[rows, modes]
         step_lengths, endings = after[:, self._n_x].copy(), np.zeros_like(modes)
         after[:, self._n_x] = 0.0
-        plain = (consistent.sum(axis=1) == 1) & (lift_velocities > 0) & ~self._at_edge(candidates[0][1])
+        comes_down = self._approach(states)[0][:, 0] < -EDGE * self._units.speed
+        plain = comes_down & (consistent.sum(axis=1) == 1) & (lift_velocities > 0) & ~self._at_edge(candidates[0][1])
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.impact(states[k])
             if isinstance(decision, ImpactRecord):
@@ -101,11 +108,11 @@ class BatchDecisions:
         return Landing(modes=modes, endings=endings, states=after, step_lengths=step_lengths)
 
     def _consistent(self, mode: Mode, candidate: list[Array]) -> Flags:
-        _, impulse, slip_velocity, _, painleve = candidate
+        _, impulse, slip_velocity, _, _ = candidate
         f_t, f_n = impulse.T
         if mode is Mode.STICK:
             return (f_n > 0) & (np.abs(f_t) <= self._friction * f_n)
-        return (painleve[:, 0] > 0) & (f_n > 0) & (mode.direction * slip_velocity[:, 0] > 0)
+        return (f_n > 0) & (mode.direction * slip_velocity[:, 0] > 0)
 
     def _at_edge(self, impulse: Array) -> Flags:
         f_t, f_n = impulse.T

@@ -7,12 +7,14 @@ mass of the foot and a_n the normal acceleration that the foot would have withou
     slip with sign s  its margin negative, C_tt + mu s C_nt > 0, and f_n > 0 while slipping
     lift off          a_n > 0, which is f_n (C_tt + mu s C_nt) < 0 of either slip
 
-exactly at the edge of the cone the margin's rate decides. At an impact, Gamus & Or (2013), eqs (9)-(11),
+exactly at the edge of the cone the derivatives of the margin decide. At an impact, Gamus & Or (2013), eqs (9)-(11),
+the swing foot comes down, v_n < 0 just before it, and
 
     stick             F_n > 0 and |F_t| <= mu F_n
-    slip with sign s  w_n' M^-1 Gamma > 0, F_n > 0 and s v_t > 0 just after it
+    slip with sign s  F_n > 0 and s v_t > 0 just after it
 
-Which of these hold is found out, not assumed; none or several is a named ending.
+where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. Which of these hold is
+found out, not assumed; none or several is a named ending.
 """
 
 from dataclasses import dataclass
@@ -24,7 +26,8 @@ from numpy.typing import NDArray
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.simulation.buffered import Buffered
-from gaitopt.simulation.events import EDGE, lasts
+from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, lands
+from gaitopt.simulation.natural import natural_system, units
 
 Array = NDArray[np.float64]
 
@@ -54,7 +57,7 @@ class _Candidate:
             return f"stick needs F_t = {f_t:.6g}, F_n = {f_n:.6g} N s"
         return (
             f"{self.mode} has F_n = {f_n:.6g} N s, v_t = {self.slip_velocity:.6g} m/s, "
-            f"w_n' M^-1 Gamma = {self.painleve:.6g} 1/kg"
+            f"C_tt + mu s C_nt = {self.painleve:.6g} kg"
         )
 
 
@@ -68,22 +71,23 @@ class Decisions:
     """
 
     def __init__(self, system: HybridSystem, p: Array) -> None:
-        self._law, self._p = system.law, np.array(p)
+        self._system, self._law, self._p = system, system.law, np.array(p)
         self._friction, self._drops = float(system.static_friction(p)), system.friction_drops(p)
         self._n_x = system.n_shape
-        self._events = {mode: Buffered(system.events(mode)) for mode in Mode}
+        self._units = units(system, p)
+        self._points = {mode: Buffered(natural_system(system).point(mode)) for mode in Mode}
+        self._approach = Buffered(system.approach)
         self._impacts = {mode: Buffered(system.impact(mode)) for mode in Mode}
 
     def at_rest(self, t: float, z: Array, data: Array) -> Mode | Refusal:
         """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``."""
-        stick, rates = self._margins(Mode.STICK, t, z, data)
+        tau, zeta = t / self._units.time, z / self._units.state
+        point = [output.copy() for output in self._point(Mode.STICK, tau, zeta, data)]
+        stick = dict(zip(margin_names(Mode.STICK), point[1].tolist(), strict=True))
         if not all(map(isfinite, stick.values())):
             return Refusal(Ending.NUMERICAL, "the contact forces are not finite")
-        slips = {mode: self._margins(mode, t, z, data)[0] for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)}
-        leaves = {
-            Mode.SLIP_FORWARD: _falls(stick["cone_forward"], rates["cone_forward"]),
-            Mode.SLIP_BACKWARD: _falls(stick["cone_backward"], rates["cone_backward"]),
-        }
+        slips = {mode: self._margins(mode, tau, zeta, data) for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)}
+        leaves = self._leaves(tau, zeta, data, point)
         possible = [Mode.STICK] if stick["normal_force"] > 0 and not any(leaves.values()) else []
         possible += [m for m, s in slips.items() if leaves[m] and s["painleve"] > 0 and s["normal_force"] > 0]
         lifts = any(s["normal_force"] * s["painleve"] < 0 for s in slips.values())
@@ -92,11 +96,15 @@ class Decisions:
         if len(possible) == 1 and not lifts:
             return possible[0]
         choices = " and ".join([*possible, *(["lift-off"] if lifts else [])]) or "neither a mode nor lift-off"
-        values = " and ".join(f"{s['painleve']:.6g} kg in {m}" for m, s in slips.items())
+        values = " and ".join(f"{self._painleve(m, t, z, data):.6g} kg in {m}" for m in slips)
         return Refusal(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")
 
     def impact(self, z_minus: Array) -> ImpactRecord | Refusal:
         """The impact at touchdown in state ``z_minus``."""
+        v_n = float(self._approach(z_minus, self._p)[0][0])
+        if v_n >= -EDGE * self._units.speed:
+            words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
+            return Refusal(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
         candidates = [self._candidate(mode, z_minus) for mode in Mode]
         consistent = [candidate for candidate in candidates if self._consistent(candidate)]
         stick = candidates[0]
@@ -110,10 +118,21 @@ class Decisions:
             return Refusal(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
         return self._record(consistent[0], stick)
 
-    def lands(self, mode: Mode, t: float, z: Array, data: Array) -> bool:
+    def touches_down(self, mode: Mode, t: float, z: Array, data: Array) -> bool:
         """Whether the swing foot touches down at this very time, which ends an arc for another reason."""
-        margins, rates = self._margins(mode, t, z, data)
-        return abs(margins["touchdown"]) <= EDGE and rates["touchdown"] < 0
+        _, margins, rates = self._point(mode, t / self._units.time, z / self._units.state, data)
+        touchdown = margin_names(mode).index("touchdown")
+        return bool(lands(margins[touchdown], rates[touchdown]))
+
+    def _leaves(self, tau: float, zeta: Array, data: Array, point: list[Array]) -> dict[Mode, bool]:
+        """Which slips the foot is pushed into: the margins of the cone that do not hold for longer than an instant."""
+        flow, margins, rates = point
+        later = rates
+        if any(map(bends_decide, margins.tolist(), rates.tolist())):
+            later = self._point(Mode.STICK, tau + LOOK, zeta + LOOK * flow, data)[2]
+        rows = zip(margin_names(Mode.STICK), margins.tolist(), rates.tolist(), (later - rates).tolist(), strict=True)
+        left = {name: falls(name, margin, rate, change / LOOK) for name, margin, rate, change in rows}
+        return {Mode.SLIP_FORWARD: left["cone_forward"], Mode.SLIP_BACKWARD: left["cone_backward"]}
 
     def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Refusal:
         if chosen.lift_velocity <= 0:
@@ -133,7 +152,7 @@ class Decisions:
         f_t, f_n = candidate.impulse
         if candidate.mode is Mode.STICK:
             return bool(f_n > 0 and abs(f_t) <= self._friction * f_n * (1 + EDGE))
-        return bool(candidate.painleve > 0 and f_n > 0 and candidate.mode.direction * candidate.slip_velocity > 0)
+        return bool(f_n > 0 and candidate.mode.direction * candidate.slip_velocity > 0)
 
     def _at_edge(self, stick: _Candidate) -> bool:
         f_t, f_n = stick.impulse
@@ -150,12 +169,13 @@ class Decisions:
             painleve=float(painleve[0]),
         )
 
-    def _margins(self, mode: Mode, t: float, z: Array, data: Array) -> tuple[dict[str, float], dict[str, float]]:
-        outputs = self._events[mode](t, z, self._p, data)
-        margins, rates = (dict(zip(margin_names(mode), output.tolist(), strict=True)) for output in outputs)
-        return margins, rates
+    def _painleve(self, mode: Mode, t: float, z: Array, data: Array) -> float:
+        return float(self._system.margins(mode)(t, z, self._p, data)[margin_names(mode).index("painleve")])
 
+    def _point(self, mode: Mode, tau: float, zeta: Array, data: Array) -> tuple[Array, ...]:
+        """Rate of the state, margins and their rates; valid until the next call."""
+        return self._points[mode](tau, zeta, self._units.parameters[mode], data)
 
-def _falls(margin: float, rate: float) -> bool:
-    """Whether a margin is negative for longer than an instant, or at its edge and about to be."""
-    return rate < 0 if abs(margin) <= EDGE else lasts(margin, rate)
+    def _margins(self, mode: Mode, tau: float, zeta: Array, data: Array) -> dict[str, float]:
+        margins = self._point(mode, tau, zeta, data)[1]
+        return dict(zip(margin_names(mode), margins.tolist(), strict=True))

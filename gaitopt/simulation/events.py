@@ -1,11 +1,19 @@
-"""Events within one accepted integration step: a margin that falls through zero, located to rounding.
+"""Events: a margin that falls through zero, at the start of an arc or within an integration step, located to rounding.
 
-Nothing here reads the integrator's interpolant, which is three digits worse than its steps: ``reach(t)`` integrates
-anew from the start of the step to any time within it, and Newton's method runs on that.
+All is in natural units. At the start of an arc margins may be at their edge, where only their derivatives tell
+
+    margin + INSTANT rate + INSTANT^2 bend / 2 < 0      the margin has fallen; else it holds, and leaves its edge
+
+except where it only dips, by rate^2 / (2 bend) < EDGE, and except for ``painleve``, at whose edge the equations of
+motion are singular: there it has fallen in any case.
+
+Within a step nothing here reads the integrator's interpolant, which is three digits worse than its steps: ``reach(t)``
+integrates from the start of the step to any time within it, and Newton's method runs on that.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +26,33 @@ PRIORITY = ("painleve", "normal_force", "upright", "touchdown", "slip_velocity",
 nothing where the slip has no unique solution), then the impact, which makes any change of mode at the same instant
 void, then changes of mode."""
 EDGE = 1e-12
-"""A margin this close to zero is at its edge, in the margin's own unit: rounding of contact forces up to 1e4 N."""
+"""A margin this close to zero is at its edge: rounding of contact forces in units of the weight."""
 SIMULTANEOUS = 1e-12
-"""Events this close in time [s] are one instant: the accuracy to which the worst of them is located."""
+"""Events this close in time are one instant: the accuracy to which the worst of them is located."""
 INSTANT = 1e-9
-"""Shortest time [s] that is told apart: a margin that is negative for less, or a slip that lasts less, is none."""
-LINEAR = 1e-9
-"""A move along the flow this short in time [s] is linear: its square is below rounding."""
+"""Shortest time that is told apart: a margin that is negative for less, or a slip that lasts less, is none."""
+LINEAR = 1e-11
+"""A move along the flow this short in time is linear, even within a slip that lasts ten instants."""
+NEAR = 1e-9
+"""The same from the root of a lifted margin, which lies this far away where the margin falls at a rate of 1e-3: the
+bend of a margin that is no slip then changes the root by 1e-15."""
+STEEP = 1e-3
+"""A rate beyond which the bend of a margin at its edge makes no difference: one of a million would be needed."""
+LOOK = 1e-7
+"""Time over which a difference of rates gives the bend, right to 1e-8; meanwhile it changes little."""
+CLOSE = 1e-3
+"""Longest step of Newton's method towards an event that an engine has located to ``EDGE``: beyond a margin that only
+just falls, its tangent points nowhere."""
+BARELY_MOVING = 1e-18
+"""Lift of a slip velocity, below all rounding: the shortest slips that are told apart are no faster than 1e-17."""
+LIFTS = {name: BARELY_MOVING if name == "slip_velocity" else EDGE for name in PRIORITY}
 MAX_BISECTIONS = 100
 """More than enough to halve any interval down to rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A point of a motion: time, state (n_z,), its rate (n_z,), margins and their rates."""
+    """A point of a motion in natural units: time, state (n_z,), its rate (n_z,), margins and their rates."""
 
     time: float
     state: Array
@@ -47,16 +68,77 @@ class Point:
 Reach = Callable[[float], Point]
 
 
-def lasts(margin: float, rate: float) -> bool:
-    """Whether a margin below its edge stays negative for longer than an instant."""
-    return margin < -EDGE and margin + INSTANT * rate < 0
+def falls(name: str, margin: Any, rate: Any, bend: Any = 0.0) -> Any:
+    """Whether a margin does not hold at the start of an arc, and is not about to; floats, or arrays of one shape.
+
+    ``touchdown`` never falls there: the feet are level at the start of every step.
+    """
+    deep = margin < -EDGE
+    soon = margin * deep + INSTANT * (rate + INSTANT / 2 * bend) < 0
+    lasting = deep | (rate * rate > 2 * bend * EDGE)
+    return (margin <= EDGE) & ((soon & lasting) | (name == "painleve")) & (name != "touchdown")
 
 
-def violated(names: Sequence[str], point: Point, armed: Sequence[bool]) -> str | None:
-    """The first armed margin by priority that does not hold at ``point``, if there is one."""
-    state = zip(names, point.margins, point.rates, armed, strict=True)
-    fallen = [name for name, margin, rate, live in state if live and lasts(margin, rate)]
-    return min(fallen, key=PRIORITY.index, default=None)
+def bends_decide(margin: Any, rate: Any) -> Any:
+    """Whether margins are at their edge with rates so small that ``falls`` needs the bends; floats or arrays."""
+    return (margin <= EDGE) & (abs(rate) < STEEP)
+
+
+def fallen(
+    names: Sequence[str], margins: Sequence[float], rates: Sequence[float], look: Callable[[], Sequence[float]]
+) -> str | None:
+    """The first margin by priority that does not hold at the start of an arc, if there is one.
+
+    Parameters
+    ----------
+    look : gives the rates a time ``LOOK`` later; called only where they matter.
+    """
+    near = [k for k, margin in enumerate(margins) if margin <= EDGE and names[k] != "touchdown"]
+    later = look() if any(bends_decide(margins[k], rates[k]) for k in near) else rates
+    broken = [names[k] for k in near if falls(names[k], margins[k], rates[k], (later[k] - rates[k]) / LOOK)]
+    return min(broken, key=PRIORITY.index, default=None)
+
+
+def is_armed(name: str, margin: Any) -> Any:
+    """Whether a margin that starts with this value may fall; ``touchdown`` must have been positive."""
+    return (margin > EDGE) | (name != "touchdown")
+
+
+def lift(name: str, margin: Any, rate: Any) -> Any:
+    """What an engine that looks for sign changes must add to a margin of an arc, from its value at the start.
+
+    No lifted margin starts at zero, where a root of its series would hide the next. One that may fall is lifted by
+    its edge, and one that starts at its edge by how far it may dip; ``touchdown`` is lowered as long as it is not
+    armed, so that it falls only after it has been positive. Floats, or arrays of one shape.
+    """
+    armed, dip = is_armed(name, margin), (margin <= EDGE) * (rate < 0) * 2 * EDGE
+    return armed * (LIFTS[name] + dip) - (1 - armed) * EDGE
+
+
+def coincides(margin: Any, rate: Any) -> Any:
+    """Whether a margin falls through zero at this very instant; floats, or arrays of one shape."""
+    return (rate < 0) & (abs(margin) <= -rate * SIMULTANEOUS)
+
+
+def lands(margin: Any, rate: Any) -> Any:
+    """Whether ``touchdown`` falls where an arc ends for another reason; the next arc could not see it."""
+    return (abs(margin) <= EDGE) & (rate < 0)
+
+
+def refine(k: int, point: Point, reach: Callable[[Point, float], Point]) -> tuple[float, Array]:
+    """Time and state where the k-th margin falls through zero, by Newton's method from a point that is close.
+
+    Parameters
+    ----------
+    reach : (point, duration) -> the motion so much later, or earlier.
+    """
+    for _ in range(MAX_BISECTIONS):
+        margin, rate = point.margins[k], point.rates[k]
+        step = -margin / rate if rate < 0 else 0.0
+        if abs(step) <= NEAR:
+            return point.shifted(step)
+        point = reach(point, float(np.clip(step, -CLOSE, CLOSE)))
+    return point.time, point.state
 
 
 def first_event(

@@ -1,7 +1,8 @@
 """Taylor integrators of heyoka for the modes of a system, compiled once per equations and kept.
 
 The order of the series follows from the tolerance (20 in double precision), the length of a step from its last two
-coefficients; events are roots of the margins' own series. Biscani & Izzo (2021), doi:10.1093/mnras/stab1032.
+coefficients; events are roots of the margins' own series, each lifted by a runtime parameter of its own. All is in
+natural units. Biscani & Izzo (2021), doi:10.1093/mnras/stab1032.
 
 Compiled code goes to heyoka's cache on disk, so that only the first run on a machine waits for the compiler.
 """
@@ -13,12 +14,13 @@ from typing import Any
 
 import heyoka as hy
 import numpy as np
-from casadi import SX, Function, cse, vertcat
+from casadi import Function
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.convert import convert
 from gaitopt.simulation.events import INSTANT
+from gaitopt.simulation.natural import natural_system
 
 Array = NDArray[np.float64]
 
@@ -42,15 +44,15 @@ class Integrator:
     Attributes
     ----------
     taylor : heyoka's integrator, scalar or of ``LANES`` lanes; its state, time and parameters are overwritten by use.
-    constants : (p, r) -> runtime parameters, shape (n_par,).
+    constants : (parameters, r) -> runtime parameters, shape (n_par,); those behind them are the lifts of the margins.
     """
 
     taylor: Any
     constants: Function
 
-    def values(self, p: Array, data: Array) -> Array:
-        """Runtime parameters at parameters ``p`` on the control's segment with ``data``; shape (n_par,)."""
-        return np.asarray(self.constants(p, data)).ravel()
+    def values(self, parameters: Array, data: Array) -> Array:
+        """Runtime parameters of a mode (see ``Units``) on the control's segment with ``data``; shape (n_par,)."""
+        return np.asarray(self.constants(parameters, data)).ravel()
 
 
 def event_integrator(system: HybridSystem, mode: Mode, *, precision: type = float) -> Integrator:
@@ -65,12 +67,14 @@ def batch_integrator(system: HybridSystem, mode: Mode) -> Integrator:
 
 def flow_integrator(system: HybridSystem, mode: Mode, *, precision: type = float) -> Integrator:
     """Motion in one mode without events."""
-    return _compiled(_Equations(system.flow(mode)), precision=precision, unrolled=False)
+    return _compiled(_Equations(natural_system(system).flow(mode)), precision=precision, unrolled=False)
 
 
 def variational_integrator(system: HybridSystem, mode: Mode, columns: int) -> Integrator:
-    """Motion in one mode with ``columns`` deviations; see ``HybridSystem.variational``."""
-    return _compiled(_Equations(system.variational(mode, columns)), unrolled=False, tolerance=VARIATIONAL_TOLERANCE)
+    """Motion in one mode with ``columns`` deviations; see ``NaturalSystem.variational``."""
+    return _compiled(
+        _Equations(natural_system(system).variational(mode, columns)), unrolled=False, tolerance=VARIATIONAL_TOLERANCE
+    )
 
 
 class _Equations:
@@ -88,10 +92,7 @@ class _Equations:
 
 
 def _with_margins(system: HybridSystem, mode: Mode) -> _Equations:
-    flow, margins = system.flow(mode), system.margins(mode)
-    inputs = [SX.sym(flow.name_in(k), flow.numel_in(k)) for k in range(flow.n_in())]
-    outputs = cse([vertcat(flow(*inputs), margins(*inputs))])
-    return _Equations(Function(f"arc_{mode}", inputs, outputs), margins.numel_out(0))
+    return _Equations(natural_system(system).arc(mode), len(margin_names(mode)))
 
 
 @lru_cache(maxsize=32)
@@ -108,18 +109,21 @@ def _compiled(
     y = [hy.expression(f"y{k}") for k in range(n)]
     conversion = convert(function, {0: [hy.time], 1: y})
     rates, margins = conversion.outputs[0][:n], conversion.outputs[0][n:]
-    zeros: Any = np.zeros((max(n, conversion.constants.numel_out(0)), lanes), dtype=precision).squeeze()
+    n_constants = conversion.constants.numel_out(0)
+    n_pars = n_constants + len(margins)
+    zeros: Any = np.zeros((max(n, n_pars), lanes), dtype=precision).squeeze()
     event = hy.t_event if lanes == 1 else hy.t_event_batch
     compact = not unrolled or conversion.operations > LONGEST_UNROLLED
     options = {"fp_type": precision, "tol": precision(tolerance), "compact_mode": compact}
     build: Callable[..., Any] = hy.taylor_adaptive if lanes == 1 else hy.taylor_adaptive_batch
+    lifted = [margin + hy.par[n_constants + k] for k, margin in enumerate(margins)]
     taylor = build(
         sys=list(zip(y, rates, strict=True)),
         state=zeros[:n].copy(),
-        pars=zeros[: conversion.constants.numel_out(0)].copy(),
+        pars=zeros[:n_pars].copy(),
         t_events=[
             event(m, direction=hy.event_direction.negative, cooldown=precision(INSTANT), fp_type=precision)
-            for m in margins
+            for m in lifted
         ],
         force_avx512=lanes > 1,
         **options,

@@ -1,10 +1,11 @@
 """Arcs by heyoka's Taylor series: some ten steps to a phase, events at roots of the series, both to rounding.
 
-heyoka reports every simple root of a margin in a step, in order of time. What it cannot know is told apart here:
-a margin that starts at its edge (the level feet, a slip at its onset, which is a double root) and only leaves it.
+heyoka reports every simple root of a margin in a step, in order of time. Margins that start at their edge (the level
+feet, a slip at its onset, which is a double root) are lifted off it, see ``events.lift``; Newton's method leads from
+the root of the lifted margin to that of the margin itself. Inside, all is in natural units.
 """
 
-from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import heyoka as hy
@@ -13,22 +14,30 @@ from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.buffered import Buffered
-from gaitopt.simulation.events import EDGE, INSTANT, PRIORITY, SIMULTANEOUS
+from gaitopt.simulation.events import (
+    EDGE,
+    INSTANT,
+    LIFTS,
+    LOOK,
+    PRIORITY,
+    Point,
+    coincides,
+    fallen,
+    is_armed,
+    lift,
+    refine,
+)
 from gaitopt.simulation.heyoka_integrators import (
     Integrator,
     event_integrator,
     flow_integrator,
     variational_integrator,
 )
+from gaitopt.simulation.natural import natural_system, units
 from gaitopt.simulation.stepper import Arrival
 
 Array = NDArray[np.float64]
 
-RATE_EDGE = 1e-9
-"""A rate this small, in the margin's unit per second, is zero: the margin leaves its edge by its second derivative."""
-BARELY_MOVING = 1e-18
-"""Slip velocity [m/s] in place of an exact zero, below all rounding. Of a series that begins with zero heyoka may miss
-the next root; and at the onset of slip, a double root, this lifts the series off the axis."""
 MAX_TAYLOR_STEPS = 20_000
 """Bound on the work for one arc: walking takes ten, only a very stiff control law takes more."""
 NOT_FINITE = "the equations of motion are not finite"
@@ -46,48 +55,51 @@ class HeyokaStepper:
     """
 
     def __init__(self, system: HybridSystem, p: Array, *, precision: type = float) -> None:
-        self._system, self._p, self._precision = system, np.array(p), precision
-        self._events = {mode: Buffered(system.events(mode)) for mode in Mode}
-        for events in self._events.values():
-            events.inputs[2][:] = p
+        self._system, self._units, self._precision = system, units(system, p), precision
+        self._points = {mode: Buffered(natural_system(system).point(mode)) for mode in Mode}
+        for mode, function in self._points.items():
+            function.inputs[2][:] = self._units.parameters[mode]
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
         self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
 
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
-        at_edge, fallen = self._departure(mode, data, time, state)
-        if fallen is not None or limit <= time:
-            return Arrival(time=time, state=state, event=fallen)
-        taylor = self._loaded("events", mode, data, time, state)
-        if mode is not Mode.STICK and state[-1] == 0:
-            taylor.state[-1] = mode.direction * BARELY_MOVING
+        unit, names = self._units, margin_names(mode)
+        start = self._point(mode, data, time / unit.time, state / unit.state)
+        event = fallen(names, start.margins, start.rates, partial(self._look, mode, data, start))
+        if event is not None or limit <= time:
+            return Arrival(time=time, state=state, event=event)
+        taylor = self._loaded("events", mode, data, start.time, start.state)
+        taylor.pars[-len(names) :] = [
+            LIFTS[name] if margin > EDGE else lift(name, margin, rate)
+            for name, margin, rate in zip(names, start.margins, start.rates, strict=True)
+        ]
         taylor.reset_cooldowns()
-        names = margin_names(mode)
-        while True:
-            outcome = taylor.propagate_until(self._precision(limit), max_steps=MAX_TAYLOR_STEPS)[0]
-            end, event = float(taylor.time), -int(outcome) - 1
-            if not (0 <= event < len(names) and end <= time + INSTANT and names[event] in at_edge):
-                break
-        z = np.array(taylor.state, dtype=float)
-        if 0 <= event < len(names):
-            return Arrival(time=end, state=z, event=self._first(mode, data, end, z, names[event]))
+        outcome = taylor.propagate_until(self._precision(limit / unit.time), max_steps=MAX_TAYLOR_STEPS)[0]
+        end, zeta = float(taylor.time), np.array(taylor.state, dtype=float)
+        k = -int(outcome) - 1
+        if 0 <= k < len(names):
+            name, end, zeta = self._located(mode, data, start, k, self._point(mode, data, end, zeta))
+            return Arrival(time=max(end * unit.time, time), state=zeta * unit.state, event=name)
         if outcome == hy.taylor_outcome.time_limit:
-            return Arrival(time=limit, state=z)
-        failure = TOO_MANY if outcome == hy.taylor_outcome.step_limit else NOT_FINITE
-        return Arrival(time=end, state=z, failure=failure)
+            return Arrival(time=limit, state=zeta * unit.state)
+        if outcome == hy.taylor_outcome.step_limit:
+            return Arrival(time=end * unit.time, state=zeta * unit.state, failure=TOO_MANY)
+        return Arrival(time=time, state=state, failure=NOT_FINITE)  # nothing is known beyond the start
 
     def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
         """States at ascending ``times`` of an arc that starts with ``state`` at the first; see ``Stepper``."""
-        taylor = self._loaded("flow", mode, data, times[0], state)
-        return np.asarray(taylor.propagate_grid(times.astype(self._precision))[-1], dtype=float)
+        unit, taus = self._units, times / self._units.time
+        taylor = self._loaded("flow", mode, data, taus[0], state / unit.state)
+        return np.asarray(taylor.propagate_grid(taus.astype(self._precision))[-1], dtype=float) * unit.state
 
     def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
         """Deviations at the end of an arc from those at its start; see ``Stepper``."""
-        columns = deviations.shape[1]
-        y = np.concatenate([state, deviations.ravel(order="F")])
-        taylor = self._loaded("variational", mode, data, times[0], y, columns)
-        taylor.propagate_until(times[1])
-        return np.array(taylor.state[state.size :]).reshape((-1, columns), order="F")
+        unit, (start, end) = self._units, times / self._units.time
+        y, sizes = unit.pack(state, deviations)
+        taylor = self._loaded("variational", mode, data, start, y, sizes.size)
+        taylor.propagate_until(end)
+        return unit.unpack(taylor.state, sizes)
 
     def _loaded(self, kind: str, mode: Mode, data: Array, time: float, state: Array, columns: int = 0) -> Any:
         """The integrator for one purpose, its parameters, time and state set."""
@@ -97,9 +109,10 @@ class HeyokaStepper:
         integrator = self._integrators[key]
         place = (*key, data.tobytes())
         if place not in self._constants:
-            self._constants[place] = integrator.values(self._p, data)
+            self._constants[place] = integrator.values(self._units.parameters[mode], data)
         taylor = integrator.taylor
-        taylor.pars[:], taylor.time, taylor.state[:] = self._constants[place], self._precision(time), state
+        constants = self._constants[place]
+        taylor.pars[: constants.size], taylor.time, taylor.state[:] = constants, self._precision(time), state
         return taylor
 
     def _compile(self, kind: str, mode: Mode, columns: int) -> Integrator:
@@ -108,30 +121,30 @@ class HeyokaStepper:
         build = event_integrator if kind == "events" else flow_integrator
         return build(self._system, mode, precision=self._precision)
 
-    def _departure(self, mode: Mode, data: Array, time: float, state: Array) -> tuple[list[str], str | None]:
-        """Margins that start at their edge, and the first by priority that does not hold from the start."""
-        at_edge, broken = [], []
-        for name, margin, rate in self._margins(mode, data, time, state):
-            if margin <= EDGE:
-                broken += [name] if name != "touchdown" and falls(margin, rate) else []
-                at_edge.append(name)
-        return at_edge, min(broken, key=PRIORITY.index) if broken else None
+    def _located(self, mode: Mode, data: Array, start: Point, k: int, near: Point) -> tuple[str, float, Array]:
+        """The event that counts at the root of the k-th margin, of which ``near`` is the lifted one; time and state."""
+        end, zeta = refine(k, near, partial(self._reach, mode, data))
+        names, shift = margin_names(mode), end - near.time
+        together = [
+            name
+            for name, m, r, first in zip(names, near.margins, near.rates, start.margins, strict=True)
+            if r < 0 and coincides(m + shift * r, r) and (is_armed(name, first) or end > start.time + INSTANT)
+        ]
+        return min((names[k], *together), key=PRIORITY.index), end, zeta
 
-    def _first(self, mode: Mode, data: Array, time: float, state: Array, event: str) -> str:
-        """The event that counts among those that are simultaneous with ``event``."""
-        margins = self._margins(mode, data, time, state)
-        together = [name for name, margin, rate in margins if rate < 0 and abs(margin) <= -rate * SIMULTANEOUS]
-        return min((event, *together), key=PRIORITY.index)
+    def _reach(self, mode: Mode, data: Array, point: Point, duration: float) -> Point:
+        taylor = self._loaded("flow", mode, data, point.time, point.state)
+        taylor.propagate_for(self._precision(duration))
+        return self._point(mode, data, float(taylor.time), np.array(taylor.state, dtype=float))
 
-    def _margins(self, mode: Mode, data: Array, time: float, state: Array) -> Iterable[tuple[str, float, float]]:
-        events = self._events[mode]
-        t, z, _, r = events.inputs
-        t[0], z[:], r[:] = time, state, data
-        events.evaluate()
-        margins, rates = events.outputs
-        return zip(margin_names(mode), margins.tolist(), rates.tolist(), strict=True)
+    def _look(self, mode: Mode, data: Array, point: Point) -> list[float]:
+        """Rates of the margins a little later, from which their bends follow."""
+        return list(self._point(mode, data, *point.shifted(LOOK)).rates)
 
-
-def falls(margin: float, rate: float) -> bool:
-    """Whether a margin that is not above its edge at the start of an arc falls, rather than leaves it upwards."""
-    return margin + INSTANT * rate < 0 if margin < -EDGE else rate < -RATE_EDGE
+    def _point(self, mode: Mode, data: Array, tau: float, zeta: Array) -> Point:
+        function = self._points[mode]
+        time, state, _, segment = function.inputs  # the parameters stay
+        time[0], state[:], segment[:] = tau, zeta, data
+        function.evaluate()
+        flow, margins, rates = function.outputs
+        return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())

@@ -1,4 +1,7 @@
-"""Arcs by scipy's DOP853 on a compiled right-hand side. Hairer, Norsett & Wanner (1993), section II.5."""
+"""Arcs by scipy's DOP853 on a compiled right-hand side. Hairer, Norsett & Wanner (1993), section II.5.
+
+Inside, all is in natural units.
+"""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -9,7 +12,8 @@ from scipy.integrate import DOP853
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.buffered import Buffered
-from gaitopt.simulation.events import EDGE, INSTANT, Point, first_event, violated
+from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
+from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival
 
 Array = NDArray[np.float64]
@@ -19,9 +23,9 @@ RTOL = 1e-12
 ATOL = 1e-14
 """Absolute tolerance, far below rtol: a slip that sets in gently is integrated to its own digits, at no extra cost."""
 VARIATIONAL_ATOL = 1e-13
-"""Deviations are of size one: two digits below the agreement that is asked of the multipliers."""
-FIRST_STEP = 0.01
-"""First integration step that is tried [s]: about what walking takes; the step size control mends it at once."""
+"""Deviations are scaled to size one: two digits below the agreement that is asked of the multipliers."""
+FIRST_STEP = 0.025
+"""First integration step that is tried: about what walking takes; the step size control mends it at once."""
 DEPARTURE_FACTOR = 4
 """Ratio of successive trial lengths when a margin must be seen leaving its edge."""
 MAX_INTEGRATION_STEPS = 20_000
@@ -39,60 +43,70 @@ class ScipyStepper:
     ----------
     system : the walker under its control law.
     p : ndarray, shape (n_p,) - parameters.
-    rtol, atol : tolerances of one integration step.
+    rtol, atol : tolerances of one integration step, ``atol`` in natural units.
     """
 
     def __init__(self, system: HybridSystem, p: Array, *, rtol: float = RTOL, atol: float = ATOL) -> None:
-        self._system, self._p = system, np.array(p)
+        self._natural, self._units = natural_system(system), units(system, p)
         self._tolerances = {"rtol": rtol, "atol": atol}
         self._fields: dict[Mode, _Field] = {}
 
     @np.errstate(all="ignore")  # a motion that blows up is told by the step size that vanishes
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
-        field = self._field(mode, data)
-        before = field.point(time, state)
-        armed = [name != "touchdown" or margin > EDGE for name, margin in zip(field.names, before.margins, strict=True)]
-        name = violated(field.names, before, armed)
-        if name is not None:
+        unit, field = self._units, self._field(mode, data)
+        start = field.point(time / unit.time, state / unit.state)
+        name = fallen(field.names, start.margins, start.rates, partial(field.look, start))
+        if name is not None or limit <= time:
             return Arrival(time=time, state=state, event=name)
-        try:
-            for after in self._points(field, before, armed, limit):
-                reach = partial(self._reach, field, before)
-                event = first_event(field.names, before, after, armed, reach)
-                if event is not None:
-                    return Arrival(event=event[0], time=event[1], state=event[2])
-                armed = [was or margin > EDGE for was, margin in zip(armed, after.margins, strict=True)]
-                before = after
-        except IntegrationError as error:
-            return Arrival(time=before.time, state=before.state, failure=str(error))
-        return Arrival(time=before.time, state=before.state)
+        name, end, zeta, failure = self._first_event(field, start, limit / unit.time)
+        if end <= start.time:
+            return Arrival(time=time, state=state, event=name, failure=failure)
+        at_limit = name is None and not failure
+        return Arrival(
+            time=limit if at_limit else end * unit.time, state=zeta * unit.state, event=name, failure=failure
+        )
 
     def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
         """States at ascending ``times`` by integration from each to the next; see ``Stepper``."""
-        field = self._field(mode, data)
-        point = field.point(float(times[0]), state)
+        unit, field = self._units, self._field(mode, data)
+        taus = (times / unit.time).tolist()
+        point = field.point(taus[0], state / unit.state)
         states = [state]
-        for t in times[1:].tolist():
-            point = self._reach(field, point, t)
-            states.append(point.state)
+        for tau in taus[1:]:
+            point = self._reach(field, point, tau)
+            states.append(point.state * unit.state)
         return np.array(states)
 
     def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
         """Deviations at the end of an arc from those at its start; see ``Stepper``."""
-        n_z, columns = deviations.shape
-        variational = Buffered(self._system.variational(mode, columns))
-        variational.inputs[2][:], variational.inputs[3][:] = self._p, data
-        y = np.concatenate([state, deviations.ravel(order="F")])
-        solver = DOP853(_rate(variational), times[0], y, times[1], rtol=RTOL, atol=VARIATIONAL_ATOL)
+        unit, columns = self._units, deviations.shape[1]
+        variational = Buffered(self._natural.variational(mode, columns))
+        variational.inputs[2][:], variational.inputs[3][:] = unit.parameters[mode], data
+        start, end = times / unit.time
+        y, sizes = unit.pack(state, deviations)
+        solver = DOP853(_rate(variational), start, y, end, rtol=RTOL, atol=VARIATIONAL_ATOL)
         while solver.status == "running":
             solver.step()
-        return solver.y[n_z:].reshape((n_z, columns), order="F")
+        return unit.unpack(solver.y, sizes)
+
+    def _first_event(self, field: "_Field", start: Point, limit: float) -> tuple[str | None, float, Array, str]:
+        """Name, time and state of the first event, or those at the limit; and why the integration failed, if it did."""
+        before = start
+        armed = [is_armed(name, margin) for name, margin in zip(field.names, start.margins, strict=True)]
+        try:
+            for after in self._points(field, start, armed, limit):
+                event = first_event(field.names, before, after, armed, partial(self._reach, field, before))
+                if event is not None:
+                    return (*event, "")
+                armed = [was or margin > EDGE for was, margin in zip(armed, after.margins, strict=True)]
+                before = after
+        except IntegrationError as error:
+            return None, before.time, before.state, str(error)
+        return None, before.time, before.state, ""
 
     def _points(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> Iterator[Point]:
         """The points that the integrator steps on, from ``start`` (exclusive) to ``limit``."""
-        if limit <= start.time:
-            return
         solver, point = self._depart(field, start, armed, limit)
         yield point
         for _ in range(MAX_INTEGRATION_STEPS):
@@ -135,7 +149,7 @@ class ScipyStepper:
 
     def _field(self, mode: Mode, data: Array) -> "_Field":
         if mode not in self._fields:
-            self._fields[mode] = _Field(self._system, mode, self._p)
+            self._fields[mode] = _Field(self._natural, mode, self._units.parameters[mode])
         self._fields[mode].load(data)
         return self._fields[mode]
 
@@ -143,7 +157,7 @@ class ScipyStepper:
 class _Field:
     """Right-hand side and margins of one mode, compiled."""
 
-    def __init__(self, system: HybridSystem, mode: Mode, p: Array) -> None:
+    def __init__(self, system: NaturalSystem, mode: Mode, p: Array) -> None:
         self.names = margin_names(mode)
         self._p = p
         self._flow, self._events = Buffered(system.flow(mode)), Buffered(system.events(mode))
@@ -158,6 +172,11 @@ class _Field:
         """The point of the motion at ``t`` in state ``z``, where the rate may be known already."""
         margins, rates = self._events(t, z, self._p, self._data)
         return Point(t, z, self.rate(t, z) if flow is None else flow, margins.tolist(), rates.tolist())
+
+    def look(self, point: Point) -> list[float]:
+        """Rates of the margins a little later, from which their bends follow."""
+        rates: list[float] = self._events(*point.shifted(LOOK), self._p, self._data)[1].tolist()
+        return rates
 
     def step(self, solver: DOP853) -> Point:
         """One accepted step of the integrator."""

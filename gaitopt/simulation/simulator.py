@@ -14,14 +14,15 @@ from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.simulation.decisions import Decisions, Refusal
 from gaitopt.simulation.events import EDGE
+from gaitopt.simulation.natural import units
 from gaitopt.simulation.sampling import sample
 from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
 from gaitopt.simulation.stepper import Arrival, Stepper
 
 Array = NDArray[np.float64]
 
-MAX_STEP_TIME = 20.0
-"""A walker that has not touched down by then [s] no longer walks."""
+MAX_STEP_TIME = 50.0
+"""A walker that has not touched down by then, in units of sqrt(l / g), no longer walks: 20 s for legs of 1.6 m."""
 MAX_SWITCHES = 50
 """Mode switches within a step after which it is called chattering; walking takes a handful."""
 
@@ -66,8 +67,8 @@ class Simulator:
     ----------
     system : the walker under its control law.
     p : ndarray, shape (n_p,) - parameters in the order of ``system.parameters``.
-    rtol, atol : tolerances of the default stepper.
-    max_step_time : longest time from impact to impact [s].
+    rtol, atol : tolerances of the default stepper, ``atol`` in natural units.
+    max_step_time : longest time from impact to impact [s]; ``MAX_STEP_TIME`` natural units unless given.
     max_switches : largest number of mode switches within a step.
     stepper : what integrates the arcs; scipy's DOP853 unless given.
 
@@ -88,7 +89,7 @@ class Simulator:
         *,
         rtol: float = RTOL,
         atol: float = ATOL,
-        max_step_time: float = MAX_STEP_TIME,
+        max_step_time: float | None = None,
         max_switches: int = MAX_SWITCHES,
         stepper: Stepper | None = None,
     ) -> None:
@@ -97,7 +98,9 @@ class Simulator:
         self._max_switches = max_switches
         self.stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
         self._decisions = Decisions(system, p)
-        self._limit = min(max_step_time, system.control.horizon)
+        self._units = units(system, p)
+        longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
+        self._limit = min(longest, system.control.horizon)
         self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
 
     def run(
@@ -161,7 +164,7 @@ class Simulator:
     def _after_impact(self, state: Array) -> Array:
         z = _finite_vector("state", state, self.system.state_names)
         z[self.system.n_shape] = 0.0
-        return _at_rest(z) if abs(z[-1]) <= EDGE else z
+        return _at_rest(z) if abs(z[-1]) <= EDGE * self._units.speed else z
 
     def _first_mode(self, moment: _Moment) -> Mode | Refusal:
         slip_velocity = float(moment.state[-1])
@@ -172,7 +175,7 @@ class Simulator:
 
     def _lands(self, mode: Mode, moment: _Moment) -> bool:
         """Whether touchdown falls on a breakpoint of the control; the arc that would follow could not see it."""
-        return self._decisions.lands(mode, moment.time, moment.state, self.system.data(moment.segment))
+        return self._decisions.touches_down(mode, moment.time, moment.state, self.system.data(moment.segment))
 
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
@@ -185,7 +188,7 @@ class Simulator:
         times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
         if dense:
             data = self.system.data(moment.segment)
-            times, states = sample(self.stepper, mode, data, moment.time, arrival.time, moment.state)
+            times, states = sample(self.stepper, self._units, mode, data, moment.time, arrival.time, moment.state)
             states[-1] = arrival.state
         return Arc(mode=mode, segment=moment.segment, times=times, states=states)
 

@@ -2,13 +2,13 @@
 
 from gaitopt.store.branch import BRANCH_FILE, begin_branch, branch_folder, stored_records, write_branch_table
 from gaitopt.store.files import write_whole
+from gaitopt.store.folder import adding, check_folder, growing, stored_lines, writing
 from gaitopt.store.lines import LineWriter, read_lines
-from gaitopt.store.manifest import Manifest, read_manifest
+from gaitopt.store.manifest import Manifest, read_manifest, read_sealed, replacing
 from gaitopt.store.run import (
     GAIT_FILE,
     Run,
     begin_run,
-    check_folder,
     find_run,
     read_object,
     read_problem,
@@ -27,12 +27,14 @@ __all__ = [
     "Manifest",
     "Run",
     "Table",
+    "adding",
     "begin_branch",
     "begin_run",
     "branch_folder",
     "check_folder",
     "csv_text",
     "find_run",
+    "growing",
     "has_tile",
     "json_text",
     "read_lines",
@@ -40,12 +42,16 @@ __all__ = [
     "read_object",
     "read_problem",
     "read_run",
+    "read_sealed",
     "read_tile",
+    "replacing",
     "run_folder",
+    "stored_lines",
     "stored_records",
     "write_branch_table",
     "write_run",
     "write_tile",
     "write_walk",
     "write_whole",
+    "writing",
 ]

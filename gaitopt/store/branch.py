@@ -1,7 +1,8 @@
 """A branch on disk: JSON lines in a run folder, one durable line per record, and a table for other programs.
 
 The first line is the request. A walk that was killed goes on after its last point; special points found after that are
-found again, so that the file is the same as without the kill.
+located again. The branch is then the same as without the kill up to the tolerance of Newton's method, not bit by bit:
+the walk goes on from the decimal digits of a gait on a mesh that is set up again.
 """
 
 import re
@@ -12,9 +13,11 @@ from typing import Any
 from gaitopt.errors import StorageError
 from gaitopt.problem import Problem
 from gaitopt.store.files import write_whole
-from gaitopt.store.lines import read_lines
-from gaitopt.store.run import begin_run, check_folder, run_folder
-from gaitopt.store.text import Table, csv_text, json_text
+from gaitopt.store.folder import check_folder, stored_lines
+from gaitopt.store.lines import lines_text
+from gaitopt.store.manifest import replacing
+from gaitopt.store.run import begin_run, run_folder
+from gaitopt.store.text import Table, csv_text
 
 BRANCH_FILE = "branch.jsonl"
 BRANCH_TABLE = "branch.csv"
@@ -40,7 +43,7 @@ def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -
     check_folder(folder, problem)
     if not (folder / BRANCH_FILE).is_file():
         return []
-    records = list(read_lines(folder / BRANCH_FILE))
+    records = list(stored_lines(folder, BRANCH_FILE))
     if records and _core(records[0]) != _core(request):
         asked = ", ".join(f"{key} {value}" for key, value in _core(records[0]).items() if value is not None)
         raise StorageError(
@@ -55,13 +58,15 @@ def begin_branch(
 ) -> Path:
     """Write the request and the records from which a branch goes on; returns the file to append to."""
     begin_run(folder, problem)
-    write_whole(folder / BRANCH_FILE, "".join(json_text(record) + "\n" for record in (request, *records)))
+    with replacing(folder, BRANCH_FILE):
+        write_whole(folder / BRANCH_FILE, lines_text((request, *records)))
     return folder / BRANCH_FILE
 
 
 def write_branch_table(folder: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
     """Write the table of a branch beside it."""
-    write_whole(folder / BRANCH_TABLE, csv_text(Table(header=tuple(header), rows=list(rows))))
+    with replacing(folder, BRANCH_TABLE):
+        write_whole(folder / BRANCH_TABLE, csv_text(Table(header=tuple(header), rows=list(rows))))
     return folder / BRANCH_TABLE
 
 

@@ -1,36 +1,65 @@
-"""Records one per line, each durable once appended; a line cut off by a crash is dropped on reading."""
+"""Records one per line, each durable once appended; a line cut off by a crash is dropped on reading.
 
-import json
+Every line ends with a checksum that is chained to the one before it, crc_k = CRC-32(line_k, crc_(k-1)), so that a line
+that was altered, removed, added or moved is noticed.
+"""
+
+import hashlib
 import os
-from collections.abc import Iterator, Mapping
+import re
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from io import FileIO
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from gaitopt.errors import StorageError
-from gaitopt.store.files import make_folder, reason, sync_folder
-from gaitopt.store.text import json_text
+from gaitopt.store.files import OWN_FILE, parsed, reason, sync_folder, write_all
+from gaitopt.store.sums import FileSum
+from gaitopt.store.text import json_text, parse_object
+
+LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}\n')
+"""A record and its checksum, which counts as the last key of the object."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """A whole line: its record, its checksum, and where it ends [bytes]."""
+
+    record: dict[str, Any]
+    crc: int
+    end: int
+
+
+def lines_text(records: Iterable[Mapping[str, Any]]) -> str:
+    """A file of records from its first line on."""
+    lines, crc = [], 0
+    for record in records:
+        line, crc = _sealed_line(record, crc)
+        lines.append(line)
+    return "".join(lines)
 
 
 class LineWriter:
-    """Appends records to a JSON-lines file, as a context manager.
+    """Appends records to a JSON-lines file, as a context manager; only the holder of the folder's lock may do so.
 
     A file that exists is continued; a torn last line in it is cut off first.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file: FileIO
-        self._end = 0
+        self._file = -1
+        self._end = self._crc = 0
 
     def __enter__(self) -> Self:
-        make_folder(self._path.parent)
-        self._end = max((end for _, end in _whole_lines(self._path)), default=0) if self._path.exists() else 0
+        if self._path.exists():
+            for line in _whole_lines(self._path):
+                self._end, self._crc = line.end, line.crc
         try:
-            self._file = self._path.open("ab", buffering=0)
-            self._file.truncate(self._end)
+            self._file = os.open(self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT | OWN_FILE, 0o666)
+            os.ftruncate(self._file, self._end)
             sync_folder(self._path.parent)
         except OSError as error:
             raise StorageError(f"cannot write {self._path}: {reason(error)}") from error
@@ -42,60 +71,80 @@ class LineWriter:
         Raises
         ------
         StorageError
-            If the disk is full; the records before it are kept.
+            If the disk is full, in which case the records before it are kept, or if the file has been deleted.
         """
-        line = json_text(record).encode() + b"\n"
+        text, crc = _sealed_line(record, self._crc)
+        line = text.encode()
         try:
-            rest = memoryview(line)
-            while rest:  # a raw file may take less than it is given
-                rest = rest[self._file.write(rest) :]
-            os.fsync(self._file.fileno())
+            write_all(self._file, line)
+            os.fsync(self._file)
+            there = os.path.samestat(os.fstat(self._file), self._path.lstat())
+        except FileNotFoundError:
+            there = False
         except OSError as error:
             with suppress(OSError):  # a torn line is dropped on reading anyway
-                self._file.truncate(self._end)
+                os.ftruncate(self._file, self._end)
             raise StorageError(
                 f"cannot append to {self._path}: {reason(error)}; all records before this one are kept"
             ) from error
-        self._end += len(line)
+        if not there:
+            raise StorageError(f"{self._path} was deleted or replaced while this command was writing it")
+        self._end, self._crc = self._end + len(line), crc
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._file.close()
+        os.close(self._file)
 
 
-def read_lines(path: Path) -> Iterator[dict[str, Any]]:
+def read_lines(path: Path, known: FileSum | None = None) -> Iterator[dict[str, Any]]:
     """Read the records of a JSON-lines file in order, one at a time.
+
+    Parameters
+    ----------
+    known : what the manifest says of the file, if it was finished; it may have grown since.
 
     Raises
     ------
     StorageError
-        If a line before the last is not a JSON object; the message names it.
+        If a line is altered, missing or moved; the message names it.
     """
-    return (record for record, _ in _whole_lines(path))
+    return (line.record for line in _whole_lines(path, known))
 
 
-def _whole_lines(path: Path) -> Iterator[tuple[dict[str, Any], int]]:
-    """Each record with the position of its end; a last line that is torn ends the iteration."""
+def _whole_lines(path: Path, known: FileSum | None = None) -> Iterator[_Line]:
+    """Every line with the position of its end; a last line without its newline is torn, and is left out."""
     try:
         with path.open("rb") as file:
-            end, size = 0, path.stat().st_size
-            for number, line in enumerate(file, start=1):
+            end = crc = count = 0
+            whole, torn = hashlib.sha256(), False
+            for count, line in enumerate(file, start=1):
+                torn = not line.endswith(b"\n")
+                if torn:
+                    count -= 1
+                    break
                 end += len(line)
-                record = _record(line)
-                if record is not None:
-                    yield record, end
-                elif end < size:
-                    raise StorageError(f"{path}:{number}: not a JSON object; the file is broken and was left alone")
+                record, crc = _checked(path, count, line, crc)
+                whole.update(line)
+                if known is not None and count == known.lines and whole.hexdigest() != known.sha256:
+                    raise StorageError(f"{path}:{count}: altered since it was written; the run was left alone")
+                yield _Line(record, crc, end)
     except OSError as error:
         raise StorageError(f"cannot read {path}: {reason(error)}") from error
+    if known is not None and count < known.lines and not torn:  # a crash cuts a line, an editor removes it
+        raise StorageError(f"{path}:{count + 1}: missing, {known.lines} lines were written; the run was left alone")
 
 
-def _record(line: bytes) -> dict[str, Any] | None:
-    if not line.endswith(b"\n"):
-        return None
-    try:
-        record = json.loads(line)
-    except ValueError:
-        return None
-    return record if isinstance(record, dict) else None
+def _checked(path: Path, number: int, line: bytes, before: int) -> tuple[dict[str, Any], int]:
+    matched = LINE.fullmatch(line)
+    body = matched[1] + b"}" if matched else line
+    crc = zlib.crc32(body, before)
+    if matched is None or f"{crc:08x}".encode() != matched[2]:
+        raise StorageError(f"{path}:{number}: altered, or not in its place (the checksum of the line differs)")
+    return parsed(parse_object, body, Path(f"{path}:{number}")), crc
+
+
+def _sealed_line(record: Mapping[str, Any], before: int) -> tuple[str, int]:
+    body = json_text(record)
+    crc = zlib.crc32(body.encode(), before)
+    return f'{body[:-1]}, "crc": "{crc:08x}"}}\n', crc

@@ -1,35 +1,99 @@
-"""One writer at a time: a lock that the system itself lets go of when its holder dies."""
+"""One writer at a time: a lock on the run folder that the system itself lets go of when its holder dies."""
 
 import os
+import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from gaitopt.errors import StorageError
-from gaitopt.store.files import reason
+from gaitopt.store.files import clear_leftovers, parsed, read_bytes, reason, write_whole
+from gaitopt.store.records import validated
+from gaitopt.store.text import json_text, parse_object
+
+LOCK_FILE = ".lock"
+WRITER_FILE = ".writer"
+"""Says who holds the lock."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Writer:
+    """Who writes."""
+
+    pid: int
+    command: str
+    since: str
 
 
 @contextmanager
-def only_writer(path: Path) -> Iterator[None]:
-    """Hold a file for writing; where the system knows no such locks (Windows), this does nothing.
+def only_writer(folder: Path) -> Iterator[None]:
+    """Hold a folder that exists for writing, and remove what killed writers left; may be nested.
 
     Raises
     ------
     StorageError
-        If another process holds it.
+        If another process holds it, it cannot be locked, or it was deleted since this process locked it.
     """
-    if os.name != "posix":
+    try:
+        lock = FileLock(folder.resolve() / LOCK_FILE, timeout=0, is_singleton=True)
+        lock.acquire()
+    except Timeout as error:
+        remedy = "wait for it, or name another folder with -o"
+        raise StorageError(f"{folder} is being written by {_holder(folder)}; {remedy}") from error
+    except (OSError, ValueError) as error:
+        raise StorageError(f"cannot lock {folder}: {reason(error)}") from error
+    outermost = lock.lock_counter == 1
+    try:
+        if outermost:
+            clear_leftovers(folder, *_folders(folder))
+            since = datetime.now().astimezone().isoformat(timespec="seconds")
+            writer = Writer(pid=os.getpid(), command=" ".join(sys.argv), since=since)
+            write_whole(folder / WRITER_FILE, json_text(asdict(writer)) + "\n")
+        elif not _is_ours(folder):
+            raise StorageError(f"{folder} was deleted or replaced while this command was writing it")
         yield
-        return
-    import fcntl
+    finally:
+        if outermost and _is_ours(folder):
+            _leave(folder)
+        with suppress(OSError):  # the folder may be gone
+            lock.release()
 
-    with ExitStack() as held:
-        try:
-            file = held.enter_context(path.with_name(f".{path.name}.lock").open("w"))
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            remedy = "wait for it, or name another folder with -o"
-            raise StorageError(f"another process is writing {path}; {remedy}") from error
-        except OSError as error:
-            raise StorageError(f"cannot lock {path}: {reason(error)}") from error
-        yield
+
+def _folders(folder: Path) -> list[Path]:
+    try:
+        return [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
+    except OSError as error:
+        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another with -o") from error
+
+
+def _writer(folder: Path) -> Writer:
+    path = folder / WRITER_FILE
+    return validated(Writer, parsed(parse_object, read_bytes(path), path), path)
+
+
+def _is_ours(folder: Path) -> bool:
+    try:
+        return _writer(folder).pid == os.getpid()
+    except StorageError:
+        return False
+
+
+def _holder(folder: Path) -> str:
+    try:
+        writer = _writer(folder)
+    except StorageError:  # it has the lock, but has not yet said who it is
+        return "another process"
+    return f"process {writer.pid} ({writer.command}, since {writer.since})"
+
+
+def _leave(folder: Path) -> None:
+    """Take our name and the lock away while it is held; a folder in which nothing was written goes too."""
+    with suppress(OSError):  # Windows removes no open file: there the lock stays, which does no harm
+        (folder / WRITER_FILE).unlink()
+        (folder / LOCK_FILE).unlink()
+        if not any(folder.iterdir()):
+            folder.rmdir()

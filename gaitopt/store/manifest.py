@@ -1,40 +1,54 @@
-"""What a run folder says about itself: format, schema, versions, platform, and the hash of its problem."""
+"""What a run folder says about itself: format, schema, versions, platform, the hash of its problem, and of every file.
 
-import json
+A file is written in three steps: its checksum leaves the manifest, it is replaced, its new checksum enters. A file that
+has none there is therefore unfinished.
+"""
+
+import hashlib
 import platform
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from gaitopt.errors import StorageError
-from gaitopt.store.files import read_text
+from gaitopt.store.files import parsed, read_bytes, write_whole
+from gaitopt.store.records import validated
+from gaitopt.store.sums import FileSum, check_content, file_sum
+from gaitopt.store.text import json_text, parse_object
 
 MANIFEST_FILE = "manifest.json"
 FORMAT = "gaitopt run"
-SCHEMA = 1
-"""Raised whenever a reader of the previous schema would misread what is written."""
+SCHEMA = 2
+"""Raised whenever a reader of the previous schema would misread what is written; 2 has checksums."""
+CHECKSUM = "checksum"
+"""Key of the SHA-256 of the rest of the manifest."""
 PACKAGES = ("gaitopt", "casadi", "numpy", "scipy", "pydantic", "ruamel.yaml")
 """Packages on which the numbers of a run depend."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """The contents of ``manifest.json``; ``hash`` is that of the resolved problem with its references."""
+    """The contents of ``manifest.json``; ``hash`` is that of the resolved problem with its references.
+
+    ``files`` has the checksums of finished files by their paths within the folder.
+    """
 
     problem: str
     hash: str
     versions: dict[str, str]
     platform: dict[str, str]
+    files: dict[str, FileSum] = field(default_factory=dict)
     format: str = FORMAT
     schema: int = SCHEMA
 
     def to_record(self) -> dict[str, Any]:
-        """The manifest as a JSON object."""
-        return asdict(self)
+        """The manifest as a JSON object, with its own checksum."""
+        record = asdict(self)
+        return record | {CHECKSUM: _checksum(record)}
 
 
 def new_manifest(problem: str, digest: str) -> Manifest:
@@ -47,22 +61,30 @@ def new_manifest(problem: str, digest: str) -> Manifest:
     )
 
 
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write the manifest of a run folder.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written.
+    """
+    write_whole(folder / MANIFEST_FILE, json_text(manifest.to_record(), indent=2) + "\n")
+
+
 def read_manifest(folder: Path) -> Manifest:
     """Read the manifest of a run folder.
 
     Raises
     ------
     StorageError
-        If the folder is not a run, is broken, or was written by a newer gaitopt.
+        If the folder is not a run, is broken, or was written by a newer gaitopt or by one without checksums.
     """
     path = folder / MANIFEST_FILE
     if not path.is_file():
         raise StorageError(f"{folder} is not a run of gaitopt (it has no {MANIFEST_FILE}); it was left alone")
-    try:
-        record = json.loads(read_text(path))
-    except ValueError as error:
-        raise StorageError(f"{path} is not JSON ({error}); the run is broken and was left alone") from error
-    if not isinstance(record, dict) or record.get("format") != FORMAT:
+    record = parsed(parse_object, read_bytes(path), path)
+    if record.get("format") != FORMAT:
         raise StorageError(f"{path} is not the manifest of a gaitopt run; the folder was left alone")
     schema = record.get("schema")
     if isinstance(schema, int) and schema > SCHEMA:
@@ -70,12 +92,80 @@ def read_manifest(folder: Path) -> Manifest:
             f"{folder} was written by a newer gaitopt (schema {schema}; this one reads up to {SCHEMA}); "
             "it was left alone: update gaitopt to use it"
         )
-    try:
-        return TypeAdapter(Manifest).validate_python(record)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise StorageError(f"{path} {key}: {first['msg']}; the run is broken and was left alone") from error
+    if isinstance(schema, int) and schema < SCHEMA:
+        raise StorageError(
+            f"{folder} was written by an older gaitopt, without checksums (schema {schema}); "
+            "it was left alone: delete it, or name another folder with -o"
+        )
+    checksum = record.pop(CHECKSUM, None)
+    if checksum != _checksum(record):
+        raise StorageError(f"{path}: altered since it was written (SHA-256 differs); the run was left alone")
+    return validated(Manifest, record, path)
+
+
+@contextmanager
+def replacing(folder: Path, *names: str) -> Iterator[None]:
+    """Replace files of a run folder within the block; they count as unfinished until it is left without an error.
+
+    Parameters
+    ----------
+    names : paths within the folder.
+
+    Raises
+    ------
+    StorageError
+        If the folder is no run, or cannot be written.
+    """
+    manifest = read_manifest(folder)
+    kept = {name: known for name, known in manifest.files.items() if name not in names}
+    if kept != manifest.files:
+        write_manifest(folder, replace(manifest, files=kept))
+    yield
+    seal(folder, *names)
+
+
+def seal(folder: Path, *names: str) -> None:
+    """Enter the checksums of files, as they are now, into the manifest.
+
+    Raises
+    ------
+    StorageError
+        If one cannot be read, or the manifest cannot be written.
+    """
+    manifest = read_manifest(folder)
+    sums = {name: file_sum(folder / name, read_bytes(folder / name)) for name in names}
+    if not sums.items() <= manifest.files.items():
+        write_manifest(folder, replace(manifest, files=dict(sorted((manifest.files | sums).items()))))
+
+
+def read_sealed(folder: Path, name: str) -> bytes:
+    """Read a file of a run folder that is as it was written.
+
+    Raises
+    ------
+    StorageError
+        If it is missing, unfinished or altered.
+    """
+    known = read_manifest(folder).files.get(name)
+    while True:
+        if known is None:
+            words = (
+                "the run is unfinished: repeat the command that writes it" if (folder / name).exists() else "missing"
+            )
+            raise StorageError(f"{folder / name}: {words}; it was left alone")
+        content = read_bytes(folder / name)
+        try:
+            check_content(folder / name, content, known)
+        except StorageError:
+            before, known = known, read_manifest(folder).files.get(name)
+            if known == before:  # no writer has replaced it meanwhile
+                raise
+        else:
+            return content
+
+
+def _checksum(record: dict[str, Any]) -> str:
+    return hashlib.sha256(json_text(record).encode()).hexdigest()
 
 
 @lru_cache(maxsize=1)

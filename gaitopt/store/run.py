@@ -1,21 +1,30 @@
 """The run folder: a problem, what it resolves to, its gait and its trajectory, under one hash.
 
 The manifest is written first, so that a folder knows its problem, and the gait last, so that a folder with a gait is
-complete. A run that was killed in between is simply written again.
+complete. A run that was killed in between is simply written again. Whoever writes holds the folder.
 """
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from gaitopt.errors import StorageError
+from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.problem import Problem, restore_problem
-from gaitopt.store.files import TEMPORARY_SUFFIX, make_folder, read_text, reason, write_whole
-from gaitopt.store.manifest import MANIFEST_FILE, Manifest, new_manifest, read_manifest
-from gaitopt.store.text import Table, csv_text, json_text, parse_csv
+from gaitopt.store.files import parsed, write_whole
+from gaitopt.store.folder import check_folder, writing
+from gaitopt.store.manifest import (
+    MANIFEST_FILE,
+    Manifest,
+    new_manifest,
+    read_manifest,
+    read_sealed,
+    replacing,
+    seal,
+    write_manifest,
+)
+from gaitopt.store.text import Table, csv_text, json_text, parse_csv, parse_object
 
 RESULTS = Path("results")
 """Where runs go unless the user names a folder."""
@@ -47,24 +56,6 @@ def run_folder(problem: Problem, results: Path = RESULTS) -> Path:
     return results / f"{name}-{problem.digest[:8]}"
 
 
-def check_folder(folder: Path, problem: Problem) -> None:
-    """Refuse a folder that may not be written for this problem, before anything is computed or written.
-
-    Raises
-    ------
-    StorageError
-        If it holds another problem's run, anything that is not a run, a broken run, or a newer one.
-    """
-    if not _entries(folder):
-        return
-    manifest = read_manifest(folder)
-    if manifest.hash != problem.digest:
-        raise StorageError(
-            f"{folder} holds another problem ({manifest.problem}, hash {manifest.hash[:8]}, not {problem.name}, "
-            f"hash {problem.digest[:8]}); it was left alone: name another folder with -o, or delete this one"
-        )
-
-
 def begin_run(folder: Path, problem: Problem) -> Path:
     """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to.
 
@@ -73,12 +64,14 @@ def begin_run(folder: Path, problem: Problem) -> Path:
     StorageError
         If the folder belongs to something else or cannot be written.
     """
-    check_folder(folder, problem)
-    make_folder(folder)
-    manifest = new_manifest(problem.name, problem.digest).to_record()
-    write_whole(folder / MANIFEST_FILE, json_text(manifest, indent=2) + "\n")
-    write_whole(folder / PROBLEM_FILE, problem.text)
-    write_whole(folder / RESOLVED_FILE, json_text(problem.resolved(), indent=2) + "\n")
+    with writing(folder, problem):
+        files = dict(read_manifest(folder).files) if (folder / MANIFEST_FILE).exists() else {}
+        for name in (PROBLEM_FILE, RESOLVED_FILE):
+            files.pop(name, None)
+        write_manifest(folder, replace(new_manifest(problem.name, problem.digest), files=files))
+        write_whole(folder / PROBLEM_FILE, problem.text)
+        write_whole(folder / RESOLVED_FILE, json_text(problem.resolved(), indent=2) + "\n")
+        seal(folder, PROBLEM_FILE, RESOLVED_FILE)
     return folder
 
 
@@ -95,10 +88,7 @@ def write_run(folder: Path, *, problem: Problem, gait: Mapping[str, Any], trajec
     StorageError
         If the folder belongs to something else or cannot be written; the message says what was kept.
     """
-    begin_run(folder, problem)
-    write_whole(folder / TRAJECTORY_FILE, csv_text(trajectory))
-    write_whole(folder / GAIT_FILE, json_text(gait, indent=2) + "\n")
-    return folder
+    return _write_motion(folder, problem, (GAIT_FILE, gait), (TRAJECTORY_FILE, trajectory))
 
 
 def write_walk(folder: Path, *, problem: Problem, walk: Mapping[str, Any], trajectory: Table) -> Path:
@@ -106,9 +96,17 @@ def write_walk(folder: Path, *, problem: Problem, walk: Mapping[str, Any], traje
 
     Parameters and errors are those of ``write_run``.
     """
-    begin_run(folder, problem)
-    write_whole(folder / WALK_TRAJECTORY_FILE, csv_text(trajectory))
-    write_whole(folder / WALK_FILE, json_text(walk, indent=2) + "\n")
+    return _write_motion(folder, problem, (WALK_FILE, walk), (WALK_TRAJECTORY_FILE, trajectory))
+
+
+def _write_motion(
+    folder: Path, problem: Problem, record: tuple[str, Mapping[str, Any]], table: tuple[str, Table]
+) -> Path:
+    with writing(folder, problem):
+        begin_run(folder, problem)
+        with replacing(folder, record[0], table[0]):
+            write_whole(folder / table[0], csv_text(table[1]))
+            write_whole(folder / record[0], json_text(record[1], indent=2) + "\n")
     return folder
 
 
@@ -123,17 +121,13 @@ def read_run(folder: Path) -> Run:
     manifest = read_manifest(folder)
     if not (folder / GAIT_FILE).is_file():
         raise StorageError(f"{folder} is unfinished (no {GAIT_FILE}): solve {manifest.problem} again to complete it")
-    try:
-        trajectory = parse_csv(read_text(folder / TRAJECTORY_FILE))
-    except ValueError as error:
-        raise StorageError(f"{folder / TRAJECTORY_FILE}: {error}; the run is broken and was left alone") from error
     return Run(
         folder=folder,
         manifest=manifest,
-        problem_text=read_text(folder / PROBLEM_FILE),
-        resolved=read_object(folder / RESOLVED_FILE),
-        gait=read_object(folder / GAIT_FILE),
-        trajectory=trajectory,
+        problem_text=read_sealed(folder, PROBLEM_FILE).decode(),
+        resolved=read_object(folder, RESOLVED_FILE),
+        gait=read_object(folder, GAIT_FILE),
+        trajectory=parsed(parse_csv, read_sealed(folder, TRAJECTORY_FILE), folder / TRAJECTORY_FILE),
     )
 
 
@@ -145,26 +139,35 @@ def read_problem(folder: Path) -> Problem:
     StorageError
         If the folder is not a run, broken or newer.
     """
-    read_manifest(folder)
-    resolved, text = read_object(folder / RESOLVED_FILE), read_text(folder / PROBLEM_FILE)
-    return replace(restore_problem(resolved), text=text)
+    return restored_problem(folder, read_object(folder, RESOLVED_FILE), read_sealed(folder, PROBLEM_FILE).decode())
 
 
-def read_object(path: Path) -> dict[str, Any]:
-    """Read a file that is one JSON object.
+def restored_problem(folder: Path, resolved: Mapping[str, Any], text: str) -> Problem:
+    """The problem that a run folder resolves to.
 
     Raises
     ------
     StorageError
-        If it is missing, unreadable or anything else.
+        If it is none, or not that of the manifest.
     """
     try:
-        record = json.loads(read_text(path))
-    except ValueError as error:
-        raise StorageError(f"{path} is not JSON ({error}); the run is broken and was left alone") from error
-    if not isinstance(record, dict):
-        raise StorageError(f"{path} is not a JSON object; the run is broken and was left alone")
-    return record
+        problem = replace(restore_problem(resolved), text=text)
+    except (GaitoptError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise StorageError(f"{folder / RESOLVED_FILE} holds no problem ({error}); the run is broken") from error
+    if problem.digest != read_manifest(folder).hash:
+        raise StorageError(f"{folder / RESOLVED_FILE} does not have the hash of the manifest; the run is broken")
+    return problem
+
+
+def read_object(folder: Path, name: str) -> dict[str, Any]:
+    """Read a finished file of a run folder that is one JSON object.
+
+    Raises
+    ------
+    StorageError
+        If it is missing, unfinished, altered or anything else.
+    """
+    return parsed(parse_object, read_sealed(folder, name), folder / name)
 
 
 def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:
@@ -178,14 +181,3 @@ def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:
     folder = run_folder(problem, results)
     check_folder(folder, problem)
     return folder if (folder / GAIT_FILE).is_file() else None
-
-
-def _entries(folder: Path) -> list[str]:
-    """Names in a folder that may not exist yet, apart from what a killed writer left behind."""
-    try:
-        names = [path.name for path in folder.iterdir()]
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another with -o") from error
-    return [name for name in names if not (name.startswith(".") and name.endswith(TEMPORARY_SUFFIX))]

@@ -36,6 +36,25 @@ def csv_text(table: Table) -> str:
     return text.getvalue()
 
 
+def parse_object(text: str) -> dict[str, Any]:
+    """Parse one JSON object, strictly.
+
+    Raises
+    ------
+    ValueError
+        If it is anything else; the message says where.
+    """
+    try:
+        record = json.loads(text, parse_constant=_refuse_constant)
+    except RecursionError as error:
+        raise ValueError("not JSON (nested too deeply)") from error
+    except ValueError as error:
+        raise ValueError(f"not JSON ({error})") from error
+    if not isinstance(record, dict):
+        raise ValueError("not a JSON object")
+    return record
+
+
 def parse_csv(text: str) -> Table:
     """Parse what ``csv_text`` wrote; an empty cell is NaN.
 
@@ -52,10 +71,28 @@ def parse_csv(text: str) -> Table:
         if len(row) != len(header):
             raise ValueError(f"line {reader.line_num} has {len(row)} cells where the header has {len(header)}")
         try:
-            rows.append(tuple(cell if word else float(cell or "nan") for cell, word in zip(row, words, strict=True)))
+            rows.append(tuple(cell if word else parse_cell(cell) for cell, word in zip(row, words, strict=True)))
         except ValueError as error:
             raise ValueError(f"line {reader.line_num}: {error}") from error
     return Table(header=header, rows=tuple(rows))
+
+
+def parse_cell(cell: str) -> float:
+    """The number of a cell, NaN if it is empty.
+
+    Raises
+    ------
+    ValueError
+        If it is not a finite number.
+    """
+    number = float(cell or "nan")
+    if cell and not math.isfinite(number):
+        raise ValueError(f"{cell!r} is not a finite number")
+    return number
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number of JSON")
 
 
 def _plain(value: Any) -> Any:

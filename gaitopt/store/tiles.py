@@ -1,6 +1,7 @@
 """Parts of a large result, each a file of arrays that appears whole; what is there after a crash need not be redone."""
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -9,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from gaitopt.errors import StorageError
-from gaitopt.store.files import write_whole
+from gaitopt.store.files import read_bytes, write_whole
 
 TILE_FILE = "tile-{:06d}.npz"
+BROKEN = (OSError, ValueError, KeyError, EOFError, NotImplementedError, TypeError, zipfile.BadZipFile, zlib.error)
+"""What NumPy and zipfile raise on damaged archives."""
 
 
 def write_tile(folder: Path, number: int, arrays: Mapping[str, Any]) -> None:
@@ -42,7 +45,7 @@ def read_tile(folder: Path, number: int) -> dict[str, Any]:
     """
     path = folder / TILE_FILE.format(number)
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as arrays:
             return dict(arrays)
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except BROKEN as error:
         raise StorageError(f"{path} is broken ({error}): delete it, and its states are walked again") from error

@@ -1,5 +1,6 @@
 """What a user does with problems and gaits: solve, verify, simulate."""
 
+from gaitopt.nlp import Neighbourhood, neighbourhood
 from gaitopt.study.batch import Returns, return_map
 from gaitopt.study.claims import Claim, Verification
 from gaitopt.study.explain import Explanation, explain
@@ -14,6 +15,7 @@ __all__ = [
     "Claim",
     "Explanation",
     "Gaits",
+    "Neighbourhood",
     "Returns",
     "Verification",
     "Walk",
@@ -21,6 +23,7 @@ __all__ = [
     "explain",
     "find",
     "gait_reference",
+    "neighbourhood",
     "return_map",
     "simulate",
     "solve",

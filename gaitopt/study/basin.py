@@ -3,6 +3,7 @@
 xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot go on.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -77,13 +78,19 @@ class Attractor:
         return f"{kind}{'' if self.period == 1 else f', period {self.period}'}"
 
 
-def follow(step_map: StepMap, xi: Array, max_steps: int) -> Fates:
+def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callable[[], bool] | None = None) -> Fates:
     """Walk from every state until it settles, fails, or has made ``max_steps`` steps.
 
     Parameters
     ----------
     step_map : the return map.
     xi : ndarray, shape (n, k) - section coordinates just after an impact, ``dx`` included.
+    should_stop : polled before every step.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` became true.
     """
     n = len(xi)
     past = np.full((MAX_PERIOD, *xi.shape), np.nan)  # the last states, the latest first, and the steps that led there
@@ -94,6 +101,8 @@ def follow(step_map: StepMap, xi: Array, max_steps: int) -> Fates:
     for _ in range(max_steps):
         if not going.size:
             break
+        if should_stop is not None and should_stop():
+            raise KeyboardInterrupt
         walked = step_map(past[0, going])
         completed = walked.completed
         back = _returns(np.abs(walked.states - past[:, going]).max(axis=2)) & completed

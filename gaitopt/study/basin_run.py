@@ -2,82 +2,38 @@
 
 import hashlib
 import json
-import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Gait
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, choose_engine
-from gaitopt.store import has_tile, json_text, read_object, read_problem, read_tile, write_tile, write_whole
+from gaitopt.store import (
+    begin_run,
+    has_tile,
+    json_text,
+    replacing,
+    write_tile,
+    write_whole,
+    writing,
+)
 from gaitopt.store.files import make_folder
-from gaitopt.study.basin import Attractor, Attractors, Fates, follow, outcome_counts
+from gaitopt.store.manifest import MANIFEST_FILE
+from gaitopt.store.tiles import TILE_FILE
+from gaitopt.study.basin import Fates, follow
+from gaitopt.study.basin_tiles import BASIN_FILE, NUMBER, STATE_BYTES_MEMORY, Basin, assembled
 from gaitopt.study.batch import section_states, step_map
-from gaitopt.study.grid import Axis, Grid, check_room
+from gaitopt.study.grid import Grid, check_room
 from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
-
-Labels = NDArray[np.int32]
 
 TILE = 4096
 """States of one tile: some ten seconds of walking, and what is lost by a kill."""
 STATE_BYTES_DISK = 48
 """Of the fate of one state, compressed."""
-STATE_BYTES_MEMORY = 16
-"""Of the labels and step counts that are held of the whole grid at once."""
-BASIN_FILE = "basin.json"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Basin:
-    """Where every state of a grid goes.
-
-    Attributes
-    ----------
-    problem, grid : what was asked.
-    base : the section coordinates that the grid does not vary.
-    attractors : the gaits that were found; ``labels`` counts them.
-    labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
-    endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Fates``.
-    steps : ndarray, grid's shape - steps until it settled or failed.
-    """
-
-    problem: Problem
-    grid: Grid
-    base: dict[str, float]
-    attractors: tuple[Attractor, ...]
-    labels: Labels
-    endings: Labels
-    steps: Labels
-
-    def to_record(self) -> dict[str, Any]:
-        """One JSON object: the gaits with their shares, and the failures by name."""
-        names = self.problem.walker.section_names(slipping=True)
-        gaits = [
-            {
-                "kind": str(gait),
-                "period": gait.period,
-                "phases": [str(mode) for mode in gait.phases],
-                "impact": str(gait.impact),
-                "state": dict(zip(names, gait.state.tolist(), strict=True)),
-                "states": gait.count,
-                "share": gait.count / self.grid.size,
-            }
-            for gait in self.attractors
-        ]
-        return {
-            "problem": self.problem.name,
-            "over": [asdict(axis) for axis in self.grid.axes],
-            "base": self.base,
-            "states": self.grid.size,
-            "gaits": gaits,
-            "failures": outcome_counts(self.endings),
-        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,16 +97,9 @@ def check_basin(plan: BasinPlan) -> None:
     StorageError
         If the grid does not fit in memory or on disk.
     """
-    import psutil
-
     plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
     choose_engine(plan.engine)
-    parent = next(folder for folder in (plan.folder.absolute(), *plan.folder.absolute().parents) if folder.exists())
-    room = (
-        ("on disk", STATE_BYTES_DISK, shutil.disk_usage(parent).free),
-        ("of memory", STATE_BYTES_MEMORY, psutil.virtual_memory().available),
-    )
-    check_room(plan.grid.size, room)
+    check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
 
 
 def walk_basin(
@@ -175,39 +124,41 @@ def walk_basin(
     SolveError
         If a tile kills its workers.
     """
-    make_folder(plan.place)
+    with writing(plan.folder, plan.problem):
+        if not (plan.folder / MANIFEST_FILE).exists():
+            begin_run(plan.folder, plan.problem)
+        make_folder(plan.place, parents=False)
+        if not _walk_tiles(plan, workers, progress, should_stop):
+            return None
+        basin = assembled(plan.place, plan.problem, plan.grid, plan.base)
+        names = [TILE_FILE.format(tile) for tile in plan.tiles]
+        with replacing(plan.folder, *(f"{plan.place.name}/{name}" for name in (*names, BASIN_FILE))):
+            write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
+    return basin
+
+
+def _walk_tiles(
+    plan: BasinPlan,
+    workers: Workers,
+    progress: Callable[[int, int], None] | None,
+    should_stop: Callable[[], bool] | None,
+) -> bool:
+    """Walk the tiles that are not on disk, each written as soon as it is finished; whether all are there."""
     missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
     done, total = len(plan.tiles) - len(missing), len(plan.tiles)
     engine = choose_engine(plan.engine, steps=plan.grid.size)
     p = tuple(plan.start.p.tolist()) if isinstance(plan.start, Gait) else None
-    asked = TileTask(problem=plan.problem, p=p, engine=engine, grid=plan.grid, base=plan.base, max_steps=plan.max_steps)
-    jobs = [Job(key=f"{plan.key}-{tile}", argument=(asked, tile)) for tile in missing]
+    task = TileTask(problem=plan.problem, p=p, engine=engine, grid=plan.grid, base=plan.base, max_steps=plan.max_steps)
+    jobs = [Job(key=f"{plan.key}-{tile}", argument=(task, tile)) for tile in missing]
     for key, fates in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
         tile = int(key.rpartition("-")[2])
         if isinstance(fates, SetAside):
             raise SolveError(f"tile {tile} of the basin was given up: {fates.reason}; the others are kept")
-        write_tile(plan.place, tile, {f.name: getattr(fates, f.name) for f in fields(fates)})
+        write_tile(plan.place, tile, {NUMBER: tile, **{f.name: getattr(fates, f.name) for f in fields(fates)}})
         done += 1
         if progress is not None:
             progress(done, total)
-    if done < total:
-        return None
-    basin = _assembled(plan.place, plan.problem, plan.grid, plan.base)
-    write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
-    return basin
-
-
-def read_basin(place: Path) -> Basin:
-    """The basin in its own folder, which lies in the run folder of its problem.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no finished basin, or is broken.
-    """
-    record = read_object(place / BASIN_FILE)
-    grid = Grid(tuple(Axis(**axis) for axis in record["over"]))
-    return _assembled(place, read_problem(place.parent), grid, record["base"])
+    return done == total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,27 +173,18 @@ class TileTask:
     max_steps: int
 
 
-def walk_tile(argument: tuple[TileTask, int], _: None = None) -> Fates:
-    """Fates of the states of one tile, in whatever process."""
+def walk_tile(argument: tuple[TileTask, int], _: None = None, should_stop: Callable[[], bool] | None = None) -> Fates:
+    """Fates of the states of one tile, in whatever process.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` became true.
+    """
     task, tile = argument
     numbers = np.arange(tile * TILE, min((tile + 1) * TILE, task.grid.size))
     values = dict(zip([axis.key for axis in task.grid.axes], task.grid.points(numbers).T, strict=True))
     names = task.problem.walker.section_names(slipping=True)
     xi = np.column_stack([values.get(name, np.full(len(numbers), task.base.get(name))) for name in names])
-    return follow(step_map(task.problem, task.p, task.engine), section_states(task.problem, xi), task.max_steps)
-
-
-def _assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
-    """The whole basin from its tiles, one after the other."""
-    attractors = Attractors()
-    labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
-    done, tile = 0, 0
-    while done < grid.size:
-        fates = Fates(**read_tile(place, tile))
-        rows = slice(done, done + len(fates.steps))
-        labels[rows], endings[rows], steps[rows] = attractors.add(fates), fates.endings, fates.steps
-        done, tile = rows.stop, tile + 1
-    return Basin(
-        problem=problem, grid=grid, base=base, attractors=attractors.found,
-        labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
-    )  # fmt: skip
+    walk = step_map(task.problem, task.p, task.engine)
+    return follow(walk, section_states(task.problem, xi), task.max_steps, should_stop=should_stop)

@@ -1,13 +1,19 @@
-"""The processes that jobs run in: workers of this machine, started and ended here, or those of a Dask scheduler."""
+"""The processes that jobs run in: workers of this machine, started and ended here, or those of a Dask scheduler.
+
+Whoever can connect to a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
+made for the run, stays in memory, and is needed on both sides of every connection.
+"""
 
 import asyncio
 import logging
 import os
+import re
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from gaitopt.errors import UnknownNameError
@@ -18,11 +24,43 @@ FAREWELL = 0.5
 """Time that a worker has to go by itself [s]; one that is still at a job is then killed."""
 CONNECT_TIMEOUT = 10
 """A scheduler that has not answered by then [s] is not there."""
+CLOSE_TIMEOUT = 10
+"""Time for closing everything else [s]; what is then still open ends with this process."""
 SETTINGS = {
     "distributed.scheduler.worker-saturation": 1.0,  # a worker holds the one job that it is at, and loses no other
     "distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
     "distributed.admin.low-level-log-length": 0,
+    "distributed.scheduler.http.routes": [],  # pages about the run would be open to every user of the machine
+    "distributed.worker.http.routes": [],
 }
+ADDRESS = re.compile(r"(?:(?P<scheme>tcp|tls)://)?(?:\[[0-9A-Fa-f:]+\]|[\w.-]+):(?P<port>\d{1,5})")
+
+
+def check_address(scheduler: str) -> None:
+    """Refuse the address of a scheduler that cannot be one, or that needs certificates which Dask has not been given.
+
+    Raises
+    ------
+    UnknownNameError
+        If it is not of the form tcp://HOST:PORT or tls://HOST:PORT, or there are no usable certificates.
+    """
+    matched = ADDRESS.fullmatch(scheduler)
+    if matched is None or not 0 < int(matched["port"]) < 2**16:
+        raise UnknownNameError(f"--scheduler {scheduler}: write tcp://HOST:PORT or tls://HOST:PORT")
+    if matched["scheme"] == "tls":
+        _check_certificates(scheduler)
+
+
+def _check_certificates(scheduler: str) -> None:
+    from distributed.security import Security
+
+    remedy = "set distributed.comm.tls.ca-file, client.cert and client.key in the configuration of Dask"
+    try:
+        context = Security().get_connection_args("client")["ssl_context"]
+    except (OSError, TypeError) as error:
+        raise UnknownNameError(f"--scheduler {scheduler}: bad certificates of TLS ({error}); {remedy}") from error
+    if context is None:
+        raise UnknownNameError(f"--scheduler {scheduler}: TLS needs certificates; {remedy}")
 
 
 @contextmanager
@@ -35,35 +73,79 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
         If the scheduler does not answer.
     """
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     if scheduler is not None:
+        check_address(scheduler)
         try:
             client = Client(scheduler, timeout=CONNECT_TIMEOUT)
         except (OSError, TimeoutError, ValueError) as error:
             raise UnknownNameError(
-                f"the scheduler {scheduler} does not answer: {error}; "
+                f"the scheduler {scheduler} does not answer: {str(error) or type(error).__name__}; "
                 "start one with `dask scheduler`, or leave --scheduler out to use this machine"
             ) from error
-        with client:
+        with _closed_at_last(client):
             yield client
         return
-    with dask.config.set(SETTINGS), ExitStack() as stack:
+    with ExitStack() as stack:
+        scratch = stack.enter_context(TemporaryDirectory(prefix="gaitopt-", ignore_cleanup_errors=True))
+        stack.enter_context(dask.config.set({**SETTINGS, "temporary-directory": scratch}))
         with uninterrupted():
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=count,
-                    threads_per_worker=1,
-                    dashboard_address="127.0.0.1:0",  # any free port: None would insist on 8787
-                    silence_logs=logging.CRITICAL,
-                )
-            )
-            stack.callback(cluster.sync, _dismiss, cluster)
-        yield stack.enter_context(Client(cluster))
+            cluster = _local_cluster(count)
+            stack.enter_context(_closed_at_last(cluster))
+            stack.callback(_dismiss, cluster)
+        yield stack.enter_context(_closed_at_last(Client(cluster)))
 
 
-async def _dismiss(cluster: Any) -> None:
-    await asyncio.gather(*(nanny.close(timeout=FAREWELL) for nanny in cluster.workers.values()))
+def _local_cluster(count: int) -> Any:
+    from distributed import LocalCluster
+    from distributed.security import Security
+
+    return LocalCluster(
+        n_workers=count,
+        threads_per_worker=1,
+        protocol="tls://",
+        security=Security.temporary(),
+        dashboard_address="127.0.0.1:0",  # any free port: None would insist on 8787
+        silence_logs=logging.CRITICAL,
+    )
+
+
+@contextmanager
+def _closed_at_last(connection: Any) -> Iterator[Any]:
+    """Close a client or a cluster after the block; on a busy machine it may not answer, which costs no result."""
+    try:
+        yield connection
+    finally:
+        try:
+            connection.close(timeout=CLOSE_TIMEOUT)
+        except (TimeoutError, OSError, AssertionError) as error:  # it asserts that every worker has said goodbye
+            logging.getLogger(__name__).info("closing %s: %r", type(connection).__name__, error)
+
+
+def _dismiss(cluster: Any) -> None:
+    """End the workers; those that do not go by themselves are killed, whether or not that is confirmed in time."""
+    processes = [nanny.process.process for nanny in cluster.workers.values() if nanny.process is not None]
+
+    async def close() -> None:
+        farewells = (nanny.close(timeout=FAREWELL) for nanny in cluster.workers.values())
+        await asyncio.gather(*farewells, return_exceptions=True)
+
+    try:
+        cluster.sync(close, callback_timeout=CLOSE_TIMEOUT)
+    except TimeoutError as error:
+        logging.getLogger(__name__).info("workers did not confirm their end: %r", error)
+    for process in processes:
+        _kill(process)
+
+
+def _kill(process: Any) -> None:
+    """Kill the process of a worker if it is still there."""
+    try:
+        if process.is_alive():
+            os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+    except (ProcessLookupError, ValueError):  # it has just ended, or has been closed
+        return
 
 
 @contextmanager

@@ -12,7 +12,8 @@ from typing import Any
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Status
 from gaitopt.problem import Problem
-from gaitopt.study.grid import Axis
+from gaitopt.store import begin_run, writing
+from gaitopt.study.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Axis, check_room
 from gaitopt.study.jobs import Workers
 from gaitopt.study.solved import problem_job, solve_all
 
@@ -70,10 +71,28 @@ def design_front(
     ------
     ProblemError
         If the problem has no objective, or a value is wrong for it.
+    StorageError
+        If the designs do not fit in memory or on disk.
     """
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
+    check_room(2 * axis.count, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
     problems = {float(value): problem.replace({axis.key: float(value)}) for value in axis.values}
+    with writing(folder, problem):
+        begin_run(folder, problem)
+        best = _walk(problems, folder, progress, should_stop)
+    if best is None:
+        return None
+    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+
+
+def _walk(
+    problems: dict[float, Problem],
+    folder: Path,
+    progress: Progress | None,
+    should_stop: Callable[[], bool] | None,
+) -> dict[float, Record] | None:
+    """The better gait of both directions for every value; None if it was stopped."""
     best: dict[float, Record] = {}
     neighbour: Record | None = None
     for done, value in enumerate([*problems, *reversed(problems)], start=1):
@@ -84,7 +103,7 @@ def design_front(
         neighbour = best[value] if best[value]["status"] == Status.CONVERGED else neighbour
         if progress is not None:
             progress(done, 2 * len(problems))
-    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+    return best
 
 
 def _design(

@@ -1,8 +1,10 @@
 """A rectangular grid over named quantities: LO:HI:N along each."""
 
 import math
-from collections.abc import Iterable, Sequence
+import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,13 @@ from gaitopt.errors import StorageError, UnknownNameError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+LONGEST_AXIS = 10**9
+BYTES = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
+LARGEST_SIZE = 1000 ** len(BYTES)
+JOB_BYTES_DISK = 6_000
+"""Of the record of one gait, as JSON and in a table."""
+JOB_BYTES_MEMORY = 40_000
+"""Of one problem with its record."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +40,8 @@ class Axis:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
             raise ValueError(f"{self.key}: {self.lower:g}:{self.upper:g} is not a finite range")
+        if self.count > LONGEST_AXIS:
+            raise ValueError(f"{self.key}: {self.count:.3g} values; at most {LONGEST_AXIS:,} are possible")
         if self.count < 1 or (self.count == 1) != (self.lower == self.upper):
             raise ValueError(
                 f"{self.key}: {self.count} values from {self.lower:g} to {self.upper:g} are no range; "
@@ -91,22 +102,35 @@ class Grid:
             raise UnknownNameError(f"--over {', '.join(unknown)}: not {what}; use {', '.join(known)}")
 
 
-def check_room(points: int, bytes_per_point: Iterable[tuple[str, int, int]]) -> None:
-    """Refuse a grid that does not fit, before it starts.
+def check_room(points: int, folder: Path, *, disk: int, memory: int) -> None:
+    """Refuse a grid, or any other number of points, that does not fit, before it starts.
 
     Parameters
     ----------
-    points : size of the grid.
-    bytes_per_point : what must hold it, how much one point takes there, and how much is free [bytes].
+    points : how many.
+    folder : where they are kept; it need not exist.
+    disk, memory : how much one point takes [bytes].
 
     Raises
     ------
     StorageError
-        If it does not fit; the message says how large it is.
+        If they do not fit; the message says how large they are.
     """
-    for what, each, free in bytes_per_point:
+    import psutil
+
+    parent = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    room = (("on disk", disk, shutil.disk_usage(parent).free), ("of memory", memory, psutil.virtual_memory().available))
+    for what, each, free in room:
         if points * each > free:
             raise StorageError(
-                f"a grid of {points:,} points needs about {points * each / 1e9:.3g} GB {what}, "
-                f"but {free / 1e9:.3g} GB are free: choose fewer points"
+                f"{points:,} points need about {size_words(points * each)} {what}, "
+                f"but {size_words(free)} are free: choose fewer"
             )
+
+
+def size_words(size: int) -> str:
+    """A number of bytes with three digits in the unit that suits it."""
+    if size >= LARGEST_SIZE:
+        return f"over 1000 {BYTES[-1]}"
+    power = int(math.log10(max(size, 1))) // 3
+    return f"{size / 1000**power:.3g} {BYTES[power]}"

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from queue import Empty, Queue
 from typing import Any
 
-from gaitopt.study.cluster import ALLOWED_DEATHS, connected
+from gaitopt.study.cluster import ALLOWED_DEATHS, check_address, connected
 
 AHEAD = 4
 """Jobs submitted per worker beyond the one at hand, so that no worker waits for us."""
@@ -54,12 +54,20 @@ class Workers:
 
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
-    """So many processes of this machine (None: one per core), or those of a scheduler."""
+    """So many processes of this machine (None: one per core), or those of a scheduler.
+
+    Raises
+    ------
+    UnknownNameError
+        If the address of the scheduler cannot be one, or lacks certificates.
+    """
+    if scheduler is not None:
+        check_address(scheduler)
     return Workers(scheduler=scheduler) if count is None else Workers(count=count, scheduler=scheduler)
 
 
 def run_jobs(
-    task: Callable[[Any, Any], Any],
+    task: Callable[..., Any],
     jobs: list[Job],
     workers: Workers,
     *,
@@ -70,7 +78,8 @@ def run_jobs(
 
     Parameters
     ----------
-    task : a function of a module that the workers can import.
+    task : a function of a module that the workers can import; in this very process, where Ctrl-C may be swallowed by
+        compiled code, it is given ``should_stop`` as a third argument.
     jobs : in the order in which they are started, parents before their children.
     workers : where.
     done : results of parents that are not among the jobs.
@@ -89,19 +98,20 @@ def run_jobs(
 
 
 def _run_here(
-    task: Callable[[Any, Any], Any], jobs: list[Job], results: dict[str, Any], should_stop: Callable[[], bool] | None
+    task: Callable[..., Any], jobs: list[Job], results: dict[str, Any], should_stop: Callable[[], bool] | None
 ) -> Iterator[tuple[str, Any]]:
     for job in jobs:
         if should_stop is not None and should_stop():
             return
-        results[job.key] = task(job.argument, results.get(job.parent or ""))
+        polled = () if should_stop is None else (should_stop,)
+        results[job.key] = task(job.argument, results.get(job.parent or ""), *polled)
         yield job.key, results[job.key]
 
 
 class _Run:
     """Jobs on their way; those that wait for a parent are not submitted before it has finished."""
 
-    def __init__(self, client: Any, task: Callable[[Any, Any], Any], jobs: list[Job], done: dict[str, Any]) -> None:
+    def __init__(self, client: Any, task: Callable[..., Any], jobs: list[Job], done: dict[str, Any]) -> None:
         self._client, self._task, self._parents = client, task, done
         keys = {job.key for job in jobs}
         self._ready = [job for job in reversed(jobs) if job.parent not in keys]
@@ -159,7 +169,7 @@ class _Run:
         return SetAside(reason="the scheduler dropped it") if kept is None else loads(kept)
 
 
-def perform(task: Callable[[Any, Any], Any], key: str, argument: Any, parent: Any) -> None:
+def perform(task: Callable[..., Any], key: str, argument: Any, parent: Any) -> None:
     """Do a job in a worker and leave its result with the scheduler, which forgets it together with the job.
 
     A worker that dies after that, but before the scheduler has learnt that it is finished, lets another one begin the

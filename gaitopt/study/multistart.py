@@ -14,6 +14,8 @@ import numpy as np
 from gaitopt.gait import Status
 from gaitopt.mechanics import BezierTracking, Mode
 from gaitopt.problem import Problem
+from gaitopt.store import begin_run, writing
+from gaitopt.study.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, check_room
 from gaitopt.study.jobs import Workers
 from gaitopt.study.solved import problem_job, solve_all
 from gaitopt.study.system import build_system
@@ -84,10 +86,18 @@ def multistart(
     workers : where the starts are worked on; by default all cores.
     progress : called with the number of starts done and their total.
     should_stop : looked at all the time; when true, None is returned, and what is finished is kept.
+
+    Raises
+    ------
+    StorageError
+        If the starts do not fit in memory or on disk.
     """
+    check_room(starts, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
     jobs = [problem_job(p) for p in problems]
-    found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
+    with writing(folder, problem):
+        begin_run(folder, problem)
+        found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
     return None if found is None else _distinct(problems, [found[job.key] for job in jobs])
 
 

@@ -13,8 +13,8 @@ from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Arc, Gait, Status, Step, measure
 from gaitopt.mechanics import Cycle, HybridSystem, Mode
 from gaitopt.nlp.assembly import impact_record
-from gaitopt.problem import restore_problem
 from gaitopt.store import Run, Table
+from gaitopt.store.run import restored_problem
 from gaitopt.study.find import closed
 from gaitopt.study.system import build_system
 
@@ -34,9 +34,7 @@ def restore_gait(run: Run) -> Gait:
     SolveError
         If the run holds a failed attempt.
     """
-    problem = replace(restore_problem(run.resolved), text=run.problem_text)
-    if problem.digest != run.manifest.hash:
-        raise StorageError(f"{run.folder}: resolved.json does not have the manifest's hash; the run is broken")
+    problem = restored_problem(run.folder, run.resolved, run.problem_text)
     if run.gait.get("status") != Status.CONVERGED:
         raise SolveError(f"{run.folder} holds no gait: {run.gait.get('status')}, {run.gait.get('message')}")
     if problem.is_open:

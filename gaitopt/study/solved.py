@@ -5,16 +5,16 @@ that all sweeps and starts of a problem share, so that nothing is solved twice, 
 """
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Status
 from gaitopt.problem import Problem
-from gaitopt.store import LineWriter, read_lines
-from gaitopt.store.files import make_folder
-from gaitopt.store.lock import only_writer
+from gaitopt.store import growing, stored_lines
+from gaitopt.store.records import validated
 from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
 from gaitopt.study.solve import solve
 from gaitopt.study.verify import verify
@@ -23,6 +23,22 @@ from gaitopt.study.warm import guessed_from
 JOBS_FILE = "jobs.jsonl"
 SET_ASIDE = "set_aside"
 """Status of a job that has no result."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobRecord:
+    """What is read of a line of the file: a gait or a failed attempt, with the key of its job."""
+
+    job: str
+    status: str
+    start: str = ""
+    message: str = ""
+    phases: list[dict[str, Any]] = field(default_factory=list)
+    impact: str = ""
+    state: dict[str, float | None] = field(default_factory=dict)
+    parameters: dict[str, float | None] = field(default_factory=dict)
+    verification: dict[str, Any] | None = None
+    solver: dict[str, Any] = field(default_factory=dict)
 
 
 def problem_job(problem: Problem, parent: str | None = None) -> Job:
@@ -45,46 +61,53 @@ def solve_all(
     Parameters
     ----------
     jobs : with a ``Problem`` as argument; the gait of the parent is the guess that is tried first.
-    folder : of the run that keeps the results.
+    folder : of the run that keeps the results, held for writing by the caller.
     known : records of parents that are not among the jobs.
     progress : called with the number of jobs done and their total.
 
     Raises
     ------
     StorageError
-        If the disk is full, or another process works in this folder; finished jobs are kept.
+        If the disk is full, or what the folder holds is broken; finished jobs are kept.
     """
-    make_folder(folder)
-    path = folder / JOBS_FILE
-    with only_writer(path):
-        wanted = {job.key: job for job in jobs}
-        records = {r["job"]: r for r in read_lines(path) if r["job"] in wanted} if path.exists() else {}
-        missing = [job for key, job in wanted.items() if key not in records]
-        with LineWriter(path) as log:
-            done = {**(known or {}), **records}
-            for key, result in run_jobs(solve_job, missing, workers, done=done, should_stop=should_stop):
-                if isinstance(result, SetAside):
-                    records[key] = {"status": SET_ASIDE, "message": result.reason}
-                else:
-                    records[key] = {"job": key, **result}
-                    log.append(records[key])
-                if progress is not None:
-                    progress(len(records), len(wanted))
-    return records if len(records) == len(wanted) else None
+    unsolved = {job.key: job for job in jobs}
+    records = {key: record for key, record in _stored(folder) if key in unsolved}
+    total, missing = len(unsolved), [job for key, job in unsolved.items() if key not in records]
+    with growing(folder, JOBS_FILE) as log:
+        done = {**(known or {}), **records}
+        for key, result in run_jobs(solve_job, missing, workers, done=done, should_stop=should_stop):
+            if isinstance(result, SetAside):
+                records[key] = {"status": SET_ASIDE, "message": result.reason}
+            else:
+                records[key] = {"job": key, **result}
+                log.append(records[key])
+            if progress is not None:
+                progress(len(records), total)
+    return records if len(records) == total else None
 
 
-def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def _stored(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for number, record in enumerate(stored_lines(folder, JOBS_FILE), start=1):
+        validated(JobRecord, record, folder / JOBS_FILE, number)
+        yield record["job"], record
+
+
+def solve_job(
+    problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Callable[[], bool] | None = None
+) -> dict[str, Any]:
     """The record of a problem's gait with its verification, in whatever process.
 
     Raises
     ------
     KeyboardInterrupt
-        If Ctrl-C was pressed here.
+        If Ctrl-C was pressed here, or ``should_stop`` became true.
     """
     for start, candidate in _starts(problem, neighbour):
         try:
-            gait = solve(candidate)
+            gait = solve(candidate, should_stop=should_stop)
         except SolveError as error:
+            if should_stop is not None and should_stop():  # a reference whose solution was interrupted
+                raise KeyboardInterrupt from None
             return {"status": str(Status.NOT_CONVERGED), "message": str(error), "start": start}
         if gait.status is Status.INTERRUPTED:
             raise KeyboardInterrupt

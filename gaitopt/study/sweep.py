@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import json
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -14,17 +13,25 @@ import numpy as np
 
 from gaitopt.errors import ProblemError, StorageError
 from gaitopt.problem import Problem
-from gaitopt.store import Table, csv_text, json_text, read_object, write_whole
-from gaitopt.store.files import make_folder, read_text
-from gaitopt.study.grid import Axis, Grid, check_room
+from gaitopt.store import (
+    Table,
+    begin_run,
+    csv_text,
+    json_text,
+    read_object,
+    read_sealed,
+    replacing,
+    write_whole,
+    writing,
+)
+from gaitopt.store.files import make_folder, parsed
+from gaitopt.store.records import validated
+from gaitopt.store.text import parse_cell
+from gaitopt.study.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Grid, check_room
 from gaitopt.study.jobs import Job, Workers
 from gaitopt.study.solved import SET_ASIDE, problem_job, solve_all
 
 TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
-POINT_BYTES_DISK = 6_000
-"""Of the record of one gait, as JSON and in the table."""
-POINT_BYTES_MEMORY = 40_000
-"""Of one problem with its record."""
 SCALARS = (
     "period", "step_length", "speed", "work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared",
     "peak_torque", "slip_distance", "foot_clearance", "spectral_radius", "required_friction", "impulse_ratio",
@@ -106,14 +113,8 @@ def check_sweep(sweep: Sweep) -> None:
     StorageError
         If the grid does not fit in memory or on disk.
     """
-    import psutil
-
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
-    folder = sweep.folder.absolute()
-    parent = next(place for place in (folder, *folder.parents) if place.exists())
-    memory, disk = psutil.virtual_memory().available, shutil.disk_usage(parent).free
-    room = (("on disk", POINT_BYTES_DISK, disk), ("of memory", POINT_BYTES_MEMORY, memory))
-    check_room(sweep.grid.size, room)
+    check_room(sweep.grid.size, sweep.folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
     _ = sweep.jobs
 
 
@@ -131,14 +132,17 @@ def run_sweep(
     StorageError
         If the disk is full, or another process sweeps the same problem; finished jobs are kept.
     """
-    records = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
-    if records is None:
-        return None
-    found = [{**records[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
-    make_folder(sweep.place)
-    write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, found)))
-    write_whole(sweep.place / SWEEP_FILE, json_text(sweep_record(sweep, found), indent=2) + "\n")
-    return found
+    with writing(sweep.folder, sweep.problem):
+        begin_run(sweep.folder, sweep.problem)
+        solved = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
+        if solved is None:
+            return None
+        records = [{**solved[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
+        make_folder(sweep.place, parents=False)
+        with replacing(sweep.folder, *(f"{sweep.place.name}/{name}" for name in (TABLE_FILE, SWEEP_FILE))):
+            write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, records)))
+            write_whole(sweep.place / SWEEP_FILE, json_text(sweep_record(sweep, records), indent=2) + "\n")
+    return records
 
 
 def read_sweep(place: Path) -> tuple[Grid, list[dict[str, Any]]]:
@@ -149,12 +153,31 @@ def read_sweep(place: Path) -> tuple[Grid, list[dict[str, Any]]]:
     StorageError
         If the folder holds no finished sweep, or is broken.
     """
-    grid = Grid(tuple(Axis(**axis) for axis in read_object(place / SWEEP_FILE)["over"]))
-    rows = list(csv.DictReader(read_text(place / TABLE_FILE).splitlines()))
+    run, own = place.resolve().parent, place.resolve().name
+    path = place / TABLE_FILE
+    grid = validated(Grid, {"axes": read_object(run, f"{own}/{SWEEP_FILE}").get("over")}, place / SWEEP_FILE)
+    rows = parsed(_parse_rows, read_sealed(run, f"{own}/{TABLE_FILE}"), path)
     if len(rows) != grid.size:
-        raise StorageError(f"{place / TABLE_FILE} has {len(rows)} rows for {grid.size} points; it was left alone")
-    known = [name for name in SCALARS if name in rows[0]]
-    return grid, [{"status": row["status"], **{name: float(row[name] or "nan") for name in known}} for row in rows]
+        raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was left alone")
+    return grid, rows
+
+
+def _parse_rows(text: str) -> list[dict[str, Any]]:
+    """Status and scalars of every row of the table.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing or a cell is no number; the message names the line.
+    """
+    reader, rows = csv.DictReader(text.splitlines()), list[dict[str, Any]]()
+    known = [name for name in SCALARS if name in (reader.fieldnames or ())]
+    for row in reader:
+        try:
+            rows.append({"status": row["status"], **{name: parse_cell(row[name]) for name in known}})
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"line {reader.line_num}: {error!r}") from error
+    return rows
 
 
 def sweep_table(grid: Grid, records: list[dict[str, Any]]) -> Table:

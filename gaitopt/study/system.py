@@ -64,9 +64,10 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
     if beyond_end is not BeyondEnd.FLOW:
         return continued(pieces, gait.period, beyond_end)
     arc, duration = gait.arcs[-1], gait.period
+    unit = gait.system.state_scales(gait.system.scales(gait.p))
     while arc.end < (1 + FLOW_PERIODS) * gait.period:
         beyond = _flow_on(gait, arc, duration)
-        if curves.tail(beyond.states) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.period:
+        if curves.tail(beyond.states / unit) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.period:
             duration /= 2
             continue
         arc = beyond

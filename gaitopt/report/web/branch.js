@@ -3,6 +3,7 @@
 const SPECIAL_WORDS = {
   fold: "fold", period_doubling: "period doubling", neimark_sacker: "Neimark–Sacker", mode_change: "other phases begin",
   impact_change: "other impact begins", lift_off: "foot lifts off", painleve: "Painlevé paradox", end: "branch ends",
+  vanishing: "gait vanishes",
 };
 const LOG = 10; // multipliers beyond this go on a log axis
 const SMALLEST = 1e-3; // what a multiplier of zero is drawn as there

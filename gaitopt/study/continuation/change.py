@@ -15,6 +15,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.mechanics import Cycle, HybridSystem, Mode
 from gaitopt.nlp.diagnosis import phase_words
 from gaitopt.nlp.rollout import after_impact, roll_out
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.continuation.locate import Location, locate
 from gaitopt.study.continuation.monitors import Name, Reading
@@ -29,7 +30,7 @@ DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
 FIRST_STEPS = 5.0
 """First step on a new branch, in distances from the event: its new phase is short and changes fast."""
 ACTIVE = 1e-5
-"""Monitors below this part of their usual size vanish together with the one that was located."""
+"""Monitors below this, in natural units, vanish together with the one that was located."""
 CLOSER, APPROACH = 1 / 16, 1 / 2
 """A successor at this part of the distance past the event is at most this part as far from the gait there: a branch
 that begins like a square root comes four times closer, one beyond a jump does not come closer."""
@@ -62,7 +63,7 @@ def find_change(piece: Piece, event: Location) -> Change:
     for side in (ahead, -ahead):
         for cycle in candidates:
             for distance in DISTANCES:
-                found = _attempt(piece, event.station, cycle, side * distance * piece.scales[-1])
+                found = _attempt(piece, event.station, cycle, side * distance * piece.metric.span)
                 if found is not None and _is_continuous(piece, event.station, *found, side * distance):
                     vanished = len(cycle.phases) < len(piece.cycle.phases)
                     at = _seen_from_behind(*found, event) if vanished else None
@@ -82,25 +83,24 @@ def _is_continuous(piece: Piece, station: Station, successor: Piece, found: Stat
     """
     if not station.gait.system.friction_drops(station.gait.p):
         return True
-    closer = _attempt(piece, station, successor.cycle, offset * CLOSER * piece.scales[-1])
+    closer = _attempt(piece, station, successor.cycle, offset * CLOSER * piece.metric.span)
     if closer is None:
         return False
-    near, far = (np.abs(s.gait.state - station.gait.state).max() for s in (closer[1], found))
-    return bool(near < max(APPROACH * far, SAME * successor.scales[0]))
+    near, far = (piece.metric.apart(s.gait.state, station.gait.state) for s in (closer[1], found))
+    return bool(near < max(APPROACH * far, SAME))
 
 
 def _active(event: Location) -> list[tuple[Name, Reading]]:
     """The located monitor, and those that vanish with it; the impact's first."""
-    gait, monitors = event.station.gait, event.station.monitors
-    weight = float(gait.system.weight(gait.p))
-    found = []
-    for name, reading in monitors.items():
-        usual = weight if name.kind.startswith(("cone", "normal", "impulse")) else 1.0
-        if name == event.name or abs(reading.value) < ACTIVE * usual:
-            found.append((name, reading))
-    return sorted(found, key=lambda pair: pair[0].phase is not None)
+    active = [
+        (name, reading)
+        for name, reading in event.station.monitors.items()
+        if name == event.name or abs(reading.value) < ACTIVE
+    ]
+    return sorted(active, key=lambda pair: pair[0].phase is not None)
 
 
+@overflow_allowed()
 def _attempt(piece: Piece, station: Station, cycle: Cycle, offset: float) -> tuple[Piece, Station] | None:
     """The successor at a distance past the event, if it holds there."""
     value = station.value + offset
@@ -115,7 +115,7 @@ def _attempt(piece: Piece, station: Station, cycle: Cycle, offset: float) -> tup
     rolled = roll_out(system, p, cycle, state, longest=(1 + NEARBY) * period)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
-    successor, w = piece_through(problem, system, piece.parameter, piece.scales, rolled, p)
+    successor, w = piece_through(problem, system, piece.parameter, piece.metric, rolled, p)
     found = successor.start(w, _forward(station, state, offset, w.size))
     if found is None or not _holds(successor, found, station):
         return None
@@ -173,8 +173,7 @@ def _holds(successor: Piece, found: Station, station: Station) -> bool:
     """All monitors hold, the gait is next to the one at the event, and the simulator walks it."""
     if any(reading.value <= 0 for reading in found.monitors.values()):
         return False
-    apart = np.abs(found.gait.state - station.gait.state).max() / successor.scales[0]
-    return bool(apart < NEARBY) and confirm(found.gait).passed
+    return successor.metric.apart(found.gait.state, station.gait.state) < NEARBY and confirm(found.gait).passed
 
 
 def _words(name: Name, cycle: Cycle) -> str:

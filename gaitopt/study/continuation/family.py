@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
+from gaitopt.gait import TERMINAL, Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
-from gaitopt.nlp.arclength import Scales
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.study.continuation.change import with_cycle
 from gaitopt.study.continuation.coefficients import coefficient_bounds, with_friction
-from gaitopt.study.continuation.follow import FIRST_LENGTH, TERMINAL, Follower, Record
+from gaitopt.study.continuation.follow import FIRST_LENGTH, Follower, Record
 from gaitopt.study.continuation.limits import Limits
-from gaitopt.study.continuation.piece import Piece, Station, piece_through
+from gaitopt.study.continuation.piece import Metric, Piece, Station, piece_through
 
 Array = NDArray[np.float64]
 
@@ -140,6 +139,11 @@ def check_request(gait: Gait, request: Request) -> None:
     if request.parameter not in names:
         near = ", ".join(get_close_matches(request.parameter, names, n=3, cutoff=0.3)) or ", ".join(names)
         raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}; did you mean {near}?")
+    if isinstance(gait.problem.parameters.get(request.parameter), int):
+        raise UnknownNameError(
+            f"--param {request.parameter}: is a whole number, along which there is no family; "
+            f"solve for one value after the other with --set {request.parameter}=N"
+        )
     value = float(gait.p[names.index(request.parameter)])
     for to in request.to:
         if to == value or not np.isfinite(to):
@@ -193,11 +197,11 @@ def _follower(
         max_seconds=request.max_seconds,
         verify_every=request.verify_every,
     )
-    scales = (float(np.abs(gait.state).max()), gait.period, span)
+    metric = Metric.of(gait, gait.period, span)
     points = [record for record in made if record["record"] == "point"]
     if points:
         last = points[-1]
-        piece, station = _restored(gait, request.parameter, scales, last)
+        piece, station = _restored(gait, request.parameter, metric, last)
         return Follower(
             piece,
             station,
@@ -208,21 +212,21 @@ def _follower(
             count=len(points),
             should_stop=should_stop,
         )
-    piece, station = _first(gait, request.parameter, scales, ahead)
+    piece, station = _first(gait, request.parameter, metric, ahead)
     return Follower(piece, station, limits, number=number, length=FIRST_LENGTH, should_stop=should_stop)
 
 
-def _first(gait: Gait, parameter: str, scales: Scales, ahead: float) -> tuple[Piece, Station]:
+def _first(gait: Gait, parameter: str, metric: Metric, ahead: float) -> tuple[Piece, Station]:
     """The branch of a gait, and its first point with the tangent in the wanted direction."""
     durations = np.array([duration for _, duration in gait.phases])
     rolled = roll_out(gait.system, gait.p, gait.problem.cycle, gait.state, durations)
-    piece, w = piece_through(gait.problem, gait.system, parameter, scales, rolled, gait.p)
+    piece, w = piece_through(gait.problem, gait.system, parameter, metric, rolled, gait.p)
     forward = np.zeros(w.size)
     forward[-1] = ahead
     return piece, _started(piece, w, forward)
 
 
-def _restored(gait: Gait, parameter: str, scales: Scales, record: Mapping[str, Any]) -> tuple[Piece, Station]:
+def _restored(gait: Gait, parameter: str, metric: Metric, record: Mapping[str, Any]) -> tuple[Piece, Station]:
     """The branch and the point that a record holds, on the mesh that it had."""
     system = gait.system
     durations = np.array([phase["duration"] for phase in record["phases"]])
@@ -231,7 +235,7 @@ def _restored(gait: Gait, parameter: str, scales: Scales, record: Mapping[str, A
     p[system.parameters.index(parameter)] = record["value"]
     problem = with_cycle(gait.problem, system, _recorded_cycle(record), state)
     rolled = roll_out(system, p, problem.cycle, state, durations)
-    piece, w = piece_through(problem, system, parameter, scales, rolled, p, record["intervals"])
+    piece, w = piece_through(problem, system, parameter, metric, rolled, p, record["intervals"])
     return piece, _started(piece, w, piece.curve.direction(np.array(record["tangent"])))
 
 

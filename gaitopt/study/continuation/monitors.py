@@ -6,7 +6,7 @@ the event is still crossed: with s in [-1, 1] over the phase and g the margin,
     monitor = min over s of g(s) / ((1 + s)^a (1 - s)^b)
 
 a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip (a double zero), b = 1 where an
-event ends the phase. A monitor that changes sign along a branch marks the end of the sequence.
+event ends the phase; g is in natural units. A monitor that changes sign along a branch marks the end of the sequence.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, Step, curves
-from gaitopt.mechanics import Mode, ending_margin, margin_names
+from gaitopt.mechanics import Mode, ending_margin, margin_names, margin_scales
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,6 @@ class Reading:
 
 def readings(gait: Gait) -> dict[Name, Reading]:
     """All monitors of a solution, whether or not they hold."""
-    assert gait.steps, "monitors read a solution"
     return {**dict(_phase_readings(gait)), **dict(_impact_readings(gait))}
 
 
@@ -142,11 +141,11 @@ def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc
 def _second_touchdown(gait: Gait, step: Step) -> float:
     """Lowest interior minimum of the touchdown margin after it was armed: below zero the foot lands earlier."""
     lowest, armed = OPEN, False
-    level = CLEAR * max(float(_margins(gait, arc)[0].max()) for arc in step.arcs)
-    for arc in step.arcs:
+    clearances = [_margins(gait, arc)[0] for arc in step.arcs]
+    level = CLEAR * max(float(values.max()) for values in clearances)
+    for arc, values in zip(step.arcs, clearances, strict=True):
         if arc.duration < SHORT * abs(step.period):
             continue
-        values = _margins(gait, arc)[0]
         c = curves.coefficients(values)
         minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
         for s in minima:
@@ -173,7 +172,8 @@ def _derivative(c: Array, order: int) -> Array:
 
 def _margins(gait: Gait, arc: Arc) -> Array:
     data = gait.system.control.data(arc.segment)
-    return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data))
+    unit = margin_scales(arc.mode, gait.system.scales(gait.p))[:, None]
+    return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data)) / unit
 
 
 def _impact_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
@@ -183,18 +183,20 @@ def _impact_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
 
 
 def _impact_monitors(gait: Gait, step: Step) -> Iterator[tuple[str, float]]:
+    """Margins of one impact by name, in natural units."""
     assert step.impact is not None, "a gait is made of complete steps"
-    mode, z_minus = step.impact.mode, step.arcs[-1].states[-1]
-    _, impulse, slip, lift, painleve = (np.asarray(v).ravel() for v in gait.system.impact(mode)(z_minus, gait.p))
-    friction = float(gait.system.static_friction(gait.p))
-    yield "impulse", impulse[1]
-    yield "lift_velocity", lift[0]
+    mode, scales = step.impact.mode, gait.system.scales(gait.p)
+    outputs = gait.system.impact(mode)(step.arcs[-1].states[-1], gait.p)
+    _, impulse, slip, lift, painleve = (np.asarray(value).ravel() for value in outputs)
+    friction, f_t, f_n = float(gait.system.static_friction(gait.p)), *(impulse / scales.impulse)
+    yield "impulse", f_n
+    yield "lift_velocity", lift[0] / scales.speed
     if mode is Mode.STICK:
-        yield "impulse_cone_forward", friction * impulse[1] + impulse[0]
-        yield "impulse_cone_backward", friction * impulse[1] - impulse[0]
+        yield "impulse_cone_forward", friction * f_n + f_t
+        yield "impulse_cone_backward", friction * f_n - f_t
         return
-    yield "impact_slip", mode.direction * slip[0]
-    yield "impact_painleve", painleve[0]
+    yield "impact_slip", mode.direction * slip[0] / scales.speed
+    yield "impact_painleve", painleve[0] / scales.mass
     if gait.system.friction_drops(gait.p):
-        f_t, f_n = step.impact.stick_impulse
+        f_t, f_n = step.impact.stick_impulse / scales.impulse
         yield "impact_onset", -friction * f_n - mode.direction * f_t

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Gait
 from gaitopt.mechanics import Cycle, HybridSystem
-from gaitopt.nlp.arclength import Curve, CurvePoint, Scales
+from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.refinement import phase_errors, refine
@@ -22,8 +22,39 @@ from gaitopt.study.continuation.monitors import Name, Reading, readings
 Array = NDArray[np.float64]
 
 
-ERROR_TOLERANCE = 1e-11
+ERROR_TOLERANCE = 4e-12
 """Integration error on a branch: a tenth of a gait's, as special points are located to nine digits of the parameter."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metric:
+    """What arclength is measured with; the same along a whole family.
+
+    Attributes
+    ----------
+    state : ndarray, shape (n_z,) - size of every coordinate of the state after impact: its natural unit times the
+        largest coordinate of the first gait in natural units.
+    period : of the first gait [s].
+    span : of the parameter.
+    """
+
+    state: Array
+    period: float
+    span: float
+
+    @staticmethod
+    def of(gait: Gait, period: float, span: float) -> "Metric":
+        """The metric of the family that begins with ``gait``."""
+        unit = gait.system.state_scales(gait.system.scales(gait.p))
+        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=period, span=span)
+
+    def scales(self, section: NDArray[np.intp], n_phases: int) -> Array:
+        """Of section coordinates, durations and parameter; shape (n_xi + n_phases + 1,)."""
+        return np.concatenate([self.state[section], np.full(n_phases, self.period), [self.span]])
+
+    def apart(self, first: Array, second: Array) -> float:
+        """Largest distance of two states after impact, in the sizes of the coordinates."""
+        return float(np.abs((first - second) / self.state).max())
 
 
 @dataclass(frozen=True)
@@ -72,7 +103,7 @@ class Piece:
     parameter : dotted key.
     transcription : with that parameter freed.
     p : ndarray - values of all parameters, that of ``parameter`` being ignored.
-    scales : scales of the section coordinates, the durations and the parameter.
+    metric : what arclength is measured with.
     """
 
     def __init__(
@@ -81,9 +112,9 @@ class Piece:
         parameter: str,
         transcription: Transcription,
         p: Array,
-        scales: Scales,
+        metric: Metric,
     ) -> None:
-        self.problem, self.parameter, self.p, self.scales = problem, parameter, p, scales
+        self.problem, self.parameter, self.p, self.metric = problem, parameter, p, metric
         self._use(transcription)
 
     @property
@@ -130,7 +161,7 @@ class Piece:
         nodes, durations, freed = old.unpack(station.point.at.w)
         p = old.full_parameters(self.p, freed)
         rolled = roll_out(old.system, p, self.cycle, nodes[:, 0], durations)
-        piece, w = piece_through(self.problem, old.system, self.parameter, self.scales, rolled, p)
+        piece, w = piece_through(self.problem, old.system, self.parameter, self.metric, rolled, p)
         found = piece.start(w, resized(station.point.tangent, old, piece.transcription))
         return None if found is None or not piece.in_order(found) else (piece, found)
 
@@ -139,7 +170,9 @@ class Piece:
         return self.curve.coordinates(w)
 
     def _use(self, transcription: Transcription) -> None:
-        self.transcription, self.curve = transcription, Curve(transcription, self.p, self.scales)
+        section = transcription.system.section(transcription.layout.cycle.impact)
+        scales = self.metric.scales(section, transcription.n_phases)
+        self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
 
     def _station(self, point: CurvePoint) -> Station:
         problem = self.problem.replace({self.parameter: float(point.at.w[-1])})
@@ -158,7 +191,7 @@ def piece_through(
     problem: Problem,
     system: HybridSystem,
     parameter: str,
-    scales: Scales,
+    metric: Metric,
     rolled: Rollout,
     p: Array,
     intervals: Sequence[int] = (),
@@ -169,7 +202,7 @@ def piece_through(
     plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
     transcription = Transcription(system, plan, (parameter,))
     w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))
-    return Piece(problem, parameter, transcription, p, scales), w
+    return Piece(problem, parameter, transcription, p, metric), w
 
 
 def resized(tangent: Array, old: Transcription, new: Transcription) -> Array:

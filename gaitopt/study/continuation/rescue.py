@@ -16,17 +16,17 @@ def rescue(piece: Piece, station: Station) -> tuple[Piece, Station] | None:
     """A gait of the same mode sequence past a point at which Newton's method fails, if IPOPT finds one close by."""
     system, ahead = station.gait.system, float(np.sign(station.point.tangent[-1])) or 1.0
     for distance in DISTANCES:
-        value = station.value + ahead * distance * piece.scales[-1]
+        value = station.value + ahead * distance * piece.metric.span
         try:
             asked = with_cycle(piece.problem, system, piece.cycle, station.gait.state)
             gait = solve_gait(asked.replace({piece.parameter: value}), system)
         except ProblemError:  # beyond what the problem allows
             return None
-        if not gait.steps or np.abs(gait.state - station.gait.state).max() > NEARBY * piece.scales[0]:
+        if not gait.steps or piece.metric.apart(gait.state, station.gait.state) > NEARBY:
             continue
         durations = [duration for _, duration in gait.phases]
         rolled = roll_out(system, gait.p, piece.cycle, gait.state, durations)
-        further, w = piece_through(piece.problem, system, piece.parameter, piece.scales, rolled, gait.p)
+        further, w = piece_through(piece.problem, system, piece.parameter, piece.metric, rolled, gait.p)
         forward = np.zeros(w.size)
         forward[-1] = ahead
         found = further.start(w, forward)

@@ -1,0 +1,50 @@
+"""What a command says of a place that has gone, of warnings, and of its own defects."""
+
+import sys
+import traceback
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from gaitopt.errors import GaitoptWarning, StorageError
+
+
+def check_working_folder() -> None:
+    """Refuse to work in a folder that has been deleted.
+
+    Raises
+    ------
+    StorageError
+        If there is no working directory.
+    """
+    try:
+        Path.cwd()
+    except FileNotFoundError as error:
+        raise StorageError("the working directory has been deleted; change to another one") from error
+
+
+@contextmanager
+def shown_warnings() -> Iterator[None]:
+    """Print gaitopt's own warnings on stderr as lines for the user; all others go where they always do."""
+    with warnings.catch_warnings():
+        elsewhere = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **details: Any) -> None:
+            if issubclass(category, GaitoptWarning):
+                sys.stderr.write(f"gaitopt: warning: {message}\n")
+            else:
+                elsewhere(message, category, *place, **details)
+
+        warnings.showwarning = show
+        warnings.simplefilter("always", GaitoptWarning)
+        yield
+
+
+def internal_error(error: Exception) -> str:
+    """A defect in one line: what it is, and where it was raised, as some exceptions have no words of their own."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    words = ": ".join(filter(None, (type(error).__name__, str(error))))
+    place = "/".join(Path(frame.filename).parts[-2:])
+    return f"internal error: {words} ({place}:{frame.lineno}); rerun with --debug for the traceback"

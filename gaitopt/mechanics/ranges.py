@@ -1,0 +1,85 @@
+"""Ranges of numbers in natural units of the walker: beyond the possible a number is refused, beyond the usual remarked.
+
+l leg length,      sqrt(l/g) time,      m g weight,      m g l torque and energy
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from gaitopt.mechanics.scales import Scales
+
+UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
+    "one": ("", lambda s: 1.0),
+    "length": (" l", lambda s: s.length),
+    "time": (" sqrt(l/g)", lambda s: s.time),
+    "rate": (" sqrt(g/l)", lambda s: 1 / s.time),
+    "speed": (" sqrt(g l)", lambda s: s.speed),
+    "force": (" m g", lambda s: s.force),
+    "torque": (" m g l", lambda s: s.energy),
+    "damping": (" m g l sqrt(l/g)", lambda s: s.energy * s.time),
+    "torque_squared": (" (m g l)^2 sqrt(l/g)", lambda s: s.energy**2 * s.time),
+}
+"""Natural units: in words, and their value in SI; l is the leg length, m the whole mass, g gravity."""
+Interval = tuple[float, float]
+ANY: Interval = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Within:
+    """Annotation of a number: its range in a natural unit.
+
+    Attributes
+    ----------
+    unit : a key of ``UNITS``.
+    possible : lower and upper bound, beyond which no walker goes.
+    usual : bounds beyond which a value is more likely a mistake than meant.
+    """
+
+    unit: str = "one"
+    possible: Interval = ANY
+    usual: Interval = ANY
+
+    def bounds(self, scales: Scales) -> Interval:
+        """What is possible, in SI."""
+        size = UNITS[self.unit][1](scales)
+        return self.possible[0] * size, self.possible[1] * size
+
+    def objection(self, lower: float, upper: float, scales: Scales) -> str | None:
+        """Why no value from ``lower`` to ``upper`` [SI] is possible, if so."""
+        least, most = self.bounds(scales)
+        if upper >= least and lower <= most:
+            return None
+        value = upper if upper < least else lower
+        words, own = _words((least, most), ""), _words(self.possible, UNITS[self.unit][0])
+        return f"{value:g} is impossible: must be {words}{f' ({own})' if own != words else ''}"
+
+    def remark(self, lower: float, upper: float, scales: Scales) -> str | None:
+        """What is unusual about all values from ``lower`` to ``upper`` [SI], if so."""
+        word, size = UNITS[self.unit][0], UNITS[self.unit][1](scales)
+        if upper >= self.usual[0] * size and lower <= self.usual[1] * size:
+            return None
+        value = upper if upper < self.usual[0] * size else lower
+        own = f", that is {value / size:.3g}{word}" if word else ""
+        return f"{value:g}{own} is unusual; usually {_words(self.usual, word)}"
+
+    def __str__(self) -> str:
+        word = UNITS[self.unit][0]
+        parts = [("", self.possible), ("usually ", self.usual)]
+        return "; ".join(f"{prefix}{_words(span, word)}" for prefix, span in parts if span != ANY)
+
+
+def symmetric(size: float) -> Interval:
+    """From minus ``size`` to ``size``."""
+    return (-size, size)
+
+
+def _words(span: Interval, unit: str) -> str:
+    least, most = (f"{value:g}{unit if value else ''}" for value in span)
+    if span[0] == -span[1]:
+        return f"at most {most} in size"
+    if math.isinf(span[0]):
+        return f"at most {most}"
+    if math.isinf(span[1]):
+        return f"at least {least}"
+    return f"from {least} to {most}"

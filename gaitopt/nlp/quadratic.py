@@ -1,0 +1,35 @@
+"""Strictly convex quadratic programs as problems of least distance: Lawson & Hanson (1974), chapter 23.
+
+    min  g' d + d' H d / 2    s.t.  A d + b >= 0
+
+With H = L L' and y = L' d + L^-1 g it asks for the shortest y in a polyhedron, which nonnegative least squares finds.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import nnls
+
+Array = NDArray[np.float64]
+
+CONTRADICTION = 1e-9
+"""Distance in the problem of nonnegative least squares that means a polyhedron without points."""
+SHORTEST_ROW = 1e-3
+"""Rows of the constraints shorter than this are not made longer, so that rounding is not."""
+
+
+def least_distance(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:
+    """min g'd + d'Hd/2 s.t. A d + b >= 0: solution and multipliers, or None where the constraints contradict."""
+    L = np.linalg.cholesky(H)
+    free = -solve_triangular(L, g, lower=True)
+    G = solve_triangular(L, A.T, lower=True).T
+    lengths = np.maximum(np.linalg.norm(G, axis=1), SHORTEST_ROW)
+    G, h = G / lengths[:, None], (-b - G @ free) / lengths
+    target = np.zeros(g.size + 1)
+    target[-1] = 1.0
+    weights, distance = nnls(np.vstack([G.T, h]), target)
+    residual = np.vstack([G.T, h]) @ weights - target
+    if distance < CONTRADICTION:
+        return None
+    y = -residual[:-1] / residual[-1]
+    return np.asarray(solve_triangular(L.T, y + free)), weights / -residual[-1] / lengths

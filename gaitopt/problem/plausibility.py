@@ -1,0 +1,181 @@
+"""Whether the numbers of a problem suit its walker: impossible ones are faults, unusual ones are remarks.
+
+Energy of a passive walker comes from going downhill alone; and as the mean contact force of a steady gait balances the
+weight, no friction below tan(slope) will do.
+"""
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from casadi import SX, Function
+from pydantic import BaseModel
+
+from gaitopt.mechanics import HybridSystem, Mode, NoControl, Scales, Walker
+from gaitopt.mechanics.lagrangian import parameter_namespace
+from gaitopt.mechanics.ranges import Within, symmetric
+from gaitopt.problem.faults import Fault, Key
+from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
+from gaitopt.problem.sections import (
+    DURATION,
+    ConstantTorqueSpec,
+    CurveReference,
+    HeadSection,
+    NoControlSpec,
+    PDSpec,
+    state_section,
+    torques_section,
+)
+
+if TYPE_CHECKING:
+    from gaitopt.problem.problem import Problem
+
+FEET_APART = 1e-6
+"""Least distance of the feet at the start of a step, in leg lengths."""
+FALLEN = -1e-9
+"""A margin of being upright below this is a fall; a wheel on two spokes is at zero, up to rounding."""
+LIGHT = 1e-6
+"""A mass below this part of the whole is more likely a mistake than meant."""
+NO_ENERGY = "no energy comes in: a passive walker on level or uphill ground cannot be periodic"
+STATE: Key = ("gait", "guess", "state")
+Span = tuple[Key, float, float, Within]
+"""Path of a number or of a range of numbers, its lower and upper end, and what is possible."""
+
+
+def impossible(problem: "Problem") -> Iterator[Fault]:
+    """Numbers that no such walker can have."""
+    scales = natural_units(problem.walker)
+    if not all(math.isfinite(size) and size > 0 for size in (scales.length, scales.time, scales.energy)):
+        yield Fault(("walker",), "masses, lengths and gravity are so far apart that their products leave all numbers")
+        return
+    for path, lower, upper, within in _spans(problem):
+        why = within.objection(lower, upper, scales)
+        if why:
+            yield Fault(path, why)
+    if problem.start is None:
+        return
+    foot, upright, _ = _geometry_at_guess(problem)
+    if not math.hypot(*foot) > FEET_APART * scales.length:
+        yield Fault(STATE, "both feet are at one place: a step begins with the feet apart")
+    if upright < FALLEN:
+        yield Fault(STATE, "the walker has fallen: it begins a step upright")
+
+
+def remarks(problem: "Problem") -> Iterator[Fault]:
+    """Numbers that are possible, but more likely a mistake than meant."""
+    scales, walker = natural_units(problem.walker), problem.walker
+    if isinstance(problem.friction, float):
+        friction = _annotated(("friction",), problem.friction, HeadSection.model_fields["friction"].metadata)
+    else:
+        friction = _of(problem.friction, ("friction",))
+    for path, lower, upper, within in [*friction, *_of(walker, ("walker",)), *_spans(problem)]:
+        why = within.remark(lower, upper, scales)
+        if why:
+            yield Fault(path, why)
+    for name, field in type(walker).model_fields.items():
+        part = getattr(walker, name) / scales.mass if (field.description or "").endswith("[kg]") else 1.0
+        if 0 < part < LIGHT:
+            yield Fault(("walker", name), f"is unusual: {part:.1g} of the whole mass")
+    gravity = _geometry_at_guess(problem)[2]
+    if lacks_energy(problem):
+        yield Fault(("walker",), NO_ENERGY)
+    needed = abs(gravity[0] / gravity[1])
+    if problem.static_friction < needed and not problem.free:
+        less = f"{problem.static_friction:g} is less than tan(slope) = {needed:.4g}"
+        yield Fault(("friction",), f"{less}: no steady gait holds on such a slope")
+
+
+def lacks_energy(problem: "Problem") -> bool:
+    """Whether nothing replaces what impacts and friction take: no motors, and no way downhill."""
+    downhill = _geometry_at_guess(problem)[2][0]
+    slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
+    passive = isinstance(problem.control, NoControlSpec) and not problem.free
+    return bool(passive and (downhill == 0 or (downhill < 0 and not slides_back)))
+
+
+def natural_units(walker: Walker) -> Scales:
+    """Natural units of a walker with its parameters."""
+    return _system(type(walker)).scales(np.array([*_values(walker), 0.0]))
+
+
+def _spans(problem: "Problem") -> Iterator[Span]:
+    """All numbers whose range is in natural units, or depends on the walker."""
+    walker, control, laws = problem.walker, problem.control, dict[str, Any]()
+    fields = state_section(type(walker)).model_fields
+    for name, value in () if problem.start is None else problem.start.state.items():
+        yield from _annotated((*STATE, name), value, fields[name].metadata)
+    for k, duration in enumerate((problem.start and problem.start.durations) or ()):
+        yield ("gait", "guess", "durations", k), duration, duration, DURATION
+    if isinstance(control, ConstantTorqueSpec):
+        laws = {name: field.metadata for name, field in torques_section(type(walker)).model_fields.items()}
+        for name, value in control.torques.items():
+            yield from _annotated(("control", name), value, laws[name])
+    if isinstance(control, PDSpec):
+        laws = {name: field.metadata for name, field in PDSpec.model_fields.items()}
+        yield from _of(control, ("control",))
+        if isinstance(control.reference, CurveReference):
+            yield from _of(control.reference.curve, ("control", "reference", "curve"))
+    for key, unknown in problem.free.items():
+        group, _, name = key.rpartition(".")
+        for k, bound in enumerate((unknown.lower, unknown.upper) if group == "control" else ()):
+            yield from _annotated(("control", name, "free", k), bound, laws[name])
+    for name, span in problem.constraints.items():
+        yield from ((("constraints", name), span.minimum, span.maximum, part) for part in _scalar_range(name, problem))
+
+
+def _of(model: BaseModel, path: Key) -> Iterator[Span]:
+    for name, field in type(model).model_fields.items():
+        value = getattr(model, name)
+        if isinstance(value, int | float):
+            yield from _annotated((*path, name), value, field.metadata)
+
+
+def _annotated(path: Key, value: float, metadata: list[Any]) -> Iterator[Span]:
+    yield from ((path, value, value, part) for part in metadata if isinstance(part, Within))
+
+
+def _scalar_range(name: str, problem: "Problem") -> list[Within]:
+    """Range of a scalar that is constrained; a freed parameter keeps to its own bounds."""
+    modes = set() if problem.is_open else {*problem.cycle.phases, *problem.cycle.impacts}
+    if name == "step_length" and modes == {Mode.STICK}:
+        return [SLIPLESS_STEP]
+    if name in SCALARS:
+        return [SCALARS[name].within]
+    group, _, coordinate = name.partition(".")
+    if group != "state":
+        return []
+    if coordinate in problem.walker.shape:
+        return [Within(possible=symmetric(problem.walker.largest_angle))]
+    return [part for part in state_section(type(problem.walker)).model_fields[coordinate].metadata
+            if isinstance(part, Within)]  # fmt: skip
+
+
+def _geometry_at_guess(problem: "Problem") -> tuple[Any, float, Any]:
+    """Swing foot from the stance foot [m], margin of being upright, and gravity along x and y [m/s^2].
+
+    Without a guess all angles are zero.
+    """
+    shape = [0.0 if problem.start is None else problem.start.state[name] for name in problem.walker.shape]
+    foot, upright, gravity = _geometry(type(problem.walker))(shape, _values(problem.walker))
+    return np.asarray(foot).ravel(), float(upright), np.asarray(gravity).ravel()
+
+
+def _values(walker: Walker) -> list[float]:
+    return [float(getattr(walker, name)) for name in type(walker).model_fields]
+
+
+@lru_cache(maxsize=32)
+def _system(walker: type[Walker]) -> HybridSystem:
+    return HybridSystem(walker, NoControl())
+
+
+@lru_cache(maxsize=32)
+def _geometry(walker: type[Walker]) -> Function:
+    """(shape, p) -> swing foot from the stance foot, upright, gravity."""
+    shape, p = SX.sym("shape", len(walker.shape)), SX.sym("p", len(walker.model_fields))
+    names = {name: shape[k] for k, name in enumerate(walker.shape)}
+    m = walker.mechanism(SimpleNamespace(**names, x=SX(0), y=SX(0)), parameter_namespace(walker, p))
+    return Function("geometry", [shape, p], [m.swing_foot, m.upright, m.gravity])

@@ -1,0 +1,139 @@
+"""The hybrid system in natural units, in which the engines integrate, locate events and decide.
+
+    d zeta / d tau = T D^-1 flow(T tau, D zeta),      margins / their scales,      t = T tau,  z = D zeta
+
+A tolerance is then a plain number, and no result depends on the units in which a problem is stated. The scale of the
+margin ``painleve`` is the apparent mass of the foot, C_tt + mu s C_nt > SINGULAR C_tt with C_tt the mean of both slips.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from casadi import SX, Function, cse, repmat, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.mechanics import HybridSystem, Mode, margin_scales
+
+Array = NDArray[np.float64]
+
+N_MARGINS = 5
+"""Every mode has as many margins."""
+SINGULAR = 1e-8
+"""Apparent mass of a slipping foot, relative to that of a sticking one, at which its slip has no unique solution. Below
+it the forces, in proportion to the inverse, have lost half of their digits; many motions are drawn into zero itself."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Units:
+    """Natural units of one system at fixed parameters.
+
+    Attributes
+    ----------
+    time, speed : [s], [m/s].
+    state : ndarray, shape (n_z,) - units of the state.
+    parameters : for each mode the parameters of the functions of ``NaturalSystem``.
+    """
+
+    time: float
+    speed: float
+    state: Array
+    parameters: dict[Mode, Array]
+
+    def pack(self, state: Array, deviations: Array) -> tuple[Array, Array]:
+        """A state and deviations (n_z, m), each of them scaled to size one, as one vector; and their sizes (m,)."""
+        scaled = deviations / self.state[:, None]
+        sizes = np.abs(scaled).max(axis=0)
+        sizes[sizes == 0] = 1.0
+        return np.concatenate([state / self.state, (scaled / sizes).ravel(order="F")]), sizes
+
+    def unpack(self, y: Array, sizes: Array) -> Array:
+        """The deviations of such a vector; shape (n_z, m)."""
+        n_z = self.state.size
+        return np.asarray(y[n_z:].reshape((n_z, -1), order="F") * sizes * self.state[:, None])
+
+
+def units(system: HybridSystem, p: Array) -> Units:
+    """Natural units at parameters ``p``, shape (n_p,)."""
+    scales = system.scales(p)
+    state = system.state_scales(scales)
+    parameters = {mode: np.array([*p, scales.time, *state, *margin_scales(mode, scales)]) for mode in Mode}
+    return Units(time=scales.time, speed=scales.speed, state=state, parameters=parameters)
+
+
+class NaturalSystem:
+    """Functions of a hybrid system in natural units; use ``natural_system``, which keeps them.
+
+    Their arguments are (tau, zeta, parameters, r) with the parameters of ``Units`` and r as in ``HybridSystem``.
+    """
+
+    def __init__(self, system: HybridSystem) -> None:
+        self._system = system
+        self._functions: dict[str, Function] = {}
+        n_z = system.n_z
+        self._tau, self._r = SX.sym("tau"), SX.sym("r", system.n_r)
+        self._p, self._time = SX.sym("p", len(system.parameters)), SX.sym("T")
+        self._state, self._margins = SX.sym("D", n_z), SX.sym("S", N_MARGINS)
+        self._d = vertcat(SX.ones(system.n_shape), self._state[system.n_shape :])  # angles are their own unit
+        self._all = vertcat(self._p, self._time, self._state, self._margins)
+
+    def flow(self, mode: Mode) -> Function:
+        """Rate of the state."""
+        return self._build(f"flow_{mode}", lambda a: [self._rate(mode, a)])
+
+    def events(self, mode: Mode) -> Function:
+        """Margins and their rates along the flow."""
+        return self._build(f"events_{mode}", lambda a: self._events(mode, a))
+
+    def point(self, mode: Mode) -> Function:
+        """Rate of the state, margins and their rates."""
+        return self._build(f"point_{mode}", lambda a: [self._rate(mode, a), *self._events(mode, a)])
+
+    def arc(self, mode: Mode) -> Function:
+        """Rate of the state, and the margins below it."""
+
+        def outputs(a: list[SX]) -> list[SX]:
+            margins = self._system.margins(mode)(*a)
+            scaled = margins / self._margins
+            if mode is not Mode.STICK:
+                other = self._system.margins(Mode.slip(-mode.direction))(*a)
+                scaled[-1] = 2 * margins[-1] / (margins[-1] + other[-1]) - SINGULAR
+            return [cse(vertcat(self._rate(mode, a), scaled))]
+
+        return self._build(f"arc_{mode}", outputs)
+
+    def variational(self, mode: Mode, columns: int) -> Function:
+        """Rate of the state and of ``columns`` deviations one after the other."""
+        scale = repmat(self._d, 1 + columns, 1)
+        original = self._system.variational(mode, columns)
+        return self._build(
+            f"variational_{mode}_{columns}", lambda a: [original(*a) * (self._time / scale)], scale=scale
+        )
+
+    def _rate(self, mode: Mode, arguments: list[SX]) -> SX:
+        return self._system.flow(mode)(*arguments) * (self._time / self._d)
+
+    def _events(self, mode: Mode, arguments: list[SX]) -> list[SX]:
+        margins, rates = self._system.events(mode)(*arguments)
+        scaled, scaled_rates = margins / self._margins, rates * (self._time / self._margins)
+        if mode is not Mode.STICK:
+            other, other_rates = self._system.events(Mode.slip(-mode.direction))(*arguments)
+            foot, foot_rate = (margins[-1] + other[-1]) / 2, (rates[-1] + other_rates[-1]) / 2
+            scaled[-1] = margins[-1] / foot - SINGULAR
+            scaled_rates[-1] = (rates[-1] - margins[-1] / foot * foot_rate) * (self._time / foot)
+        return [scaled, scaled_rates]
+
+    def _build(self, name: str, outputs: Callable[[list[SX]], list[SX]], scale: SX | None = None) -> Function:
+        if name not in self._functions:
+            scale = self._d if scale is None else scale
+            zeta = SX.sym("zeta", scale.numel())
+            arguments = [self._time * self._tau, scale * zeta, self._p, self._r]
+            self._functions[name] = Function(name, [self._tau, zeta, self._all, self._r], outputs(arguments))
+        return self._functions[name]
+
+
+@lru_cache(maxsize=16)
+def natural_system(system: HybridSystem) -> NaturalSystem:
+    """The functions of a system in natural units, built on first use and kept."""
+    return NaturalSystem(system)

@@ -1,0 +1,97 @@
+"""Bad input on the command line: an exit code and a sentence for each, never an internal error."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+WHEEL = "rimless-wheel-stick"
+LONG = "a" * 5000
+
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
+
+@pytest.mark.parametrize(
+    "name", ["", LONG, f"{LONG}.yaml", f"x/{LONG}", "/".join(["b" * 200] * 30), ".", "/", "\udcff"]
+)
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("show",), ("validate",), ("solve",), ("simulate",), ("verify",), ("plot",), ("report",),
+        ("continue", "--param", "friction", "--to", "1"), ("basin", "--over", "dtheta=1:2:2"),
+        ("sweep", "--over", "friction=1:2:2"), ("front", "--over", "friction=1:2:2"), ("reproduce",),
+    ],
+)  # fmt: skip
+def test_no_name_of_a_problem_or_run_is_an_internal_error(run, command, name):
+    code, out, err = run(command[0], name, *command[1:])
+    assert code in (2, 3, 6)
+    assert not out
+    assert err.startswith("gaitopt: ")
+    assert "internal error" not in err
+
+
+@pytest.mark.parametrize("output", [".", "/", ""])
+def test_a_report_is_no_folder(run, output):
+    code, _, err = run("report", WHEEL, "-o", output)
+    assert code == 2
+    assert "is a folder; give the name of the page" in err
+    assert not list(Path().iterdir())
+
+
+def test_a_working_directory_that_is_deleted_is_named(run):
+    here = Path.cwd()
+    here.rmdir()
+    try:
+        code, _, err = run("solve", WHEEL)
+    finally:
+        here.mkdir()
+    assert code == 6
+    assert "the working directory has been deleted" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("solve", WHEEL, "--set", "gait.guess.state.dtheta=1e200"), 3, "--set gait.guess.state.dtheta: 1e+200 is"),
+        (("solve", WHEEL, "--starts", "1000000000000"), 6, "points need about 6 PB on disk"),
+        (("solve", WHEEL, "--starts", "3", "--spread", "1e300"), 2, "--spread"),
+        (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 50}"), 2, "values; at most 1,000,000,000 are possible"),
+        (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 5000}"), 2, "write --over friction=LO:HI:N"),
+        (("front", "compass-torque-efficient", "--over", "constraints.speed=0.3:0.4:50000000"), 6, "need about 600 GB"),
+    ],
+)
+def test_what_is_too_large_is_refused_at_once(run, arguments, code, words):
+    ended, out, err = run(*arguments)
+    assert (ended, out) == (code, "")
+    assert words in err
+
+
+def test_a_whole_number_is_no_parameter_of_a_family(run):
+    code, _, err = run("continue", WHEEL, "--param", "walker.spokes", "--to", "12", "--quiet")
+    assert code == 2
+    assert err.startswith("gaitopt: --param walker.spokes: is a whole number")
+
+
+def test_remarks_go_to_stderr_and_json_stays_clean(run):
+    code, out, err = run("validate", WHEEL, "--set", "friction=50", "--json")
+    assert code == 0
+    assert json.loads(out)["valid"]
+    assert err == "warning: --set friction: 50 is unusual; usually from 0 to 3\n"
+    code, _, err = run("solve", WHEEL, "--set", "friction=50", "--quiet", "--json")
+    assert (code, err) == (0, "")
+
+
+def test_an_internal_error_without_words_says_where_it_was_raised(run, monkeypatch):
+    def fail(*_):
+        raise TimeoutError
+
+    monkeypatch.setattr("gaitopt.problem.load_problem", fail)
+    code, _, err = run("validate", WHEEL)
+    assert code == 1
+    assert "internal error: TimeoutError (tests/test_cli_input.py:" in err
+
+
+def test_a_level_wheel_lacks_energy(run):
+    code, out, _ = run("solve", WHEEL, "--set", "walker.slope=0", "--json", "--quiet")
+    assert code == 4
+    assert "a passive walker on level or uphill ground cannot be periodic" in json.loads(out)["message"]

@@ -1,0 +1,54 @@
+"""Families whose gaits shrink to nothing end by that name, where it happens."""
+
+import math
+from functools import cache
+
+import pytest
+
+import gaitopt as go
+from gaitopt.gait import TERMINAL
+from gaitopt.study.continuation.vanishing import stride
+
+
+@cache
+def sliding(verify_every: int) -> go.Branch:
+    """Gait B close to the friction at which a walker can only slide."""
+    near = {"theta1": -0.000599, "dtheta1": -0.14525, "dtheta2": -0.14526, "dx": 0.464827}
+    problem = go.load_problem("compass-passive-b").replace({"friction": 0.0177, "gait.guess.state": near})
+    return go.continuation(go.solve(problem), "friction", to=0.0173, verify_every=verify_every)
+
+
+@pytest.mark.parametrize("verify_every", [pytest.param(0, marks=pytest.mark.slow), 10])
+def test_gait_b_vanishes_where_friction_is_the_slope(verify_every: int) -> None:
+    """With mu = tan(slope) a walker that slides forward neither gains nor loses speed."""
+    special = sliding(verify_every).specials[-1]
+    assert (special.type, special.status) == ("vanishing", "converged")
+    assert special.type in TERMINAL
+    assert special.value == pytest.approx(math.tan(math.radians(1)), rel=0, abs=1e-9)
+    assert special.reason.startswith("the gait vanishes")
+    assert [other.type for other in sliding(verify_every).specials] == ["vanishing"]
+
+
+@pytest.mark.slow
+def test_strides_shrink_towards_the_point_where_the_gait_vanishes() -> None:
+    branch = sliding(0)
+    strides = [stride(point.gait) for point in branch]
+    assert strides == sorted(strides, reverse=True)
+    assert strides[-1] < 1e-4 < strides[0]
+    assert stride(branch.specials[-1].gait) < 1e-6
+
+
+def test_stride_is_the_distance_of_the_feet_whether_they_slip_or_not() -> None:
+    for name in ("compass-passive-a", "compass-passive-b"):
+        gait = go.solve(go.load_problem(name))
+        assert stride(gait) == pytest.approx(2 * abs(math.sin(gait.state[0])), rel=1e-12)
+
+
+@pytest.mark.slow
+def test_family_in_the_ankle_torque_vanishes() -> None:
+    gait = go.solve(go.load_problem("compass-torque-efficient"))
+    branch = go.continuation(gait, "control.ankle", to=-0.3)
+    special = branch.specials[-1]
+    assert (special.type, special.status) == ("vanishing", "converged")
+    assert stride(special.gait) < 1e-6
+    assert "period_doubling" not in [other.type for other in branch.specials if abs(other.value - special.value) < 1e-6]

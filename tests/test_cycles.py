@@ -1,0 +1,151 @@
+"""Gaits that repeat themselves after several steps: from the file to the multipliers, by both methods."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.gait import floquet_multipliers, multiplier_distance
+from gaitopt.mechanics import Cycle, Mode, ModeSequence
+from gaitopt.orbit import ReturnMap
+from gaitopt.simulation import Simulator
+
+T, F = Mode.STICK, Mode.SLIP_FORWARD
+NAME = "compass-passive-two-step"
+ONE = {"phases": ["stick"], "impact": "stick"}
+TWICE = {"gait.steps": [ONE, ONE]}
+DOUBLING = np.deg2rad(5.34641438276)
+"""Slope at which the sticking gait at friction 0.6 doubles its period."""
+
+
+@pytest.fixture(scope="module")
+def gait():
+    return go.solve(go.load_problem(NAME))
+
+
+def test_two_steps_differ_and_the_simulator_walks_both(gait):
+    assert gait.converged, gait.message
+    long, short = (step.impact.step_length for step in gait.steps)
+    assert long - short > 0.04
+    check = go.verify(gait)
+    assert check.passed, check
+    assert check.figure("multipliers") < 1e-8
+
+
+def test_multipliers_are_those_of_the_return_map_applied_twice(gait):
+    once = ReturnMap(Simulator(gait.system, gait.p), T)
+    xi = gait.state[gait.system.section(T)]
+    halfway = once(xi)
+    again = once(halfway.xi)
+    product = once.jacobian(again.steps) @ once.jacobian(halfway.steps)
+    assert multiplier_distance(floquet_multipliers(product), gait.multipliers) < 1e-8
+
+
+def test_a_deviation_is_multiplied_by_the_largest_multiplier_from_cycle_to_cycle(gait):
+    walk = go.simulate(gait, {"theta1": float(gait.state[0]) + 1e-5}, steps=24)
+    apart = np.linalg.norm(walk.trajectory.section_states[::2] - gait.state, axis=1)
+    assert apart[12] / apart[11] == pytest.approx(gait.spectral_radius, rel=1e-3)
+
+
+def test_measures_are_of_the_whole_cycle(gait):
+    periods = [step.period for step in gait.steps]
+    assert gait.measures["period"] == pytest.approx(sum(periods), rel=1e-14)
+    assert gait.measures["step_length"] == pytest.approx(sum(s.impact.step_length for s in gait.steps), rel=1e-14)
+    assert gait.measures["speed"] == pytest.approx(gait.measures["step_length"] / sum(periods), rel=1e-14)
+
+
+def test_a_one_step_gait_stated_twice_has_its_multipliers_squared():
+    problem = go.load_problem("compass-passive-stick")
+    once, twice = go.solve(problem), go.solve(problem.replace(TWICE))
+    assert go.verify(twice).passed
+    np.testing.assert_allclose(twice.state, once.state, atol=1e-11)
+    assert multiplier_distance(once.multipliers**2, twice.multipliers) < 1e-10
+    assert twice.period == pytest.approx(2 * once.period, abs=1e-11)
+
+
+def test_the_family_of_two_steps_is_born_at_the_period_doubling(gait):
+    points = go.continuation(gait, "walker.slope", np.deg2rad(5.35), verify_every=0).points
+    slopes = np.array([point.value for point in points])
+    lengths = np.array([[step.impact.step_length for step in point.gait.steps] for point in points])
+    squared = (lengths[:, 0] - lengths[:, 1]) ** 2  # grows linearly from the doubling on
+    slope, offset = np.polyfit(slopes[-3:], squared[-3:], 1)
+    assert -offset / slope == pytest.approx(DOUBLING, abs=np.deg2rad(1e-3))
+
+
+def test_each_step_changes_its_own_modes(gait):
+    changes = [s for s in go.continuation(gait, "friction", 0.3).specials if s.type == "mode_change"]
+    assert changes[0].value == pytest.approx(0.3152902774, abs=1e-9)
+    assert changes[0].after == Cycle((ModeSequence((T,), T), ModeSequence((F, T), T)))
+    assert "step 2, phase 1 (stick)" in changes[0].reason
+    required = max(go.solve(gait.problem.replace({"friction": 0.4})).measures[k] for k in ("required_friction",))
+    assert required == pytest.approx(changes[0].value, abs=1e-9)
+
+
+def test_a_slipping_impact_binds_the_first_phase_of_the_next_step():
+    Cycle((ModeSequence((T,), F), ModeSequence((F, T), T)))
+    with pytest.raises(ValueError, match="the first phase must be slip_forward, not stick"):
+        Cycle((ModeSequence((T,), F), ModeSequence((T,), T)))
+
+
+def test_phases_are_counted_through_the_steps():
+    cycle = Cycle((ModeSequence((T, F), F), ModeSequence((F, T), T)))
+    assert cycle.phases == (T, F, F, T)
+    assert [cycle.step_of(k) for k in range(4)] == [0, 0, 1, 1]
+    assert [cycle.after(k) for k in range(4)] == [F, None, T, None]
+    assert [cycle.impact_before(k) for k in range(4)] == [T, None, F, None]
+    assert [cycle.onset_order(k) for k in (1, 2)] == [2, 0]
+    assert str(cycle) == "stick, slip_forward; slip_forward | slip_forward, stick; stick"
+
+
+def test_the_record_has_every_step(run, empty_folder, gait):
+    code, out, _ = run("solve", NAME, "--json")
+    assert code == 0
+    record = json.loads(out)
+    assert record["n_steps"] == 2
+    assert record["period"] == pytest.approx(sum(step["period"] for step in record["steps"]), rel=1e-14)
+    assert [step["impact"] for step in record["steps"]] == ["stick", "stick"]
+    assert record["steps"][0]["state"] == record["state"]
+    code, out, _ = run("verify", record["run"], "--json")
+    assert code == 0
+    assert json.loads(out)["n_steps"] == 2
+    code, out, _ = run("plot", record["run"], "--what", "force")
+    assert code == 0
+
+
+def test_one_step_keeps_its_keys():
+    record = go.solve(go.load_problem("rimless-wheel-stick")).to_record()
+    assert record["n_steps"] == 1
+    assert "steps" not in record
+
+
+def test_changing_the_number_of_steps_drops_durations_that_no_longer_fit():
+    problem = go.load_problem("compass-passive-stick").replace({"gait.guess.durations": [0.74]})
+    assert problem.replace(TWICE).guess.durations is None
+    back = problem.replace(TWICE).replace({"gait.phases": ["stick"], "gait.impact": "stick"})
+    assert back.cycle == problem.cycle
+
+
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        ([], "gait.steps: has 0 entries"),
+        ([{"phases": ["stick"]}], "impact: is missing"),
+        ([{"phases": ["stick"], "impact": "slip_forward"}, ONE], "the first phase must be slip_forward"),
+        ([{"phases": ["stick", "stick"], "impact": "stick"}], "phases 1 and 2 are both stick"),
+    ],
+)
+def test_wrong_steps_are_named(steps, message):
+    with pytest.raises(ProblemError, match=r"--set gait\.steps") as error:
+        go.load_problem("compass-passive-stick").replace({"gait.steps": steps})
+    assert message in str(error.value)
+
+
+def test_what_takes_one_step_refuses_several():
+    control = {"type": "pd", "kp": 15, "kd": 15, "reference": {"gait": NAME, "beyond_end": "hold"}}
+    with pytest.raises(ProblemError, match="has several steps, but its clock restarts at every impact"):
+        go.load_problem("compass-passive-b").replace({"control": control})
+    design = {**TWICE, "friction": {"free": [0.1, 0.4], "guess": 0.2}, "objective": "friction"}
+    with pytest.raises(ProblemError, match="several steps and unknown parameters do not go together yet"):
+        go.load_problem("compass-passive-stick").replace(design)

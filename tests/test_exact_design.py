@@ -1,0 +1,184 @@
+"""The exact problem of a design: scalars and their derivatives, quadratic programs, optima and their neighbours."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitopt.gait import curves
+from gaitopt.nlp import neighbourhood
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.moduli import circle_rows, modulus_gradient
+from gaitopt.nlp.newton import polish
+from gaitopt.nlp.outcome import EXTREMA, RADIUS
+from gaitopt.nlp.quadratic import least_distance
+from gaitopt.nlp.scalars import Scalars
+from gaitopt.nlp.sensitivity import sensitivity
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import load_problem
+from gaitopt.study import solve, verify
+
+SMOOTH = ("period", "step_length", "speed", "work", "absolute_cost_of_transport", "torque_squared", "slip_distance")
+PIECED = tuple(name for name in EXTREMA if name != RADIUS)
+
+
+@pytest.fixture(scope="module")
+def stable_slip():
+    return solve(load_problem("compass-torque-stable-slip"))
+
+
+def transcribed(gait, free):
+    durations = np.array([duration for _, duration in gait.phases])
+    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
+    t = Transcription(gait.system, plan, free)
+    values = [gait.p[gait.system.parameters.index(key)] for key in free]
+    return t, t.pack(gait.shooting.states.T, durations, values)
+
+
+def scalars_at(t, w, p, freed):
+    moved = w.copy()
+    moved[-len(freed) :] = freed
+    return Scalars(sensitivity(t, polish(t, moved, p).at))
+
+
+def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):
+    t, w = transcribed(stable_slip, ("control.ankle", "control.hip"))
+    scalars = scalars_at(t, w, stable_slip.p, w[-2:])
+    for name in SMOOTH:
+        assert scalars.smooth(name)[0] == pytest.approx(stable_slip.measures[name], rel=1e-11)
+    for name in PIECED:
+        extreme = max(EXTREMA[name] * piece.value for piece in scalars.pieces(name))
+        assert extreme == pytest.approx(EXTREMA[name] * stable_slip.measures[name], rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    "name", ["compass-torque-slip", pytest.param("compass-pd-impact-slip", marks=pytest.mark.slow)]
+)
+def test_derivatives_of_exact_scalars_are_those_of_central_differences(name):
+    gait = solve(load_problem(name))
+    free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))[:3]
+    t, w = transcribed(gait, free)
+    freed = w[-len(free) :]
+    direction = np.random.default_rng(1).normal(size=len(free)) * np.maximum(np.abs(freed), 0.1)
+    here, h = scalars_at(t, w, gait.p, freed), 1e-4
+
+    around = [[scalars_at(t, w, gait.p, freed + k * s * direction) for k in (1, -1)] for s in (h, h / 2)]
+
+    def difference(value):
+        wide, narrow = ((value(a) - value(b)) / (2 * s) for (a, b), s in zip(around, (h, h / 2), strict=True))
+        return (4 * narrow - wide) / 3
+
+    for scalar in SMOOTH:
+        slope = here.smooth(scalar)[1] @ direction
+        assert slope == pytest.approx(difference(lambda s, n=scalar: s.smooth(n)[0]), rel=1e-6, abs=1e-9)
+    for scalar in PIECED:
+        top = max(here.pieces(scalar), key=lambda piece, n=scalar: EXTREMA[n] * piece.value)
+        values = difference(lambda s, n=scalar: max(EXTREMA[n] * piece.value for piece in s.pieces(n)))
+        assert EXTREMA[scalar] * top.gradient @ direction == pytest.approx(values, rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 5])
+def test_circle_rows_are_products_over_the_multipliers(size):
+    M = np.random.default_rng(size).normal(size=(size, size))
+    e = np.linalg.eigvals(M / 1.3)
+    pairs = [1 - e[i] * e[j] for i in range(size) for j in range(i + 1, size)]
+    products = [np.prod(1 - e), np.prod(1 + e), np.prod(pairs)]
+    for row, product in zip(circle_rows(M, 1.3), products, strict=False):
+        assert row.value == pytest.approx(product.real, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("size", [2, 3, 4])
+def test_gradients_of_the_circle_rows_are_those_of_central_differences(size):
+    rng, h = np.random.default_rng(7), 1e-6
+    M, direction = rng.normal(size=(size, size)), rng.normal(size=(size, size))
+    ahead, behind = circle_rows(M + h * direction, 1.3), circle_rows(M - h * direction, 1.3)
+    out, back = circle_rows(M, 1.3 + h), circle_rows(M, 1.3 - h)
+    for k, row in enumerate(circle_rows(M, 1.3)):
+        assert np.vdot(row.by_matrix, direction) == pytest.approx((ahead[k].value - behind[k].value) / 2 / h, rel=1e-6)
+        assert row.by_radius == pytest.approx((out[k].value - back[k].value) / 2 / h, rel=1e-6)
+    value, gradient = modulus_gradient(M)
+    difference = modulus_gradient(M + h * direction)[0] - modulus_gradient(M - h * direction)[0]
+    assert value == pytest.approx(np.abs(np.linalg.eigvals(M)).max(), rel=1e-12)
+    assert np.vdot(gradient, direction) == pytest.approx(difference / 2 / h, rel=1e-6)
+
+
+@pytest.mark.parametrize("coalesced", [np.diag([0.5, 0.5, 0.1]) + np.eye(3, k=1), np.diag([0.5, -0.5, 0.2])])
+def test_circle_rows_vanish_on_the_circle_and_are_smooth_there(coalesced):
+    rows = {row.name: row for row in circle_rows(coalesced, 0.5)}
+    assert rows["real"].value == pytest.approx(0.0, abs=1e-12)
+    assert all(np.isfinite(row.by_matrix).all() for row in rows.values())
+    assert np.linalg.norm(rows["real"].by_matrix) > 0.1
+
+
+def test_quadratic_program_is_solved_to_its_optimality_conditions():
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(6, 6))
+    H, g, A = root @ root.T + np.eye(6), rng.normal(size=6), rng.normal(size=(9, 6))
+    b = rng.uniform(-0.3, 0.3, 9)
+    d, weights = least_distance(H, g, A, b)
+    assert (A @ d + b).min() > -1e-10
+    assert weights.min() >= 0
+    assert np.abs(weights * (A @ d + b)).max() < 1e-9
+    assert np.abs(H @ d + g - A.T @ weights).max() < 1e-9
+
+
+def test_contradicting_constraints_have_no_solution():
+    assert least_distance(np.eye(2), np.zeros(2), np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([-1.0, -1.0])) is None
+
+
+@pytest.mark.parametrize("depth", [1e-4, 1e-8, 1e-11])
+def test_a_dip_through_zero_between_the_points_of_the_grid_is_seen(depth):
+    s = curves.points(33)
+    values = (s - 0.123456) ** 2 - depth
+    assert curves.roots(values) == pytest.approx(0.123456 + np.array([-1, 1]) * np.sqrt(depth), abs=1e-9)
+    assert curves.absolute_integral(values, 2.0) == pytest.approx(
+        curves.integral(values, 2.0) + 8 / 3 * depth**1.5, abs=1e-14
+    )
+
+
+def test_three_moduli_meet_at_the_optimum_of_the_stable_slip(stable_slip):
+    assert stable_slip.converged, stable_slip.message
+    assert stable_slip.solver["kkt"] < 1e-6
+    assert np.sort(np.abs(stable_slip.multipliers))[1:] == pytest.approx(0.5, abs=1e-7)
+    assert stable_slip.measures["cost_of_transport"] == pytest.approx(0.019785783, rel=1e-7)
+    assert stable_slip.spectral_radius <= 0.5 + 1e-9
+
+
+def test_no_feasible_neighbour_of_an_optimum_is_better(stable_slip):
+    searched = neighbourhood(stable_slip, directions=5, radii=(1e-3,))
+    assert searched.feasible > 0
+    assert searched.optimal, searched.words
+
+
+def test_a_point_beside_the_optimum_has_a_better_neighbour(stable_slip):
+    beside = load_problem("compass-torque-stable-slip").replace({"constraints.spectral_radius": {"max": 0.499}})
+    gait = solve(beside)
+    searched = neighbourhood(
+        replace(gait, problem=stable_slip.problem),
+        directions=5,
+        radii=(1e-3,),
+    )
+    assert not searched.optimal
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "optimum"),
+    [
+        ("compass-torque-efficient", 0.003998052944),
+        ("compass-minimum-friction", 0.111776031585),
+        ("compass-torque-stable-slip", 0.019785783188),
+        ("compass-torque-stable-slip-cheap", 0.0012905983475),
+        ("compass-pd-designed", 0.005467319941),
+        ("compass-pd-slippery", -0.460401971834),
+    ],
+)
+def test_shipped_designs_are_optima_of_the_stated_problem(name, optimum):
+    gait = solve(load_problem(name))
+    assert gait.converged, gait.message
+    assert gait.solver["kkt"] < 1e-6
+    assert gait.solver["objective"] == pytest.approx(optimum, rel=1e-8)
+    assert verify(gait).passed
+    searched = neighbourhood(gait, directions=200)
+    assert searched.feasible > 100
+    assert searched.optimal, searched.words

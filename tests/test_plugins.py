@@ -1,0 +1,73 @@
+"""Walkers of other packages: one that is broken is named once and hinders nothing."""
+
+import sys
+import types
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from gaitopt.cli.main import main
+from gaitopt.errors import GaitoptWarning, ProblemError, UnknownNameError
+from gaitopt.mechanics import RimlessWheel, find_walker, registered_walkers, walker
+from gaitopt.problem import load_problem
+
+OWN = [
+    EntryPoint("compass_biped", "gaitopt.mechanics.compass_biped:CompassBiped", walker.ENTRY_POINT_GROUP),
+    EntryPoint("rimless_wheel", "gaitopt.mechanics.rimless_wheel:RimlessWheel", walker.ENTRY_POINT_GROUP),
+]
+
+
+@pytest.fixture
+def plugins(monkeypatch):
+    """Register further walkers by name and object."""
+    module = types.ModuleType("other_walkers")
+    monkeypatch.setitem(sys.modules, "other_walkers", module)
+
+    def register(**objects):
+        points = [EntryPoint(name, f"other_walkers:{name}", walker.ENTRY_POINT_GROUP) for name in objects]
+        for name, value in objects.items():
+            if value is not None:
+                setattr(module, name, value)
+        monkeypatch.setattr(walker, "entry_points", lambda group: [*OWN, *points])
+        walker._plugins.cache_clear()
+
+    yield register
+    walker._plugins.cache_clear()
+
+
+class Nameless(walker.Walker):
+    """States no mechanism."""
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (None, "the plugin other_walkers:broken cannot be imported: AttributeError"),
+        (dict, "is no subclass of gaitopt.mechanics.Walker"),
+        (3, "is no subclass of gaitopt.mechanics.Walker"),
+        (Nameless, "lacks after_impact, mechanism"),
+        (RimlessWheel, "calls its model 'rimless_wheel', unlike its entry point"),
+    ],
+)
+def test_a_broken_plugin_is_named_and_the_others_work(plugins, value, words):
+    plugins(broken=value)
+    with pytest.warns(GaitoptWarning, match="walker broken: the plugin other_walkers:broken") as caught:
+        assert list(registered_walkers()) == ["compass_biped", "rimless_wheel"]
+    registered_walkers()
+    assert len(caught) == 1
+    with pytest.raises(UnknownNameError, match="no walker is called 'broken'") as refused:
+        find_walker("broken")
+    assert words in str(refused.value)
+    with pytest.raises(ProblemError, match=r"--set walker.model: the plugin other_walkers:broken") as refused:
+        load_problem("rimless-wheel-stick").replace({"walker.model": "broken"})
+    assert words in str(refused.value)
+
+
+def test_commands_name_broken_plugins_on_stderr_alone(plugins, capsys):
+    plugins(broken=None, wrong=3)
+    assert main(["validate", "rimless-wheel-stick"]) == 0
+    out, err = capsys.readouterr()
+    assert "warning" not in out
+    (line,) = err.splitlines()
+    assert line.startswith("gaitopt: warning: not available: walker broken: ")
+    assert "; walker wrong: " in line

@@ -1,0 +1,112 @@
+"""Numbers that no walker can have are refused with their range, unusual ones are remarked and solved all the same."""
+
+import pytest
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.problem import parse_problem, problem_schema
+
+TORQUE, PASSIVE, PD, CURVE = (
+    "compass-torque-efficient",
+    "compass-passive-stick",
+    "compass-pd-impact-slip",
+    "compass-pd-designed",
+)
+WHEEL = "rimless-wheel-stick"
+IMPOSSIBLE = [
+    (TORQUE, "constraints.period", -1, "from 4.04061e-07 to 404.061 (from 1e-06 sqrt(l/g) to 1000 sqrt(l/g))"),
+    (TORQUE, "constraints.period", 0, "from 4.04061e-07"),
+    (TORQUE, "constraints.step_length", 10, "at most 6.4 in size (at most 4 l in size)"),
+    (TORQUE, "constraints.speed", 1e6, "at most 395.98 in size"),
+    (TORQUE, "constraints.slip_distance", {"max": -1}, "from 0 to 3.2"),
+    (TORQUE, "constraints.peak_torque", {"max": -1}, "at least 0"),
+    (TORQUE, "constraints.torque_squared", -1, "at least 0"),
+    (TORQUE, "constraints.absolute_cost_of_transport", {"max": -1e-9}, "from 0 to 1e+06"),
+    (TORQUE, "constraints.spectral_radius", {"max": -1}, "at least 0"),
+    (TORQUE, "constraints.required_friction", {"max": -1}, "from 0 to 1000"),
+    (TORQUE, "constraints.impulse_ratio", {"max": -1}, "at least 0"),
+    (TORQUE, "constraints.min_normal_force", {"min": 99}, "from 0 to 98 (from 0 to 1 m g)"),
+    (TORQUE, "constraints.foot_clearance", 5, "at most 3.2 in size"),
+    (TORQUE, "constraints.state.theta1", 5, "at most 1.5708 in size"),
+    (TORQUE, "constraints.state.dtheta1", 1e3, "at most 247.487 in size (at most 100 sqrt(g/l) in size)"),
+    (TORQUE, "control.hip", {"free": [-1, 1e9], "guess": 0}, "at most 156800 in size (at most 1000 m g l in size)"),
+    (PASSIVE, "friction", 1e300, "at least 0 and at most 1000"),
+    (PASSIVE, "friction", -1e-9, "at least 0 and at most 1000"),
+    (PASSIVE, "walker.slope", "89.99 deg", "at least -1.39626 and at most 1.39626"),
+    (PASSIVE, "walker.slope", "-85 deg", "at least -1.39626 and at most 1.39626"),
+    (PASSIVE, "walker.leg_mass", 0, "greater than 0"),
+    (PASSIVE, "walker.leg_mass", 1e-300, "greater than 0, and at least 1e-30"),
+    (PASSIVE, "walker.hip_mass", 1e300, "at most 1e+30"),
+    (PASSIVE, "walker.gravity", 1e300, "at most 1e+30"),
+    (PASSIVE, "gait.guess.state.theta1", 1e10, "at least -1.5708 and at most 1.5708"),
+    (PASSIVE, "gait.guess.state.theta1", 0, "a step begins with the feet apart"),
+    (PASSIVE, "gait.guess.state.dtheta1", 1e200, "at most 247.487 in size"),
+    (PASSIVE, "gait.guess.durations", [1e300], "from 0 to 404.061"),
+    (PASSIVE, "gait.phases", ["stick", "slip_forward"] * 33, "has 66 entries, but at most 64 are allowed"),
+    (WHEEL, "walker.spokes", 10**9, "at least 3 and at most 1000"),
+    (WHEEL, "gait.guess.state.dtheta", 1e10, "at most 100 in size"),
+    (PD, "control.kp", 1e300, "from 0 to 156800 (from 0 to 1000 m g l)"),
+    (PD, "control.kd", 1e9, "from 0 to 6335.68"),
+    (PD, "control.reference.gait", "", "must not be empty"),
+    (CURVE, "control.reference.curve.start", "", "must not be empty"),
+    (CURVE, "control.reference.curve.duration", 1e6, "from 0 to 404.061"),
+    (CURVE, "control.reference.curve.within", 4, "at most 3.14159"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "key", "value", "words"), IMPOSSIBLE)
+def test_what_no_walker_can_have_is_refused_with_its_range(name, key, value, words):
+    with pytest.raises(ProblemError) as caught:
+        go.load_problem(name).replace({key: value})
+    (line,) = str(caught.value).splitlines()
+    assert line.startswith(f"--set {key}")
+    assert words in line
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value", "words"),
+    [
+        (PASSIVE, "friction", 5, "5 is unusual; usually from 0 to 3"),
+        (PASSIVE, "friction", 0.01, "0.01 is less than tan(slope) = 0.01746: no steady gait"),
+        (PASSIVE, "walker.slope", 0, "no energy comes in: a passive walker on level or uphill ground"),
+        (PASSIVE, "walker.slope", "-1 deg", "no energy comes in"),
+        (PASSIVE, "walker.leg_mass", 1e-8, "5e-09 of the whole mass"),
+        (PASSIVE, "gait.guess.state.dtheta1", 20, "20, that is 8.08 sqrt(g/l) is unusual"),
+        (WHEEL, "walker.spokes", 200, "200 is unusual; usually from 3 to 100"),
+        (WHEEL, "walker.slope", "40 deg", "is unusual; usually at most 0.523599 in size"),
+        (PD, "control.kp", 1e4, "10000, that is 63.8 m g l is unusual"),
+        (TORQUE, "constraints.speed", 10, "10, that is 2.53 sqrt(g l) is unusual"),
+    ],
+)
+def test_what_is_merely_unusual_is_remarked(name, key, value, words):
+    problem = go.load_problem(name)
+    assert not problem.remarks
+    changed = problem.replace({key: value})
+    assert any(line.startswith(f"--set {key}") and words in line for line in changed.remarks)
+
+
+def test_a_remark_on_a_file_has_its_line():
+    text = go.load_problem(PASSIVE).text.replace("friction: 0.2", "friction: 20")
+    line = text.splitlines().index("friction: 20") + 1
+    (remark,) = parse_problem(text).remarks
+    assert remark.startswith(f"problem:{line}:1 friction: 20 is unusual")
+
+
+def test_ranges_in_natural_units_follow_the_walker():
+    giant = {"walker.leg_length": 160.0, "walker.leg_com": 80.0}
+    go.load_problem(TORQUE).replace({"constraints.step_length": 10, **giant})
+
+
+def test_the_range_of_a_limit_is_that_of_what_it_leaves_over():
+    problem = go.load_problem(TORQUE)
+    problem.replace({"constraints.spectral_radius": {"min": -1, "max": 0.5}})  # the lower limit says nothing
+    problem.replace({"constraints.period": {"min": -1}})
+
+
+def test_every_range_is_in_the_schema():
+    schema = problem_schema()["properties"]
+    scalars = schema["constraints"]["properties"]
+    assert "from 1e-06 sqrt(l/g) to 1000 sqrt(l/g)" in scalars["period"]["description"]
+    assert scalars["spectral_radius"]["anyOf"][0]["minimum"] == 0
+    assert schema["friction"]["anyOf"][0]["maximum"] == 1000
+    assert schema["gait"]["properties"]["phases"]["maxItems"] == 64

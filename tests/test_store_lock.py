@@ -1,0 +1,131 @@
+"""One process at a time writes a run folder; whoever comes second learns who is at it."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from gaitopt.errors import StorageError
+from gaitopt.problem import load_problem
+from gaitopt.store import begin_run, read_manifest, writing
+from gaitopt.store.lock import LOCK_FILE, only_writer
+
+WHEEL = "rimless-wheel-slip"
+HOLDER = """
+import pathlib, sys
+from gaitopt.store.lock import only_writer
+with only_writer(pathlib.Path(sys.argv[1])):
+    input(print("locked", flush=True))
+"""
+
+
+def hold(folder):
+    holder = subprocess.Popen([sys.executable, "-c", HOLDER, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    holder.stdout.readline()
+    return holder
+
+
+def end(holder, how=None):
+    if how is not None:
+        holder.send_signal(how)
+    holder.communicate(b"\n")
+
+
+def test_the_second_writer_learns_who_is_at_it_since_when(tmp_path):
+    holder = hold(tmp_path)
+    words = rf"{tmp_path} is being written by process {holder.pid} \(-c .*, since 20\d\d-.*\); wait for it"
+    try:
+        with pytest.raises(StorageError, match=words), only_writer(tmp_path):
+            pass
+    finally:
+        end(holder)
+    with only_writer(tmp_path):
+        pass
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills by a signal")
+def test_the_lock_and_the_leftovers_of_a_killed_writer_go(tmp_path):
+    holder = hold(tmp_path)
+    leftovers = [
+        tmp_path / f".gait.json.{holder.pid}-{'0' * 16}.tmp",
+        tmp_path / "sweep-1" / f".a.{holder.pid}-{'1' * 16}.tmp",
+    ]
+    (tmp_path / "sweep-1").mkdir()
+    (tmp_path / "gait.json").write_text("{}")
+    for path in leftovers:
+        path.write_text("half")
+    mine = tmp_path / f".other.{os.getppid()}-{'0' * 16}.tmp"
+    mine.write_text("a writer that lives")
+    end(holder, signal.SIGKILL)
+    with only_writer(tmp_path):
+        assert not any(path.exists() for path in leftovers)
+    assert {path.name for path in tmp_path.iterdir()} == {"gait.json", "sweep-1", mine.name}
+
+
+def test_the_same_process_may_hold_a_folder_twice_over(tmp_path):
+    with only_writer(tmp_path), only_writer(tmp_path):
+        pass
+
+
+def test_a_folder_in_which_nothing_was_written_goes(tmp_path):
+    with writing(tmp_path / "run", load_problem(WHEEL)):
+        assert (tmp_path / "run").is_dir()
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_that_was_deleted_meanwhile_is_not_written_again(tmp_path):
+    folder, problem = tmp_path / "run", load_problem(WHEEL)
+    with writing(folder, problem):
+        shutil.rmtree(folder)
+        with pytest.raises(StorageError, match="was deleted or replaced"):
+            begin_run(folder, problem)
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_a_planted_lock_is_not_followed(tmp_path):
+    (tmp_path / "precious").write_text("precious")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / LOCK_FILE).symlink_to(tmp_path / "precious")
+    with pytest.raises(StorageError, match=r"cannot lock"), only_writer(tmp_path / "run"):
+        pass
+    assert (tmp_path / "precious").read_text() == "precious"
+
+
+@pytest.mark.parametrize("count", [3, pytest.param(8, marks=pytest.mark.slow)])
+def test_of_several_problems_for_one_folder_one_wins(tmp_path, count):
+    commands = [
+        [sys.executable, "-m", "gaitopt", "solve", WHEEL, "--set", f"friction=0.4{k}", "-o", "run", "--quiet"]
+        for k in range(count)
+    ]
+    solvers = [
+        subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        for command in commands
+    ]
+    words = [solver.communicate()[1] for solver in solvers]
+    codes = [solver.returncode for solver in solvers]
+    assert sorted(codes) == [0] + (count - 1) * [6], words
+    assert all("being written by" in said or "holds another problem" in said for said in words if said)
+    winner = load_problem(WHEEL).replace({"friction": float(f"0.4{codes.index(0)}")})
+    assert read_manifest(tmp_path / "run").hash == winner.digest
+
+
+@pytest.mark.skipif(os.name != "posix", reason="an open file cannot be deleted elsewhere")
+def test_a_sweep_whose_folder_is_deleted_ends_with_6(tmp_path):
+    command = ["sweep", WHEEL, "--over", "friction=0.3:0.5:400", "--workers", "1", "-o", "run", "--quiet"]
+    sweep = subprocess.Popen(
+        [sys.executable, "-m", "gaitopt", *command], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    )
+    until = time.monotonic() + 60
+    lines = tmp_path / "run" / "jobs.jsonl"
+    while not (lines.exists() and lines.read_text().count("\n") > 1) and time.monotonic() < until:
+        time.sleep(0.05)
+    (tmp_path / "run").rename(tmp_path / "gone")  # at once, as a deletion file by file is not
+    words = sweep.communicate(timeout=60)[1]
+    assert sweep.returncode == 6, words
+    assert "was deleted or replaced while this command was writing it" in words
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,75 @@
+"""Attempts that diverge end as data; as warnings are errors here, they do so in silence."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from named import named
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+from gaitopt.gait import Gait
+from gaitopt.nlp.arclength import Curve
+from gaitopt.nlp.family import Family
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.newton import polish
+from gaitopt.nlp.refinement import refine
+from gaitopt.nlp.stability import certified_radius
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import factorise
+
+pytestmark = pytest.mark.portable
+
+FAR = [1e30, 1e100, 1e160, 1e300]
+
+
+@cache
+def gait() -> Gait:
+    return named("rimless-wheel-slip")
+
+
+@cache
+def transcription(free: tuple[str, ...] = ()) -> tuple[Transcription, NDArray[np.float64]]:
+    """The gait's equations, and the solution."""
+    durations = [duration for _, duration in gait().phases]
+    plan = layout(gait().problem.cycle, durations, gait().system.control.breakpoints)
+    equations = Transcription(gait().system, plan.refined(list(gait().shooting.intervals)), free)
+    values = [gait().p[gait().system.parameters.index(key)] for key in free]
+    return equations, equations.pack(gait().shooting.states.T, np.array(durations), values)
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
+    equations, w = transcription(("friction",))
+    curve = Curve(equations, gait().p, (1.0, 1.0, 1.0))
+    point = curve.start(w, np.append(np.zeros(w.size - 1), 1.0))
+    assert point is not None
+    assert curve.step(point, far) is None
+    assert curve.start(w + far, point.tangent) is None
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_what_is_polished_far_from_a_gait_is_none(far: float) -> None:
+    equations, w = transcription()
+    refined = refine(equations, polish(equations, w * far, gait().p).at)
+    assert not refined.at.size < 1
+    assert not refined.accurate
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_radius_of_a_motion_that_diverges_is_undefined(far: float) -> None:
+    equations, w = transcription()
+    radius = certified_radius(equations)
+    assert not float(radius(w * far, gait().p)) < 1
+    assert float(radius(w, gait().p)) < 1
+
+
+def test_family_says_that_there_is_no_gait_where_its_chords_diverge() -> None:
+    problem = gait().problem.replace({"walker.gravity": 1e12})
+    assert not Family(gait()).solve(problem).converged
+
+
+@pytest.mark.parametrize("entry", [np.inf, np.nan, 0.0])
+def test_matrix_without_factors_is_refused(entry: float) -> None:
+    with pytest.raises(RuntimeError):
+        factorise(csc_matrix(np.diag([1.0, entry])))
