@@ -5,7 +5,7 @@ Newton's method on the return map. A program with complementarity conditions in 
 of any sequence, also where parameters are free and where no walk leads.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,19 +76,20 @@ class SearchJob:
         return modes.steps if isinstance(modes, OpenSequence) else 1
 
 
-def search_part(job: SearchJob, _: None = None) -> Record:
+def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
     """Candidates of one part of a search, and how many starts it has made.
 
     Raises
     ------
     KeyboardInterrupt
-        If Ctrl-C was pressed.
+        If Ctrl-C was pressed here, or ``should_stop`` became true.
     """
-    system = build_system(job.problem)
+    stop = should_stop or (lambda: False)
+    system = build_system(job.problem, should_stop=should_stop)
     p = system.values(job.problem.parameters)
     box, rng = start_box(job.problem, system, p, job.within), np.random.default_rng([job.seed, job.number])
     search = _walks if job.method == "simulation" else _guesses
-    candidates, starts = search(job, system, p, box, rng)
+    candidates, starts = search(job, system, p, box, rng, stop)
     return {"method": job.method, "starts": starts, "candidates": candidates}
 
 
@@ -104,7 +105,7 @@ def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[
 
 
 def _walks(
-    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator
+    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Fixed points of the return map and of its powers next to the walks from sampled states."""
     xi, standing = _samples(system, p, box, rng), STANDING * system.scales(p).time
@@ -117,6 +118,8 @@ def _walks(
     for n_steps in range(1, job.n_steps + 1):
         maps = {mode: ReturnMap(simulator, mode, n_steps) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
         for row, state in _near_returns(history, n_steps, box):
+            if should_stop():
+                raise KeyboardInterrupt
             mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
             n = state.size if state[-1] else state.size - 1
             steps = damped_fixed_point(maps[mode], state[:n], box.sizes[:n])
@@ -170,7 +173,7 @@ def _near_returns(history: Array, n_steps: int, box: Box) -> Iterator[tuple[int,
 
 
 def _guesses(
-    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator
+    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
     time, n = system.scales(p).time, len(job.problem.walker.section)
@@ -179,7 +182,9 @@ def _guesses(
         for name, span in job.problem.constraints.items()
         if name.startswith("state.")
     }
-    program = Complementarity(system, p, TYPICAL_PERIOD * time, free_parameters(job.problem, system), within)
+    program = Complementarity(
+        system, p, TYPICAL_PERIOD * time, free_parameters(job.problem, system), within, should_stop=should_stop
+    )
     xi = rng.uniform(box.lower, box.upper, (GUESSES, box.lower.size))
     if not box.given:
         _turn_forward(system, p, xi)

@@ -89,7 +89,7 @@ def explain(
     if gait.converged and not refuted:
         return Explanation(problem=problem, gait=gait, exists=True)
     say("searching for gaits of any mode sequence")
-    instead = find(problem, starts=starts, seed=seed, workers=workers)
+    instead = find(problem, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
     nearest: list[Nearest] = []
     if not problem.is_open and not problem.free:

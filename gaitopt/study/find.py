@@ -78,6 +78,7 @@ def find(
     within: Within | None = None,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
 ) -> Gaits:
     """All gaits at a problem's parameters that two searches lead to, whatever their mode sequence.
 
@@ -90,6 +91,7 @@ def find(
     within : range of the start states by name of a section coordinate, where it is not to be the walker's default.
     workers : processes.
     progress : called with the number of finished parts of the search and their total.
+    should_stop : polled; True ends the search with a KeyboardInterrupt.
 
     Returns
     -------
@@ -103,11 +105,13 @@ def find(
     asked = opened(problem)
     jobs = search_jobs(asked, starts=starts, seed=seed, within=within or {})
     parts = []
-    for _, part in run_jobs(search_part, jobs, Workers(count=workers)):
+    for _, part in run_jobs(search_part, jobs, Workers(count=workers), should_stop=should_stop):
         parts.append(part)
         if progress is not None:
             progress(len(parts), len(jobs))
-    return gaits_of(asked, parts)
+    if len(parts) < len(jobs):
+        raise KeyboardInterrupt
+    return gaits_of(asked, parts, should_stop=should_stop)
 
 
 def find_best(
