@@ -5,7 +5,8 @@ import pytest
 
 from gaitopt.gait import Status
 from gaitopt.mechanics import Mode
-from gaitopt.nlp.complementarity import Complementarity, Proposal, shapes_before, swing
+from gaitopt.nlp.complementarity import Complementarity, Proposal
+from gaitopt.nlp.swing import shapes_before, swing
 from gaitopt.problem import load_problem
 from gaitopt.study import build_system, solve
 

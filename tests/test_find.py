@@ -10,7 +10,8 @@ from gaitopt.gait import Status
 from gaitopt.problem import load_problem
 from gaitopt.study import find, solve
 from gaitopt.study.candidates import SearchJob, search_part, start_box
-from gaitopt.study.find import closed, gaits_of, opened
+from gaitopt.study.distinct import closed, gaits_of
+from gaitopt.study.find import opened
 from gaitopt.study.system import build_system
 
 SEQUENCE_A = "slip_forward, stick, slip_backward; stick"

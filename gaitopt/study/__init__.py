@@ -3,8 +3,9 @@
 from gaitopt.nlp import Neighbourhood, neighbourhood
 from gaitopt.study.batch import Returns, return_map
 from gaitopt.study.claims import Claim, Verification
+from gaitopt.study.distinct import Gaits
 from gaitopt.study.explain import Explanation, explain
-from gaitopt.study.find import Gaits, find
+from gaitopt.study.find import find
 from gaitopt.study.own import solve_as_own
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.solve import solve

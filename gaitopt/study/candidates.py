@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from gaitopt.gait import Status, Step
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.nlp import free_parameters
-from gaitopt.nlp.complementarity import Complementarity, Proposal, shapes_before, swing
+from gaitopt.nlp.complementarity import Complementarity, Proposal
+from gaitopt.nlp.swing import shapes_before, swing
 from gaitopt.orbit import ReturnMap, damped_fixed_point
 from gaitopt.problem import OpenSequence, Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper

@@ -7,7 +7,8 @@ from typing import Any
 from gaitopt.errors import SolveError
 from gaitopt.gait import Cause, Gait, Status
 from gaitopt.problem import Problem
-from gaitopt.study.find import STARTS, Gaits, find
+from gaitopt.study.distinct import Gaits
+from gaitopt.study.find import STARTS, find
 from gaitopt.study.nearest import Nearest, nearest_values, own_gait
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.solve import solve

@@ -9,7 +9,8 @@ from gaitopt.problem import Problem
 from gaitopt.store import growing, stored_lines
 from gaitopt.store.records import validated
 from gaitopt.study.candidates import search_part
-from gaitopt.study.find import STARTS, Gaits, Within, gaits_of, opened, search_jobs
+from gaitopt.study.distinct import Gaits, gaits_of
+from gaitopt.study.find import STARTS, Within, opened, search_jobs
 from gaitopt.study.jobs import SetAside, Workers, run_jobs
 
 PARTS_FILE = "find.jsonl"

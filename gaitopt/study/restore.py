@@ -15,7 +15,7 @@ from gaitopt.mechanics import Cycle, HybridSystem, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.store import Run, Table
 from gaitopt.store.run import restored_problem
-from gaitopt.study.find import closed
+from gaitopt.study.distinct import closed
 from gaitopt.study.system import build_system
 
 Array = NDArray[np.float64]
