@@ -277,7 +277,7 @@ def test_an_unexpected_error_is_one_line_and_a_traceback_only_on_request(run, mo
     def broken(*_, **__):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr(study, "solve", broken)
+    monkeypatch.setattr(study, "solve_as_own", broken)
     code, _, err = run("solve", PROBLEM, "--quiet")
     assert code == 1
     (line,) = err.splitlines()
