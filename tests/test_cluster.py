@@ -109,7 +109,8 @@ def test_farewell_that_fails_costs_no_result(monkeypatch):
     def fails(kind):
         def close(self, *args, **settings):
             real[kind](self, *args, **settings)
-            raise TimeoutError
+            if "timeout" in settings:  # not where the garbage collector closes one
+                raise TimeoutError
 
         return close
 

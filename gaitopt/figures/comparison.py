@@ -1,4 +1,4 @@
-"""The two roads over each other: shooting nodes of the NLP on the simulated step, their difference on a log axis."""
+"""The two independent methods compared: shooting nodes of the NLP on the simulated step, and their difference."""
 
 from collections.abc import Iterator, Sequence
 
@@ -64,7 +64,7 @@ def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[
 
 
 def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Line2D]:
-    """Angles' and rates' differences along arcs that both roads go through."""
+    """Angles' and rates' differences along arcs that both methods have."""
     rate = motion.state_index(f"d{motion.system.walker.shape[0]}")
     kinds = {"positions": (slice(0, rate), "-"), "velocities": (slice(rate, None), ":")}
     entries = []

@@ -17,7 +17,7 @@ from gaitopt.nlp.assembly import impact_record
 Array = NDArray[np.float64]
 
 POINTS = 33
-"""Chebyshev points of a phase that is integrated anew from a record; they resolve a phase of walking."""
+"""Chebyshev points of a phase that is integrated from a record; they resolve a phase of walking."""
 
 SMOOTH = 120
 """Points of an arc that is drawn."""
@@ -79,7 +79,7 @@ def motion_from_record(
 ) -> Motion:
     """The steps that a JSON record describes by a state after impact, their modes and durations.
 
-    The motion is integrated anew from the state, so that a record needs to hold no more than that.
+    The motion is integrated from the state, so that a record needs to hold no more than that.
 
     Parameters
     ----------

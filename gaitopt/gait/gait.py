@@ -54,7 +54,7 @@ class Gait:
     ----------
     problem : what was asked.
     system : the hybrid system that was solved.
-    p : ndarray, shape (n_p,) - parameter vector, freed ones as found.
+    p : ndarray, shape (n_p,) - parameter vector; freed parameters have their solved values.
     status, message : how the solver ended, in words.
     steps : the steps of the cycle with arcs at Chebyshev points; empty after a failure.
     shooting : the nodes, or None after a failure.

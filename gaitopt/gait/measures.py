@@ -1,6 +1,6 @@
 """Scalars of one step: period, speed, cost, forces, slip, clearance, with their units in the docstring of ``measure``.
 
-Both roads hand over arcs at Chebyshev points, so both are measured by the same yardstick.
+The NLP and the simulator both provide arcs at Chebyshev points, so both are measured by the same functions.
 """
 
 from collections.abc import Iterator, Sequence

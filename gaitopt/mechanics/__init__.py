@@ -1,4 +1,4 @@
-"""The mechanics that both roads to a gait share: walkers, contact, impact, saltation and control laws."""
+"""The mechanics that both independent methods share: walkers, contact, impact, saltation and control laws."""
 
 from gaitopt.mechanics.bezier_tracking import BezierTracking, control_points
 from gaitopt.mechanics.compass_biped import CompassBiped

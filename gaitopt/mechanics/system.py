@@ -1,11 +1,11 @@
 """The hybrid system: a walker, its control and the ground as compiled CasADi functions.
 
     dz/dt = flow_mode(t, z, p, r)         t time since the last impact, z state, p parameters, r segment data
-    margins_mode(t, z, p, r) > 0          what the mode takes for granted; it ends where a margin falls to zero
+    margins_mode(t, z, p, r) > 0          what the mode assumes; it ends where a margin falls to zero
     z_plus = impact_mode(z, p)            reset at touchdown
 
 Every number of walker, friction and control is an entry of ``p``, named by its dotted key, so that any of them
-can be varied, freed or continued without building anything anew. Both roads (nlp and simulation) stand on this.
+can be varied, freed or continued without rebuilding anything. The NLP and the simulator both use these functions.
 """
 
 from collections.abc import Callable, Mapping

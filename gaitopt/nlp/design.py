@@ -169,7 +169,7 @@ class _Design:
         return layout(self._problem.cycle, durations, self._system.control.breakpoints)
 
     def _moved(self, program: Program, x: Array) -> Start:
-        """A solution whose switches have passed a breakpoint, to be cut anew."""
+        """A solution whose switches have passed a breakpoint, to be cut into arcs again."""
         t = program.transcription
         nodes, durations, freed = t.unpack(program.motion(x))
         rolled = roll_out(

@@ -73,7 +73,7 @@ class Family:
             first.cycle, first.impact_law, type(first.walker)
         )  # fmt: skip
         if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
-            raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: solve it anew")
+            raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: use solve")
         began = time.perf_counter()
         p = self._system.values(problem.parameters)
         refined, wrong, iterations = self._near(p)

@@ -110,7 +110,7 @@ class Program:
         return self._extrema[name] if name in self._extrema else self._outcome.value(name)
 
     def at_reach(self, x: Array) -> bool:
-        """Whether a solution has been kept by the reach of the search, and wants to go on."""
+        """Whether a solution lies on the boundary of the trust region."""
         return self._search.at_reach(x)
 
     def pressed_bounds(self, result: IpoptResult) -> dict[str, tuple[float, float]]:

@@ -34,7 +34,7 @@ class Search:
     n_nodes: int
 
     def at_reach(self, x: Array) -> bool:
-        """Whether a solution has been kept by the reach of the search, and wants to go on."""
+        """Whether a solution lies on the boundary of the trust region."""
         nodes = slice(0, self.n_nodes)
         room = np.minimum(x - self.lower, self.upper - x)[nodes]
         return bool(np.any(room < NEAR * (self.upper - self.lower)[nodes]))

@@ -18,7 +18,7 @@ FLOOR = 1e-17
 
 
 def gait_report(gait: Gait) -> str:
-    """HTML of a gait: numbers, figures, moving walker, both roads over each other, verification, provenance."""
+    """HTML of a gait: numbers, figures, moving walker, NLP against simulation, verification, provenance."""
     return comparison_report([gait])
 
 
@@ -56,7 +56,7 @@ def _shown(gait: Gait, name: str) -> dict[str, Any]:
 
 
 def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
-    """Angles along the simulated steps, those of the NLP's nodes, and the difference of the two roads."""
+    """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
     walked = simulated(gait)
     times, states = node_points(gait) or points_of(motion.steps)
     columns = [motion.state_index(name) for name in motion.system.walker.shape]

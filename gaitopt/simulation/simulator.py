@@ -210,7 +210,7 @@ class Simulator:
         return ONSETS.get(event) or self._mode_at_rest(here), here
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Refusal, _Moment]:
-        """The next segment of the control; its torques may jump, so that a foot at rest is asked anew."""
+        """The next segment of the control; its torques may jump, and the mode of a foot at rest is decided again."""
         if moment.segment == len(self._breakpoints):
             where = ", where the control law ends" if self._limit == self.system.control.horizon else ""
             return Refusal(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment

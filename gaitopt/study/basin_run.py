@@ -174,7 +174,7 @@ class TileTask:
 
 
 def walk_tile(argument: tuple[TileTask, int], _: None = None, should_stop: Callable[[], bool] | None = None) -> Fates:
-    """Fates of the states of one tile, in whatever process.
+    """Fates of the states of one tile; runs in any process.
 
     Raises
     ------

@@ -125,7 +125,7 @@ def section_states(problem: Problem, states: Array) -> Array:
 
 
 def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array], _: None = None) -> Returns:
-    """One chunk of ``return_map``, in whatever process."""
+    """One chunk of ``return_map``; runs in any process."""
     problem, p, engine, xi = argument
     return step_map(problem, p, engine)(xi)
 

@@ -95,7 +95,7 @@ def _stored(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 def solve_job(
     problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Callable[[], bool] | None = None
 ) -> dict[str, Any]:
-    """The record of a problem's gait with its verification, in whatever process.
+    """The record of a problem's gait with its verification; runs in any process.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """From one mode sequence to the next: every successor that the physics allows is tried until one holds.
 
 A successor is rolled out from the gait at the event, a little way past it in the parameter, where its new phase has
-hardly any length; it is taken when Newton's method converges next to the event, all its monitors hold, and the
+negligible duration; it is taken when Newton's method converges next to the event, all its monitors hold, and the
 simulator, which does not know the sequence, walks it. A family may also turn back at an event: both sides are tried.
 """
 

@@ -1,4 +1,4 @@
-"""What a mode sequence takes for granted along a gait, as numbers that are positive while it holds.
+"""What a mode sequence assumes along a gait, as numbers that are positive while it holds.
 
 A margin that an event makes zero at an end of its phase is divided by that zero, so that what is left tells whether
 the event is still crossed: with s in [-1, 1] over the phase and g the margin,

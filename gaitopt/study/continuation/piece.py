@@ -77,7 +77,7 @@ class Station:
 
     @cached_property
     def monitors(self) -> dict[Name, Reading]:
-        """What the mode sequence takes for granted."""
+        """What the mode sequence assumes."""
         return readings(self.gait)
 
     @cached_property
