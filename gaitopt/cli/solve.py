@@ -85,7 +85,7 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
 
-    phases = len(problem.cycle.phases)
+    phases = 0 if problem.is_open else len(problem.cycle.phases)
     if phases > MANY_PHASES:
         console.print(f"large: {phases} phases in one step; each has equations of its own, so that this takes minutes")
     with interruptible() as interrupted:
