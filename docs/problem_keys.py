@@ -55,7 +55,7 @@ def _sections(schema: Mapping[str, Any], path: str) -> Iterator[str]:
 
 def _named(path: str, variant: Mapping[str, Any]) -> str:
     """Path of a mapping, with what chooses it among its alternatives."""
-    for key in ("model", "type"):
+    for key in ("model", "type", "phases"):
         choice = variant["properties"].get(key, {})
         if "const" in choice:
             return f"{path} {{{key}: {choice['const']}}}"

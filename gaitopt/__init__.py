@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
-    from gaitopt.study import return_map, simulate, solve, verify
+    from gaitopt.study import explain, find, return_map, simulate, solve, verify
     from gaitopt.study.continuation import continuation
 
 __version__ = "0.1.0"
@@ -34,6 +34,8 @@ __all__ = [
     "Walker",
     "check_walker",
     "continuation",
+    "explain",
+    "find",
     "load_problem",
     "return_map",
     "simulate",
@@ -57,6 +59,8 @@ _HOME = {
     "Walker": "gaitopt.mechanics.walker",
     "check_walker": "gaitopt.mechanics.consistency",
     "continuation": "gaitopt.study.continuation",
+    "explain": "gaitopt.study",
+    "find": "gaitopt.study",
     "load_problem": "gaitopt.problem",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",

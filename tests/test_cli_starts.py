@@ -7,6 +7,7 @@ import pytest
 
 from gaitopt.problem import load_problem
 from gaitopt.study import solved
+from gaitopt.study.multistart import Optimum, _rank
 
 WHEEL = "rimless-wheel-slip"
 
@@ -74,3 +75,14 @@ def test_point_that_a_branch_lacks_is_named(run):
     code, _, err = run("solve", WHEEL, "--start", f"{folder}@7.7")
     assert code == 6
     assert "the branch has no point 7.7; its points are 0.0 to" in err
+
+
+def test_where_the_objective_does_not_decide_stable_gaits_come_first():
+    problem = load_problem("rimless-wheel-stick")
+
+    def optimum(objective, radius):
+        record = {"solver": {"objective": objective}, "spectral_radius": radius, "verification": {"passed": True}}
+        return Optimum(record=record, problem=problem, starts=(0,))
+
+    ranked = sorted([optimum(1.0, 2.44), optimum(1.0 + 1e-9, 0.586), optimum(0.9, 3.0)], key=_rank)
+    assert [entry.radius for entry in ranked] == [3.0, 0.586, 2.44]

@@ -52,7 +52,7 @@ def with_states(gait: Gait, index: int, change: Callable[[Array], None]) -> Gait
 
 
 def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
-    return replace(gait, problem=replace(gait.problem, cycle=Cycle.of_one_step(phases, impact)))
+    return replace(gait, problem=replace(gait.problem, modes=Cycle.of_one_step(phases, impact)))
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:

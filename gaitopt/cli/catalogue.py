@@ -14,7 +14,7 @@ def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
         return 0
     from gaitopt.cli.tables import friction, table
 
-    rows = ((p.name, friction(p), str(p.cycle), p.about) for p in problems)
+    rows = ((p.name, friction(p), str(p.modes), p.about) for p in problems)
     results().print(table(("problem", "friction", "phases; impact", "about"), rows, numbers=(1,)))
     return 0
 

@@ -47,20 +47,30 @@ def grid(texts: list[str]) -> "Grid":
 
 
 def _axis(text: str) -> "Axis":
-    from gaitopt.mechanics.units import parse_angle
     from gaitopt.study.grid import Axis
 
     key, spans = key_value(text, "--over")
     parts = spans.split(":")
     if len(parts) != 3 or not parts[2].strip().isdecimal() or len(parts[2]) > LONGEST_COUNT:
         raise ValueError(f"{text}: write --over {key}=LO:HI:N, for instance {key}=0.1:0.3:20")
-    numbers = []
-    for part in parts[:2]:
-        try:
-            numbers.append(float(part))
-        except ValueError:
-            numbers.append(float(str(parse_angle(part.strip()))))
-    return Axis(key=key, lower=numbers[0], upper=numbers[1], count=int(parts[2]))
+    lower, upper = map(number_or_angle, parts[:2])
+    return Axis(key=key, lower=lower, upper=upper, count=int(parts[2]))
+
+
+def number_or_angle(text: str) -> float:
+    """A number, or an angle with its unit in rad.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    from gaitopt.mechanics.units import parse_angle
+
+    try:
+        return float(text)
+    except ValueError:
+        return float(str(parse_angle(text.strip())))
 
 
 @contextmanager

@@ -10,6 +10,8 @@ from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.continuation import continue_
 from gaitopt.cli.endings import check_working_folder, internal_error, shown_warnings
+from gaitopt.cli.explain import explain
+from gaitopt.cli.find import find
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
 from gaitopt.cli.printable import printable
@@ -42,6 +44,8 @@ app.command("schema")(schema)
 app.command("solve")(solve)
 app.command("simulate")(simulate)
 app.command("verify")(verify)
+app.command("find")(find)
+app.command("explain")(explain)
 app.command("continue")(continue_)
 app.command("basin")(basin)
 app.command("sweep")(sweep)

@@ -67,7 +67,8 @@ def solve(
             about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
             if not json:
                 print_optima(results(), optima, starts)
-        gait = replace(solve_verified(best, console), problem=found)
+        gait = solve_verified(best, console)
+        gait = gait if best is found else replace(gait, problem=found)
         return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
 
 
@@ -84,13 +85,13 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
 
-    phases = len(problem.cycle.phases)
+    phases = 0 if problem.is_open else len(problem.cycle.phases)
     if phases > MANY_PHASES:
         console.print(f"large: {phases} phases in one step; each has equations of its own, so that this takes minutes")
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:
-                gait = study.solve(problem, progress=progress, should_stop=interrupted)
+                gait = study.solve_as_own(problem, progress=progress, should_stop=interrupted)
         except SolveError:
             if interrupted():  # a reference whose solution was interrupted
                 raise KeyboardInterrupt from None
@@ -99,6 +100,8 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
             raise KeyboardInterrupt
         if not gait.converged:
             return gait
+        if gait.message != "solved":
+            console.print(gait.message)
         console.print("verifying by forward simulation")
         return gait.verified(study.verify(gait).to_record())
 
@@ -121,6 +124,7 @@ def report(
             print_gait(results(), record)
         else:
             results().print(f"{gait.problem.name}: {gait.status}: {gait.message}")
+            results().print(f"`gaitopt explain {gait.problem.name}` says more")
     if not gait.converged:
         return NOT_A_GAIT
     if folder is not None and not json:

@@ -96,7 +96,8 @@ def print_optima(console: "Console", optima: "list[Optimum]", starts: int) -> No
     for optimum in optima:
         times = f"{len(optimum.starts)} start{'s' if len(optimum.starts) > 1 else ''}"
         checked = "verified" if optimum.verified else "REFUTED"
-        console.print(f"  objective {optimum.objective:.9g}, {times}, {checked}")
+        gait = f"period {optimum.record['period']:.6g} s, radius {optimum.radius:.4g}"
+        console.print(f"  objective {optimum.objective:.9g}, {gait}, {times}, {checked}")
 
 
 def _gait(run: str, console: "Console") -> "tuple[Problem, dict[str, Any], dict[str, float]]":

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from gaitopt.cli.quantities import CONTROL_UNITS, QUANTITIES, number, state_unit, with_degrees
 from gaitopt.mechanics.modes import ModeSequence
-from gaitopt.problem import PDSpec, Problem
+from gaitopt.problem import OpenSequence, PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
 STABILITY = {True: "stable", False: "unstable"}
@@ -48,13 +48,12 @@ def print_problem(console: Console, problem: Problem) -> None:
         console.print(problem.about)
     section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), _walker(problem), numbers=(1,))
     section(console, "contact and control", ("key", "value", "unit"), _contact(problem), numbers=(1,))
-    for number_, step in enumerate(problem.cycle.steps, start=1):
-        title = "one step" if len(problem.cycle.steps) == 1 else f"step {number_} of {len(problem.cycle.steps)}"
+    for title, step in _steps(problem):
         section(console, title, ("phase", "mode"), _sequence(step))
-    state = (
-        (name, number(value), with_degrees(value, state_unit(name))) for name, value in problem.guess.state.items()
-    )
-    section(console, "guess, just after the impact", ("state", "value", "unit"), state, numbers=(1,))
+    if problem.start is not None:
+        values = problem.start.state.items()
+        state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values)
+        section(console, "guess, just after the impact", ("state", "value", "unit"), state, numbers=(1,))
     if problem.free:
         unknowns = ((key, number(f.lower), number(f.upper), number(f.guess)) for key, f in problem.free.items())
         section(console, "unknown parameters", ("key", "from", "to", "guess"), unknowns, numbers=(1, 2, 3))
@@ -149,7 +148,21 @@ def _contact(problem: Problem) -> Iterable[tuple[str, str, str]]:
         yield "reference", problem.reference.name, f"beyond its end: {problem.control.reference.beyond_end}"
 
 
-def _sequence(step: ModeSequence) -> Iterable[tuple[str, str]]:
+def _steps(problem: Problem) -> Iterable[tuple[str, ModeSequence | OpenSequence]]:
+    """The steps of the cycle with their titles, or what is known of an open one."""
+    if isinstance(problem.modes, OpenSequence):
+        yield "one step" if problem.modes.steps == 1 else f"at most {problem.modes.steps} steps", problem.modes
+        return
+    steps = problem.modes.steps
+    for k, step in enumerate(steps, start=1):
+        yield "one step" if len(steps) == 1 else f"step {k} of {len(steps)}", step
+
+
+def _sequence(step: ModeSequence | OpenSequence) -> Iterable[tuple[str, str]]:
+    if isinstance(step, OpenSequence):
+        yield "1, 2, ...", "to be found"
+        yield "impact", str(step.impact or "to be found")
+        return
     for index, mode in enumerate(step.phases, start=1):
         yield str(index), str(mode)
     yield "impact", str(step.impact)

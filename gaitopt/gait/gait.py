@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode
@@ -62,6 +63,7 @@ class Gait:
     freed : values of freed parameters by dotted key.
     solver : iterations and times [s] of the solver.
     verification : record of the last verification, if there was one.
+    causes : why there is no gait, the first one being the worst; empty for a gait.
     """
 
     problem: Problem
@@ -76,6 +78,7 @@ class Gait:
     freed: Mapping[str, float] = field(default_factory=dict)
     solver: Mapping[str, float] = field(default_factory=dict)
     verification: Mapping[str, Any] | None = None
+    causes: tuple[Cause, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -142,6 +145,8 @@ class Gait:
         return numbers.get("friction", numbers)
 
     def _motion_record(self) -> dict[str, Any]:
+        if self.problem.is_open:  # and none was found
+            return {"n_steps": None, "phases": [], "impact": None, "state": None}
         cycle = self.problem.cycle
         counted = {"n_steps": len(cycle.steps), "impact": str(cycle.impact)}
         if not self.steps:

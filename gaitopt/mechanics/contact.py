@@ -9,8 +9,9 @@ mu the kinetic coefficient and d the drag of the friction law)
 
     ddx = -((f_t + mu s f_n)_stick + d) / (C_tt + mu s C_nt)
 
-The denominator is det(C) w_n' M^-1 Gamma of eq. (6): where it loses its sign, the slip has no unique
-solution (the paradox of Painleve).  Gamus & Or (2013), eqs (2)-(6).
+An s strictly between -1 and 1 is the friction of a foot at rest, so that one formula holds for every mode of a foot
+whose mode is unknown. The denominator is det(C) w_n' M^-1 Gamma of eq. (6): where it loses its sign, the slip has no
+unique solution (the paradox of Painleve).  Gamus & Or (2013), eqs (2)-(6).
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,6 @@ from dataclasses import dataclass
 from casadi import SX, horzcat, vertcat
 
 from gaitopt.mechanics.lagrangian import EquationsOfMotion
-from gaitopt.mechanics.modes import Mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,11 +53,12 @@ def solve_spd(A: SX, b: SX) -> SX:
     return y
 
 
-def motion(eom: EquationsOfMotion, mode: Mode, *, kinetic: SX, drag: SX, torque: SX) -> Motion:
-    """Motion of the walker while its stance foot is in ``mode``.
+def motion(eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, torque: SX) -> Motion:
+    """Motion of the walker while its stance foot slips, or is held at rest.
 
     Parameters
     ----------
+    slip : SX - sign s of the slip, or an unknown between -1 and 1; None holds the foot.
     kinetic : SX - coefficient mu of a slipping foot.
     drag : SX - force against the slip besides mu f_n, zero at rest [N].
     torque : SX, shape (n_u,) - actuator torques u [N m].
@@ -69,14 +70,13 @@ def motion(eom: EquationsOfMotion, mode: Mode, *, kinetic: SX, drag: SX, torque:
     rigid, response = free[:, 0], free[:, 1:]
     stick_force = coupling @ rigid + bias[n:]
     C = eom.M[n:, n:] - coupling @ response
-    if mode is Mode.STICK:
+    if slip is None:
         ddx, painleve = SX(0), C[0, 0]
     else:
-        s = mode.direction
-        painleve = C[0, 0] + kinetic * s * C[1, 0]
-        ddx = -(stick_force[0] + kinetic * s * stick_force[1] + drag) / painleve
+        painleve = C[0, 0] + kinetic * slip * C[1, 0]
+        ddx = -(stick_force[0] + kinetic * slip * stick_force[1] + drag) / painleve
     acceleration = rigid - response[:, 0] * ddx
     velocity = eom.z[n + 1 :]
-    if mode is Mode.STICK:
+    if slip is None:
         velocity = vertcat(velocity[:n], 0)
     return Motion(dz=vertcat(velocity, acceleration, ddx), force=stick_force + C[:, 0] * ddx, painleve=painleve)

@@ -24,7 +24,7 @@ from casadi import SX, jacobian, jtimes, vertcat
 
 from gaitopt.mechanics.contact import solve_spd
 from gaitopt.mechanics.lagrangian import EquationsOfMotion
-from gaitopt.mechanics.modes import ImpactLaw, Mode
+from gaitopt.mechanics.modes import ImpactLaw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,8 +47,13 @@ class Impact:
     painleve: SX
 
 
-def impact(eom: EquationsOfMotion, mode: Mode, law: ImpactLaw, kinetic: SX) -> Impact:
-    """The impact after which the colliding foot is in ``mode``; whether that is consistent is not decided here."""
+def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX) -> Impact:
+    """The impact after which the colliding foot slips or is at rest; whether that is consistent is not decided here.
+
+    Parameters
+    ----------
+    slip : SX - sign s of the slip, or an unknown between -1 and 1; None stops the foot.
+    """
     n = len(eom.walker.shape)
     reach = eom.W_swing[:, :n]  # the swing foot is the stance foot plus a function of the shape
     foot_mass, coupling, shape_mass = _masses(eom)
@@ -57,13 +62,13 @@ def impact(eom: EquationsOfMotion, mode: Mode, law: ImpactLaw, kinetic: SX) -> I
 
     v_minus = eom.W_swing @ eom.dq
     mu = kinetic if law is ImpactLaw.COULOMB else SX(0)
-    s = mode.direction
+    s = SX(0) if slip is None else slip
     painleve = C[0, 0] + mu * s * C[1, 0]
     dv_n = -v_minus[1]
-    dv_t = -v_minus[0] if mode is Mode.STICK else -(C[0, 1] + mu * s * C[1, 1]) * dv_n / painleve
+    dv_t = -v_minus[0] if slip is None else -(C[0, 1] + mu * s * C[1, 1]) * dv_n / painleve
     dv = vertcat(dv_t, dv_n)
     rates = eom.dq[:n] - response @ dv
-    slip_velocity = SX(0) if mode is Mode.STICK else v_minus[0] + dv_t
+    slip_velocity = SX(0) if slip is None else v_minus[0] + dv_t
     return Impact(
         z_plus=vertcat(
             eom.mechanism.relabel,

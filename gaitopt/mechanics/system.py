@@ -158,7 +158,7 @@ class HybridSystem:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
 
         def outputs() -> list[SX]:
-            result = impact(self._eom, mode, self.law, self._kinetic)
+            result = impact(self._eom, _slip(mode), self.law, self._kinetic)
             return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
 
         return self._build(f"impact_{mode}", outputs, inputs=[self._eom.z, self._p])
@@ -167,9 +167,34 @@ class HybridSystem:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
 
         def outputs() -> list[SX]:
-            return [jacobian(impact(self._eom, mode, self.law, self._kinetic).z_plus, self._eom.z)]
+            return [jacobian(impact(self._eom, _slip(mode), self.law, self._kinetic).z_plus, self._eom.z)]
 
         return self._build(f"impact_jacobian_{mode}", outputs, inputs=[self._eom.z, self._p])
+
+    @cached_property
+    def open_flow(self) -> Function:
+        """(t, z, s, p, r) -> dz/dt, contact force (2), touchdown guard and its rate, the mode being open.
+
+        Friction is -mu s f_n with s in [-1, 1], and kinetic friction bounds a foot at rest too.
+        """
+
+        def outputs() -> list[SX]:
+            state, guard = self._slipping(s), SX(self._eom.mechanism.touchdown)
+            return [state.dz, state.force, guard, jtimes(guard, self._eom.z, state.dz)]
+
+        s = SX.sym("s")
+        return self._build("open_flow", outputs, inputs=[self._t, self._eom.z, s, self._p, self._r])
+
+    @cached_property
+    def open_impact(self) -> Function:
+        """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
+
+        def outputs() -> list[SX]:
+            result = impact(self._eom, s, ImpactLaw.COULOMB, self._kinetic)
+            return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity]
+
+        s = SX.sym("s")
+        return self._build("open_impact", outputs, inputs=[self._eom.z, s, self._p])
 
     @cached_property
     def approach(self) -> Function:
@@ -262,9 +287,12 @@ class HybridSystem:
 
     def _motion(self, mode: Mode) -> Motion:
         if mode not in self._motions:
-            drag = SX(self.friction.drag(self._coefficients, self._eom.z[-1]))
-            self._motions[mode] = motion(self._eom, mode, kinetic=self._kinetic, drag=drag, torque=self._torque)
+            self._motions[mode] = self._slipping(_slip(mode))
         return self._motions[mode]
+
+    def _slipping(self, slip: SX | None) -> Motion:
+        drag = SX(self.friction.drag(self._coefficients, self._eom.z[-1]))
+        return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, torque=self._torque)
 
     def _margins(self, mode: Mode) -> SX:
         state = self._motion(mode)
@@ -280,6 +308,11 @@ class HybridSystem:
             arguments = [self._t, self._eom.z, self._p, self._r] if inputs is None else inputs
             self._functions[name] = Function(name, arguments, cse(outputs()))
         return self._functions[name]
+
+
+def _slip(mode: Mode) -> SX | None:
+    """Sign of the slip in a mode, None where the foot sticks."""
+    return None if mode is Mode.STICK else SX(mode.direction)
 
 
 @lru_cache(maxsize=8)

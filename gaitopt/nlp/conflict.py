@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.gait import Status
+from gaitopt.gait import Cause, Status
 from gaitopt.nlp.ipopt import IpoptResult
 from gaitopt.nlp.program import Program, Rows
 from gaitopt.problem import Problem, Range
@@ -24,26 +24,28 @@ PRESSING = 1e-4
 """Multiplier of a bound that stands in the way; the multipliers of the slack itself are of the order of one."""
 
 
-def conflicts(problem: Problem, program: Program, result: IpoptResult) -> str | None:
-    """One line per constraint that cannot be met, or None where all can or nothing was found.
+def conflicts(problem: Problem, program: Program, result: IpoptResult) -> tuple[Cause, ...]:
+    """The constraints that cannot be met; empty where all can or nothing was found.
 
     Parameters
     ----------
     program, result : an elastic one, and its solution.
     """
     if result.status is not Status.CONVERGED:
-        return None
+        return ()
     reached = dict(zip(program.names, program.values(result.w), strict=True))
     obstacles = list(_obstacles(problem, program, result, reached))
-    lines = []
+    causes = []
     for name, span in problem.constraints.items():
         bound = _missed(span, reached[name])
         if bound is None:
             continue
+        needed = span.minimum if reached[name] < span.minimum else span.maximum
         against = [words for other, words in obstacles if other != name]
         reason = f"conflicts with {', '.join(against)}" if against else "cannot be met by these phases near the start"
-        lines.append(f"{_place(problem, name)}: {name} {bound} {reason}: best reached {reached[name]:.4g}")
-    return "\n".join(lines) or None
+        words = f"{_place(problem, name)}: {name} {bound} {reason}: best reached {reached[name]:.4g}"
+        causes.append(Cause(what=name, words=words, needed=needed, available=float(reached[name])))
+    return tuple(causes)
 
 
 def _missed(span: Range, value: float) -> str | None:

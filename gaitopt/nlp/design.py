@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.gait import Gait, Status
+from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.conflict import conflicts
@@ -98,8 +98,8 @@ class _Design:
                 return self._failed(result.status, result.words, solver)
             if result.status is not Status.CONVERGED:
                 why = self._conflicts(start)
-                status = result.status if why is None else Status.INFEASIBLE
-                return self._failed(status, why or result.words, solver)
+                message = "\n".join(cause.words for cause in why) or result.words
+                return self._failed(Status.INFEASIBLE if why else result.status, message, solver, why)
             durations = program.transcription.unpack(program.motion(result.w))[1]
             if not program.at_reach(result.w) and self._layout(durations).same_arcs(program.transcription.layout):
                 return self._optimum(program.transcription, program.motion(result.w), iterations)
@@ -113,7 +113,9 @@ class _Design:
         for _ in range(MAX_MESHES):
             point = reduced.first(refined.transcription, refined.at.w, self._p)
             if point is None:
-                return self._failed(Status.NOT_CONVERGED, trouble(refined) or "the gait is lost on a finer mesh", {})
+                lost = trouble(refined)
+                message = in_words(lost) or "the gait is lost on a finer mesh"
+                return self._failed(Status.NOT_CONVERGED, message, {}, lost)
             freed, levels = np.split(point.u, [len(self.free)])
             sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
             optimum = optimise(reduced, point, sizes, progress=self._progress, should_stop=self._should_stop)
@@ -125,18 +127,19 @@ class _Design:
         solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.point.objective}
         if optimum.interrupted:
             return self._failed(Status.INTERRUPTED, "interrupted", solver)
-        wrong = trouble(refined) or optimum.shortcoming
-        if wrong is not None:
-            return self._failed(Status.NOT_CONVERGED, wrong, solver)
+        wrong = trouble(refined)
+        if wrong or optimum.shortcoming:
+            message = in_words(wrong) or str(optimum.shortcoming)
+            return self._failed(Status.NOT_CONVERGED, message, solver, wrong)
         gait = assemble_gait(
             self._problem, refined.transcription, refined.at, errors=refined.errors, message="", solver=solver
         )
         return replace(gait, message=_verdict(gait))
 
-    def _conflicts(self, start: Start) -> str | None:
+    def _conflicts(self, start: Start) -> tuple[Cause, ...]:
         """Which constraints cannot be met, found from the start in as many searches as it takes."""
         if not self._problem.constraints:
-            return None
+            return ()
         for _ in range(MAX_ROUNDS):
             program = self._program(start, elastic=True)
             result = program.solve()
@@ -174,8 +177,16 @@ class _Design:
         )
         return Start(durations=durations, states=rolled_states(rolled), freed=freed)
 
-    def _failed(self, status: Status, words: str, solver: dict[str, float]) -> Gait:
-        return Gait(problem=self._problem, system=self._system, p=self._p, status=status, message=words, solver=solver)
+    def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:
+        return Gait(
+            problem=self._problem,
+            system=self._system,
+            p=self._p,
+            status=status,
+            message=words,
+            solver=solver,
+            causes=causes,
+        )
 
 
 def _verdict(gait: Gait) -> str:

@@ -1,29 +1,17 @@
 """Why an attempt failed, in physical words: which condition is violated most, in which phase, when, by how much."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.gait import Cause
 from gaitopt.mechanics import Cycle, ending_margin, margin_names
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Complaint:
-    """One violated condition; ``severity`` is its violation in natural units.
-
-    ``phase`` is the index of the phase in which it is violated, None for the impact of ``step``.
-    """
-
-    severity: float
-    phase: int | None
-    words: str
-    step: int = 0
 
 
 ENDLESS = {
@@ -53,7 +41,7 @@ SIMPLE_MARGINS = {
 }
 
 
-def complaints(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Complaint]:
+def complaints(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Cause]:
     """The worst violated condition of every phase and of the impact, worst first.
 
     ``margins`` are the values of the transcription's inequalities at ``w``. Where a phase runs backwards in time, that
@@ -61,14 +49,14 @@ def complaints(problem: Transcription, w: Array, p: Array, margins: Array, toler
     """
     found = [c for c in _duration_complaints(problem, w) if c.severity > tolerance]
     found = found or [*_cone_complaints(problem, w, p, margins), *_margin_complaints(problem, w, p, margins)]
-    worst: dict[tuple[int | None, int], Complaint] = {}
+    worst: dict[tuple[int | None, int], Cause] = {}
     for complaint in sorted(found, key=lambda c: c.severity):
         if complaint.severity > tolerance:
             worst[complaint.phase, complaint.step] = complaint
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
-def landing_complaint(problem: Transcription, w: Array, p: Array) -> str | None:
+def landing_complaint(problem: Transcription, w: Array, p: Array) -> Cause | None:
     """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
     full, armed = problem.full_parameters(p, problem.unpack(w)[2])[:, None], False
     for index, arc in enumerate(problem.layout.arcs):
@@ -79,15 +67,18 @@ def landing_complaint(problem: Transcription, w: Array, p: Array) -> str | None:
         heights = np.asarray(outputs)[margin_names(arc.mode).index("touchdown")]
         for t, height in zip(times, heights, strict=True):
             if armed and height < -AIRBORNE:
-                return f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"
+                words = f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"
+                step = problem.layout.cycle.step_of(arc.phase)
+                return Cause(what="touchdown", words=words, phase=arc.phase, step=step, time=float(t))
             armed = armed or height > AIRBORNE
     return None
 
 
-def endless_complaint(cycle: Cycle, phase: int) -> str:
+def endless_complaint(cycle: Cycle, phase: int) -> Cause:
     """Why a phase of the guess does not end as the sequence wants it to."""
-    words = ENDLESS[ending_margin(cycle.phases[phase], cycle.after(phase))]
-    return f"{phase_words(cycle, phase)} has no end: from the guess, {words}"
+    ending = ending_margin(cycle.phases[phase], cycle.after(phase))
+    words = f"{phase_words(cycle, phase)} has no end: from the guess, {ENDLESS[ending]}"
+    return Cause(what=ending, words=words, phase=phase, step=cycle.step_of(phase))
 
 
 def phase_words(cycle: Cycle, phase: int) -> str:
@@ -97,27 +88,32 @@ def phase_words(cycle: Cycle, phase: int) -> str:
     return words if len(cycle.steps) == 1 else f"step {step + 1}, {words}"
 
 
-def residual_complaint(problem: Transcription, w: Array, p: Array, residual: Array) -> str:
+def residual_complaint(problem: Transcription, w: Array, p: Array, residual: Array) -> Cause:
     """The equality that is violated most."""
     relative = np.abs(residual / problem.units(p).equalities)
     row = int(np.argmax(relative))
     n_z, cycle, n_defects = problem.system.n_z, problem.layout.cycle, problem.system.n_z * problem.layout.intervals
     size = abs(float(residual[row]))
     if not relative[row] < RUNAWAY:
-        return "the search has left everything that walks; start from a state closer to a gait"
+        return Cause(
+            what="search", words="the search has left everything that walks; start from a state closer to a gait"
+        )
     if row < n_defects:
         arcs = problem.layout.arcs
         phase = arcs[int(np.searchsorted(np.cumsum([arc.intervals for arc in arcs]), row // n_z, side="right"))].phase
         place, name = phase_words(cycle, phase), problem.system.state_names[row % n_z]
-        return f"{place}: the motion does not close, off by {size:.3g} in {name}"
+        words = f"{place}: the motion does not close, off by {size:.3g} in {name}"
+        return Cause(what="motion", words=words, phase=phase, needed=0.0, available=size)
     row -= n_defects
     if row < len(cycle.phases):
-        return f"{phase_words(cycle, row)}: the event that should end it is missed by {size:.3g}"
+        words = f"{phase_words(cycle, row)}: the event that should end it is missed by {size:.3g}"
+        return Cause(what="event", words=words, phase=row, needed=0.0, available=size)
     name = problem.system.state_names[(row - len(cycle.phases)) % n_z]
-    return f"not periodic: {name} after the impact is off by {size:.3g}"
+    words = f"not periodic: {name} after the impact is off by {size:.3g}"
+    return Cause(what="periodicity", words=words, needed=0.0, available=size)
 
 
-def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
+def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     """Friction that is needed against friction that there is, where the foot should stick."""
     _, labels = problem.inequalities
     friction = float(problem.system.static_friction(problem.full_parameters(p, problem.unpack(w)[2])))
@@ -133,27 +129,38 @@ def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array)
         if min(forward, backward) < 0 < f_n:
             needed = abs(forward - backward) / (2 * f_n)
             words = f"{_place(problem, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
-            yield Complaint(severity=float(needed - friction), phase=label.phase, step=label.step, words=words)
+            numbers = {"needed": float(needed), "available": friction, "severity": float(needed - friction)}
+            yield _cause("friction", words, problem, w, label, **numbers)
 
 
-def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Complaint]:
+def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     _, labels = problem.inequalities
     units = problem.units(problem.full_parameters(p, problem.unpack(w)[2])).margins
     for label, value, unit in zip(labels, margins, units, strict=True):
         if label.name in SIMPLE_MARGINS and value < 0:
             text = f"{_place(problem, w, label)}: {SIMPLE_MARGINS[label.name].format(value=value)}"
-            severity = float(-value / unit)
-            yield Complaint(severity=severity, phase=label.phase, step=label.step, words=text)
+            numbers = {"needed": 0.0, "available": float(value), "severity": float(-value / unit)}
+            yield _cause(label.name, text, problem, w, label, **numbers)
 
 
-def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Complaint]:
+def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Cause]:
     _, durations, _ = problem.unpack(w)
     period = float(durations.sum())
     for phase, duration in enumerate(durations):
         if duration < 0:
             place = phase_words(problem.layout.cycle, phase)
             words = f"{place}: its duration is {duration:.4g} s, so it does not take place"
-            yield Complaint(severity=float(-duration / abs(period)), phase=phase, words=words)
+            severity = float(-duration / abs(period))
+            yield Cause(
+                what="duration", words=words, phase=phase, needed=0.0, available=float(duration), severity=severity
+            )
+
+
+def _cause(what: str, words: str, problem: Transcription, w: Array, label: Label, **numbers: float) -> Cause:
+    """The cause that a row of the inequalities names."""
+    node = problem.layout.impact_nodes[label.step] if label.node is None else label.node
+    time = float(problem.node_times(w)[node])
+    return Cause(what=what, words=words, phase=label.phase, step=label.step, time=time, **numbers)
 
 
 def _place(problem: Transcription, w: Array, label: Label) -> str:

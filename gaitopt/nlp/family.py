@@ -11,7 +11,7 @@ import numpy as np
 from casadi import Function
 from numpy.typing import NDArray
 
-from gaitopt.gait import Gait, Status
+from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.layout import layout
@@ -78,13 +78,13 @@ class Family:
         p = self._system.values(problem.parameters)
         refined, wrong, iterations = self._near(p)
         status, message = Status.CONVERGED, "solved"
-        if refined is None or wrong is not None:
+        if refined is None or wrong:
             result = self._program.solve(self._w, p)
             status, message, iterations = result.status, result.words, iterations + result.iterations
             if status is Status.CONVERGED:
                 refined = refine(self._transcription, polish(self._transcription, result.w, p).at)
                 wrong = trouble(refined)
-                status, message = (status, message) if wrong is None else (Status.NOT_CONVERGED, wrong)
+                status, message = (Status.NOT_CONVERGED, in_words(wrong)) if wrong else (status, message)
         solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
         if refined is None or status is not Status.CONVERGED:
             return Gait(problem=problem, system=self._system, p=p, status=status, message=message, solver=solver)
@@ -94,7 +94,7 @@ class Family:
         )
 
     @overflow_allowed()
-    def _near(self, p: Array) -> tuple[Refined | None, str | None, int]:
+    def _near(self, p: Array) -> tuple[Refined | None, tuple[Cause, ...], int]:
         """The solution by chords, what is wrong with it, and their number; no solution if they do not converge."""
         w, size, count = self._w, np.inf, 0
         units = self._transcription.units(p).equalities
@@ -102,7 +102,7 @@ class Family:
             residual = np.asarray(self._equalities(w, p)).ravel()
             before, size = size, np.abs(residual / units).max()
             if not size < CONTRACTION * before:
-                return None, None, count
+                return None, (), count
             w = w - self._factor.solve(residual)
             if size < SETTLED:
                 break

@@ -70,7 +70,7 @@ class IpoptResult:
     kkt: float
 
 
-class _Watch(Callback):
+class Watch(Callback):
     """Reports every iteration, and stops IPOPT when asked to."""
 
     def __init__(
@@ -87,15 +87,19 @@ class _Watch(Callback):
         self._iteration, self._lower, self._upper = 0, lower, upper
 
     def get_n_in(self) -> int:
+        """What CasADi hands over."""
         return len(self._sizes)
 
     def get_n_out(self) -> int:
+        """Whether to stop."""
         return 1
 
     def get_sparsity_in(self, i: int) -> Sparsity:
+        """Shape of an input."""
         return Sparsity.dense(self._sizes[nlpsol_out(i)], 1)
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
+        """Report an iteration; nonzero stops IPOPT."""
         try:
             if self._progress is not None:
                 g = np.asarray(arg[2]).ravel()
@@ -143,7 +147,7 @@ class Ipopt:
         row_sizes = MX.sym("row_sizes", unscaled_rows.numel())
         rows, parameters = unscaled_rows / row_sizes, vertcat(p, sizes, row_sizes)
         scaled_slope = diag(1 / row_sizes) @ slope(sizes * x, p) @ diag(sizes)
-        self._watch = _Watch(w.numel(), rows.numel(), parameters.numel(), progress, should_stop)
+        self._watch = Watch(w.numel(), rows.numel(), parameters.numel(), progress, should_stop)
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,  # a point where the motion does not exist is IPOPT's business, as is Ctrl-C

@@ -8,7 +8,7 @@ import numpy as np
 from casadi import Function
 from numpy.typing import NDArray
 
-from gaitopt.gait import Gait, Status
+from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import complaints, endless_complaint, landing_complaint, residual_complaint
@@ -65,7 +65,10 @@ def solve_gait(
     """
     p = system.values(problem.parameters)
     if lacks_energy(problem):
-        return Gait(problem=problem, system=system, p=p, status=Status.INFEASIBLE, message=NO_ENERGY)
+        no_energy = Cause(what="energy", words=NO_ENERGY)
+        return Gait(
+            problem=problem, system=system, p=p, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(no_energy,)
+        )
     began = time.perf_counter()
     state = np.array([problem.guess.state[name] for name in system.state_names])
     guess = roll_out(system, p, problem.cycle, state, problem.guess.durations)
@@ -77,10 +80,10 @@ def solve_gait(
         attempt = retried if retried.result.status not in FAILURES else attempt
     solver = {"iterations": float(attempt.result.iterations), "seconds": time.perf_counter() - began}
     if attempt.result.status is not Status.CONVERGED:
-        message = attempt.result.words
-        if attempt.result.status is not Status.INTERRUPTED:
-            message = f"{message}: {_explain(attempt, guess)}"
-        return Gait(problem=problem, system=system, p=p, status=attempt.result.status, message=message, solver=solver)
+        status, message = attempt.result.status, attempt.result.words
+        causes = () if status is Status.INTERRUPTED else _causes(attempt, guess)
+        message = f"{message}: {in_words(causes)}" if causes else message
+        return Gait(problem=problem, system=system, p=p, status=status, message=message, solver=solver, causes=causes)
     return _finish(problem, attempt, solver)
 
 
@@ -127,8 +130,16 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
     p, system = attempt.p, attempt.transcription.system
     refined = refine(attempt.transcription, polish(attempt.transcription, attempt.result.w, p).at)
     wrong = trouble(refined)
-    if wrong is not None:
-        return Gait(problem=problem, system=system, p=p, status=Status.NOT_CONVERGED, message=wrong, solver=solver)
+    if wrong:
+        return Gait(
+            problem=problem,
+            system=system,
+            p=p,
+            status=Status.NOT_CONVERGED,
+            message=in_words(wrong),
+            solver=solver,
+            causes=wrong,
+        )
     return assemble_gait(
         problem,
         refined.transcription,
@@ -140,23 +151,27 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
 
 
 @overflow_allowed()
-def trouble(refined: Refined) -> str | None:
-    """What keeps a solution of IPOPT from being a gait, looked at without IPOPT."""
+def trouble(refined: Refined) -> tuple[Cause, ...]:
+    """What keeps a solution of IPOPT from being a gait, looked at without IPOPT; empty for a gait."""
     transcription, at = refined.transcription, refined.at
     _, durations, _ = transcription.unpack(at.w)
     modes = transcription.layout.cycle.phases
     for phase, (mode, duration) in enumerate(zip(modes, durations, strict=True), start=1):
         if duration < VANISHING * durations.sum():
-            return f"phase {phase} ({mode}) shrinks to nothing: here the gait does without it"
+            words = f"phase {phase} ({mode}) shrinks to nothing: here the gait does without it"
+            return (Cause(what="duration", words=words, phase=phase - 1, needed=0.0, available=float(duration)),)
     if not np.isfinite(refined.errors).all():
-        return "the equations are singular there: the gait is not isolated, or its motion breaks down"
+        words = "the equations are singular there: the gait is not isolated, or its motion breaks down"
+        return (Cause(what="equations", words=words),)
     if not at.size <= RESIDUAL_TOLERANCE:
-        return f"the equations are only met to {at.size:.2g}"
+        return (Cause(what="equations", words=f"the equations are only met to {at.size:.2g}"),)
     if not refined.accurate:
         intervals = transcription.layout.intervals
-        return f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
+        words = f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
+        return (Cause(what="integration", words=words),)
     found = complaints(transcription, at.w, at.p, _margins(transcription, at.w, at.p), RESIDUAL_TOLERANCE)
-    return "; ".join(complaint.words for complaint in found) or landing_complaint(transcription, at.w, at.p)
+    landing = None if found else landing_complaint(transcription, at.w, at.p)
+    return tuple(found) if landing is None else (landing,)
 
 
 def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
@@ -166,7 +181,7 @@ def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
 
 
 @overflow_allowed()
-def _explain(attempt: Attempt, guess: Rollout) -> str:
+def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
     """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open."""
     transcription, p = attempt.transcription, attempt.p
     relaxed = _attempt(transcription, p, attempt.start, None, None, relaxed=True)
@@ -175,7 +190,7 @@ def _explain(attempt: Attempt, guess: Rollout) -> str:
         if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
             found = complaints(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
             if found:
-                return "; ".join(complaint.words for complaint in found)
+                return tuple(found)
     if guess.endless is not None:
-        return endless_complaint(transcription.layout.cycle, guess.endless)
-    return residual_complaint(transcription, attempt.result.w, p, residual)
+        return (endless_complaint(transcription.layout.cycle, guess.endless),)
+    return (residual_complaint(transcription, attempt.result.w, p, residual),)

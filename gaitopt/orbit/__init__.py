@@ -1,6 +1,7 @@
 """Return map and Floquet multipliers of simulated motion."""
 
+from gaitopt.orbit.damped import damped_fixed_point
 from gaitopt.orbit.return_map import FixedPoint, Return, ReturnMap
 from gaitopt.orbit.variational import StepVariation
 
-__all__ = ["FixedPoint", "Return", "ReturnMap", "StepVariation"]
+__all__ = ["FixedPoint", "Return", "ReturnMap", "StepVariation", "damped_fixed_point"]

@@ -15,6 +15,7 @@ from gaitopt.problem.sections import (
     GaitReference,
     Guess,
     NoControlSpec,
+    OpenSequence,
     PDSpec,
     Range,
 )
@@ -31,6 +32,7 @@ __all__ = [
     "GaitReference",
     "Guess",
     "NoControlSpec",
+    "OpenSequence",
     "PDSpec",
     "Problem",
     "Range",

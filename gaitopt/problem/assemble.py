@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.consistency import check_walker
+from gaitopt.mechanics.modes import Cycle
 from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.walker import Walker, refused_walkers
 from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
@@ -48,13 +49,14 @@ def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], fault
     head = _read_head(data, free, faults)
     friction = _read_friction(data, free, faults)
     control = _read_control(data.get("control", {"type": "none"}), model, free, faults)
-    cycle, guess = read_gait(data, model, walker, faults)
-    fields: dict[str, Any] = {"walker": walker, "control": control, "cycle": cycle, "guess": guess, "free": free}
+    modes, guess = read_gait(data, model, walker, faults)
+    fields: dict[str, Any] = {"walker": walker, "control": control, "modes": modes, "start": guess, "free": free}
     if head:
         fields |= {key: getattr(head, key) for key in HeadSection.model_fields}
     if friction:
         fields["friction"] = friction
     if model:
+        cycle = modes if isinstance(modes, Cycle) else None
         asked = Asked(walker=model, control=control, cycle=cycle, free=free)
         objective = read_objective(data.get("objective"), asked, faults)
         constraints = read_constraints(data.get("constraints"), asked, faults)

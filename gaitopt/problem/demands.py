@@ -26,7 +26,7 @@ from gaitopt.problem.sections import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """What the names in an objective or a constraint may refer to; None where a fault has been found already."""
+    """What the names in an objective or a constraint may refer to; None where it is open or at fault."""
 
     walker: type[Walker]
     control: ControlSpec | None

@@ -12,17 +12,29 @@ from typing import Any
 from gaitopt.mechanics.modes import Cycle, Mode, ModeSequence
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, read_section, shown
-from gaitopt.problem.sections import CycleSection, GaitSection, Guess, GuessSection, StepSection, state_section
+from gaitopt.problem.sections import (
+    CycleSection,
+    GaitSection,
+    Guess,
+    GuessSection,
+    OpenGaitSection,
+    OpenSequence,
+    StepSection,
+    state_section,
+)
 
+OPEN = "auto"
 SAME_STATE = 1e-5  # relative: a state written with six digits may be off by half of this
 
 
 def read_gait(
     data: Mapping[str, Any], model: type[Walker] | None, walker: Walker | None, faults: list[Fault]
-) -> tuple[Cycle | None, Guess | None]:
+) -> tuple[Cycle | OpenSequence | None, Guess | None]:
     """The cycle and the guess, as far as they can be had without fault."""
     if "gait" not in data:
         return None, None
+    if isinstance(data["gait"], Mapping) and data["gait"].get("phases") == OPEN:
+        return _read_open(data["gait"], model, walker, faults)
     several = isinstance(data["gait"], Mapping) and "steps" in data["gait"]
     model_: type[CycleSection] | type[GaitSection] = CycleSection if several else GaitSection
     gait = read_section(model_, data["gait"], ("gait",), faults)
@@ -40,6 +52,25 @@ def read_gait(
         faults.append(Fault(("gait", "guess", "durations"), message))
     state = None if model is None else _read_state(guess.state, model, walker, steps[-1].impact, faults)
     return cycle, None if state is None else Guess(state=state, durations=guess.durations)
+
+
+def _read_open(
+    data: Mapping[str, Any], model: type[Walker] | None, walker: Walker | None, faults: list[Fault]
+) -> tuple[OpenSequence | None, Guess | None]:
+    """A gait whose sequence is to be found; of a guess, the slip velocity is 0 if it is left out."""
+    gait = read_section(OpenGaitSection, data, ("gait",), faults)
+    if gait is None:
+        return None, None
+    sequence = OpenSequence(impact=gait.impact, steps=gait.steps)
+    guess = None if gait.guess is None else read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
+    if guess is None or model is None:
+        return sequence, None
+    if guess.durations is not None:
+        faults.append(Fault(("gait", "guess", "durations"), "belong to phases, which are open here: leave them out"))
+    slip = guess.state.get("dx", 0.0)
+    impact = Mode.slip(slip) if isinstance(slip, int | float) and slip else Mode.STICK
+    state = _read_state(guess.state, model, walker, impact, faults)
+    return sequence, None if state is None else Guess(state=state, durations=None)
 
 
 def _read_cycle(steps: Sequence[StepSection], path: Key, faults: list[Fault]) -> Cycle | None:

@@ -6,6 +6,7 @@ from typing import Any
 
 from gaitopt.mechanics.modes import Mode
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
+from gaitopt.problem.initial import OPEN
 
 DURATIONS = ("gait", "guess", "durations")
 SLIP_VELOCITY = ("gait", "guess", "state", "dx")
@@ -17,7 +18,8 @@ def apply_overrides(
     """A copy of ``data`` with ``overrides``, and the place by which faults name them.
 
     A first guess that an override of the sequence has made meaningless goes, unless it is overridden as well: durations
-    when the number of phases changes, and the slip velocity when the impact sticks.
+    when the number of phases changes, and the slip velocity when the impact sticks. An override that opens the sequence
+    takes the impact and the durations with it.
     """
     changed = deepcopy(dict(data))
     place = OverridePlace({key: _path(key) for key in overrides})
@@ -68,6 +70,11 @@ def _match_friction(data: dict[str, Any], path: Key, value: object, faults: list
     return value
 
 
+_REPLACED = (("steps", ("phases", "impact")), ("phases", ("steps",)))
+_OPENED = (("phases", ("impact", "steps")),)
+"""Keys of a gait that go where another one is set: one step or several, and a sequence that is opened."""
+
+
 def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden: tuple[Key, ...]) -> None:
     def is_set(path: Key) -> bool:
         return any(path[: len(key)] == key for key in overridden)
@@ -75,11 +82,15 @@ def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden:
     gait = after["gait"]
     if not isinstance(gait, dict) or not isinstance(gait.get("guess"), dict):
         return
-    for key, others in (("steps", ("phases", "impact")), ("phases", ("steps",))):
+    guess, opened = gait["guess"], gait.get("phases") == OPEN
+    if opened and before["gait"].get("phases") != OPEN:
+        guess.pop("durations", None)
+    stale = _OPENED if opened and before["gait"].get("phases") != OPEN else () if opened else _REPLACED
+    for key, others in stale:
         if is_set(("gait", key)):
             for other in others:
-                gait.pop(other, None)
-    guess = gait["guess"]
+                if not is_set(("gait", other)):
+                    gait.pop(other, None)
     if _phase_counts(gait) not in (None, _phase_counts(before["gait"])) and not is_set(DURATIONS):
         guess.pop("durations", None)
     if _last_impact(gait) == Mode.STICK and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):

@@ -55,6 +55,8 @@ def impossible(problem: "Problem") -> Iterator[Fault]:
         why = within.objection(lower, upper, scales)
         if why:
             yield Fault(path, why)
+    if problem.start is None:
+        return
     foot, upright, _ = _geometry_at_guess(problem)
     if not math.hypot(*foot) > FEET_APART * scales.length:
         yield Fault(STATE, "both feet are at one place: a step begins with the feet apart")
@@ -89,7 +91,7 @@ def remarks(problem: "Problem") -> Iterator[Fault]:
 def lacks_energy(problem: "Problem") -> bool:
     """Whether nothing replaces what impacts and friction take: no motors, and no way downhill."""
     downhill = _geometry_at_guess(problem)[2][0]
-    slides_back = Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
+    slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
     passive = isinstance(problem.control, NoControlSpec) and not problem.free
     return bool(passive and (downhill == 0 or (downhill < 0 and not slides_back)))
 
@@ -103,9 +105,9 @@ def _spans(problem: "Problem") -> Iterator[Span]:
     """All numbers whose range is in natural units, or depends on the walker."""
     walker, control, laws = problem.walker, problem.control, dict[str, Any]()
     fields = state_section(type(walker)).model_fields
-    for name, value in problem.guess.state.items():
+    for name, value in () if problem.start is None else problem.start.state.items():
         yield from _annotated((*STATE, name), value, fields[name].metadata)
-    for k, duration in enumerate(problem.guess.durations or ()):
+    for k, duration in enumerate((problem.start and problem.start.durations) or ()):
         yield ("gait", "guess", "durations", k), duration, duration, DURATION
     if isinstance(control, ConstantTorqueSpec):
         laws = {name: field.metadata for name, field in torques_section(type(walker)).model_fields.items()}
@@ -137,7 +139,8 @@ def _annotated(path: Key, value: float, metadata: list[Any]) -> Iterator[Span]:
 
 def _scalar_range(name: str, problem: "Problem") -> list[Within]:
     """Range of a scalar that is constrained; a freed parameter keeps to its own bounds."""
-    if name == "step_length" and {*problem.cycle.phases, *problem.cycle.impacts} == {Mode.STICK}:
+    modes = set() if problem.is_open else {*problem.cycle.phases, *problem.cycle.impacts}
+    if name == "step_length" and modes == {Mode.STICK}:
         return [SLIPLESS_STEP]
     if name in SCALARS:
         return [SCALARS[name].within]
@@ -151,8 +154,11 @@ def _scalar_range(name: str, problem: "Problem") -> list[Within]:
 
 
 def _geometry_at_guess(problem: "Problem") -> tuple[Any, float, Any]:
-    """Swing foot from the stance foot [m], margin of being upright, and gravity along x and y [m/s^2]."""
-    shape = [problem.guess.state[name] for name in problem.walker.shape]
+    """Swing foot from the stance foot [m], margin of being upright, and gravity along x and y [m/s^2].
+
+    Without a guess all angles are zero.
+    """
+    shape = [0.0 if problem.start is None else problem.start.state[name] for name in problem.walker.shape]
     foot, upright, gravity = _geometry(type(problem.walker))(shape, _values(problem.walker))
     return np.asarray(foot).ravel(), float(upright), np.asarray(gravity).ravel()
 

@@ -20,7 +20,16 @@ from gaitopt.problem.faults import Fault, FilePlace, Key, Place, fault_lines, ra
 from gaitopt.problem.overrides import apply_overrides
 from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.record import problem_data
-from gaitopt.problem.sections import ControlSpec, CurveReference, Free, FrictionCoefficients, Guess, PDSpec, Range
+from gaitopt.problem.sections import (
+    ControlSpec,
+    CurveReference,
+    Free,
+    FrictionCoefficients,
+    Guess,
+    OpenSequence,
+    PDSpec,
+    Range,
+)
 from gaitopt.problem.source import parse_source, read_text
 
 
@@ -35,13 +44,15 @@ class Problem:
     friction : coefficient of friction mu, or static and kinetic coefficient and drag.
     impact_law : tangential law of a slipping impact.
     control : what the motors do.
-    cycle : modes of the step, or of the steps, after which the gait repeats itself, and their impacts.
-    guess : first guess of the gait, its state complete.
+    modes : those of the step, or of the steps, after which the gait repeats itself, and their impacts; or what is
+        known of a sequence that is open.
+    start : first guess of the gait, its state complete; None only where the sequence is open.
     free : the unknown parameters by dotted key.
     objective : weights of the scalars whose sum is minimised; empty if there is none.
     constraints : ranges of scalars by name.
     reference : the problem whose gait the control tracks or its curve starts from.
     path, text : where it came from, verbatim; overrides are not in the text.
+    origin : the problem with an open sequence that this one answers, under whose name and digest it is kept.
     remarks : what is unusual about its numbers, one line each with its place; empty for most problems.
     """
 
@@ -51,8 +62,8 @@ class Problem:
     friction: float | FrictionCoefficients
     impact_law: ImpactLaw = ImpactLaw.COULOMB
     control: ControlSpec
-    cycle: Cycle
-    guess: Guess
+    modes: Cycle | OpenSequence
+    start: Guess | None
     free: Mapping[str, Free] = field(default_factory=dict)
     objective: Mapping[str, float] = field(default_factory=dict)
     constraints: Mapping[str, Range] = field(default_factory=dict)
@@ -60,6 +71,38 @@ class Problem:
     path: Path | None = None
     text: str = ""
     remarks: tuple[str, ...] = field(default=(), compare=False)
+    origin: "Problem | None" = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the mode sequence is to be found."""
+        return isinstance(self.modes, OpenSequence)
+
+    @property
+    def cycle(self) -> Cycle:
+        """The mode sequences of the steps after which the gait repeats itself.
+
+        Raises
+        ------
+        ProblemError
+            If they are open.
+        """
+        if isinstance(self.modes, OpenSequence):
+            raise self._open_error()
+        return self.modes
+
+    @property
+    def guess(self) -> Guess:
+        """The first guess.
+
+        Raises
+        ------
+        ProblemError
+            If the sequence is open and there is none.
+        """
+        if self.start is None:
+            raise self._open_error()
+        return self.start
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -108,8 +151,11 @@ class Problem:
 
     def resolved(self) -> dict[str, Any]:
         """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name."""
+        if self.origin is not None:
+            return self.origin.resolved()
         data = problem_data(self)
-        data["gait"]["guess"]["state"] = dict(self.guess.state)
+        if self.start is not None:
+            data["gait"]["guess"]["state"] = dict(self.start.state)
         if self.reference is not None:
             reference = data["control"]["reference"]
             if "curve" in reference:
@@ -128,6 +174,12 @@ class Problem:
     def hash8(self) -> str:
         """The first eight digits of the digest."""
         return self.digest[:8]
+
+    def _open_error(self) -> ProblemError:
+        return ProblemError(
+            f"{self.name}: its mode sequence is open (gait.phases: auto), and this needs one: `gaitopt find` lists the "
+            "gaits that there are; give the phases and the impact of one of them"
+        )
 
 
 def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> Problem:

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from gaitopt.mechanics.modes import Cycle, Mode
-from gaitopt.problem.sections import ConstantTorqueSpec, ControlSpec, Free, Range
+from gaitopt.problem.initial import OPEN
+from gaitopt.problem.sections import ConstantTorqueSpec, ControlSpec, Free, OpenSequence, Range
 
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
@@ -16,10 +17,6 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
 
     Of the guessed state only the section coordinates are given, so that what follows from them does when they change.
     """
-    section = problem.walker.section_names(slipping=problem.cycle.impact is not Mode.STICK)
-    guess: dict[str, Any] = {"state": {name: problem.guess.state[name] for name in (*section, "x")}}
-    if problem.guess.durations is not None:
-        guess["durations"] = list(problem.guess.durations)
     data: dict[str, Any] = {
         "name": problem.name,
         "about": problem.about,
@@ -27,7 +24,7 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
         "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
         "control": _control_data(problem.control),
-        "gait": {**cycle_data(problem.cycle), "guess": guess},
+        "gait": _gait_data(problem),
     }
     for key, free in problem.free.items():
         group, _, name = key.rpartition(".")
@@ -36,6 +33,22 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
         data["objective"] = dict(problem.objective)
     if problem.constraints:
         data["constraints"] = {name: _range_data(span) for name, span in problem.constraints.items()}
+    return data
+
+
+def _gait_data(problem: "Problem") -> dict[str, Any]:
+    if isinstance(problem.modes, OpenSequence):
+        data: dict[str, Any] = {"phases": OPEN}
+        data |= {} if problem.modes.impact is None else {"impact": str(problem.modes.impact)}
+        data |= {} if problem.modes.steps == 1 else {"steps": problem.modes.steps}
+        slipping = problem.start is not None and problem.start.state["dx"] != 0
+    else:
+        data, slipping = cycle_data(problem.modes), problem.modes.impact is not Mode.STICK
+    if problem.start is not None:
+        names = (*problem.walker.section_names(slipping=slipping), "x")
+        data["guess"] = {"state": {name: problem.start.state[name] for name in names}}
+        if problem.start.durations is not None:
+            data["guess"]["durations"] = list(problem.start.durations)
     return data
 
 

@@ -18,6 +18,7 @@ from gaitopt.problem.sections import (
     GuessSection,
     HeadSection,
     NoControlSpec,
+    OpenGaitSection,
     PDSpec,
     is_angle,
     state_section,
@@ -99,10 +100,10 @@ def _gait(walkers: Any) -> dict[str, Any]:
     guess = _section(GuessSection)
     states = [_section(state_section(walker)) for walker in walkers]
     guess["properties"]["state"] = {"description": "state just after impact", "anyOf": states}
-    gaits = [_section(GaitSection), _section(CycleSection)]
+    gaits = [_section(GaitSection), _section(CycleSection), _section(OpenGaitSection)]
     for gait in gaits:
         gait["properties"]["guess"] = guess
-    return {"description": "phases and impact of one step, or of several steps", "oneOf": gaits}
+    return {"description": "phases and impact of one step, of several steps, or to be found", "oneOf": gaits}
 
 
 def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[str, Any]:

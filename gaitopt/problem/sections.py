@@ -19,6 +19,8 @@ from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.units import SMALLEST, Angle, Finite, NonNegative, Number, parse_angle
 from gaitopt.mechanics.walker import Walker
 
+MAX_STEPS = 64
+"""Of a cycle; beyond that a walk is taken for irregular."""
 MAX_PHASES = 64
 """Of one step: known gaits have up to five, and the equations grow with them."""
 FRICTION = Within(usual=(0, 3))
@@ -53,6 +55,17 @@ class Range:
 
     minimum: float
     maximum: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenSequence:
+    """A mode sequence that is to be found: its impact if that is known, and the largest number of steps of a cycle."""
+
+    impact: Mode | None = None
+    steps: int = 1
+
+    def __str__(self) -> str:
+        return f"to be found; {self.impact or 'to be found'}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,8 +234,21 @@ class GaitSection(StepSection):
 class CycleSection(Section):
     """A gait that repeats itself after several steps, and a first guess."""
 
-    steps: Annotated[tuple[StepSection, ...], Field(min_length=1, max_length=64, description="the steps in order")]
+    steps: Annotated[
+        tuple[StepSection, ...], Field(min_length=1, max_length=MAX_STEPS, description="the steps in order")
+    ]
     guess: Annotated[dict[str, Any], Field(description="first guess of state and durations of all phases")]
+
+
+class OpenGaitSection(Section):
+    """A gait whose mode sequence is to be found."""
+
+    phases: Annotated[Literal["auto"], Field(description="the modes are to be found")]
+    impact: Annotated[
+        Mode | None, Field(description="what the colliding foot does just after the impact; any mode if left out")
+    ] = None
+    steps: Annotated[int, Field(ge=1, le=MAX_STEPS, strict=True, description="steps of a cycle, at most")] = 1
+    guess: Annotated[dict[str, Any] | None, Field(description="state near which a gait is preferred")] = None
 
 
 class GuessSection(Section):

@@ -23,6 +23,8 @@ from gaitopt.study.system import build_system
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
 """Relative differences of the objective, and of state and freed values, within which two starts have found the same
 optimum: where it is flat, places differ by the root of what objectives do."""
+DECIDING_DIGITS = 6
+"""Objectives that agree to so many digits do not decide between two solutions."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,9 +52,14 @@ class Optimum:
         """Whether the simulator confirms it."""
         return bool(self.record["verification"]["passed"])
 
+    @property
+    def radius(self) -> float:
+        """Spectral radius; below one the gait is stable."""
+        return float(self.record["spectral_radius"])
+
     def to_record(self) -> dict[str, Any]:
         """What tells it from the other solutions."""
-        found = {key: self.record[key] for key in ("state", "parameters", "spectral_radius")}
+        found = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
         kkt = self.record["solver"].get("kkt")
         return {
             "objective": self.objective,
@@ -132,7 +139,13 @@ def _distinct(problems: list[Problem], records: list[dict[str, Any]]) -> list[Op
         group = next((g for g in groups if _same(records[g[0]], record)), None)
         groups.append([k]) if group is None else group.append(k)
     optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
-    return sorted(optima, key=lambda optimum: (not optimum.verified, optimum.objective))
+    return sorted(optima, key=_rank)
+
+
+def _rank(optimum: Optimum) -> tuple[bool, float, bool, float]:
+    """Verified ones first, then the better objective; where that does not decide, stable gaits."""
+    objective = float(f"{optimum.objective:.{DECIDING_DIGITS}g}")
+    return not optimum.verified, objective, not optimum.radius < 1, optimum.radius
 
 
 def _same(first: dict[str, Any], second: dict[str, Any]) -> bool:

@@ -2,6 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import accumulate, groupby, pairwise
 from typing import Any
 
@@ -14,6 +15,7 @@ from gaitopt.mechanics import Cycle, HybridSystem, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.store import Run, Table
 from gaitopt.store.run import restored_problem
+from gaitopt.study.distinct import closed
 from gaitopt.study.system import build_system
 
 Array = NDArray[np.float64]
@@ -35,6 +37,8 @@ def restore_gait(run: Run) -> Gait:
     problem = restored_problem(run.folder, run.resolved, run.problem_text)
     if run.gait.get("status") != Status.CONVERGED:
         raise SolveError(f"{run.folder} holds no gait: {run.gait.get('status')}, {run.gait.get('message')}")
+    if problem.is_open:
+        problem = replace(closed(problem, run.gait), origin=problem)
     system = build_system(problem)
     try:
         freed = {name: float(value) for name, value in run.gait["parameters"].items()}

@@ -1,4 +1,4 @@
-"""A problem's gait, whatever it needs first."""
+"""A problem's gait, whatever it needs first: the reference of a PD law, or a search for the mode sequence."""
 
 from collections.abc import Callable
 
@@ -17,6 +17,9 @@ def solve(
 ) -> Gait:
     """Solve a problem for its gait; the reference of a PD law is solved first.
 
+    Where the mode sequence is open, the gait is the stable one of those that ``find`` lists (the one nearest to the
+    guess if there is one), else the least unstable; of a design the one with the best objective.
+
     Parameters
     ----------
     problem : from ``load_problem``; where parameters are free it is a design, the best gait that meets its constraints.
@@ -33,5 +36,9 @@ def solve(
     SolveError
         If the reference of a PD law is not a gait.
     """
+    if problem.is_open:
+        from gaitopt.study.find import find_best  # which solves its candidates by this very function
+
+        return find_best(problem, progress=progress, should_stop=should_stop)
     system = build_system(problem, should_stop=should_stop) if start is None else start.system
     return find_gait(problem, system, start=start, progress=progress, should_stop=should_stop)

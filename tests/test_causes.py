@@ -1,0 +1,70 @@
+"""The first cause of a failure is the true one, with its phase, time, and what is needed and available."""
+
+import pytest
+
+from gaitopt.gait import Cause, in_words
+from gaitopt.problem import load_problem
+from gaitopt.study import solve
+
+STICK_NEEDS = 0.17491849133
+"""Friction that sticking needs just after the impact, see test_continuation_specials."""
+
+FRICTION = [
+    ("rimless-wheel-stick", {"friction": 0.9}, 1, 0.91412),
+    ("rimless-wheel-stick", {"friction": 0.2}, 1, 0.91412),
+    ("rimless-wheel-slip", {"friction": 0.24}, 1, 0.26736),
+    ("compass-passive-stick", {"friction": 0.174}, 1, STICK_NEEDS),
+    ("compass-passive-stick", {"friction": 0.05}, 1, STICK_NEEDS),
+    ("compass-passive-a", {"gait.phases": ["stick"]}, 1, STICK_NEEDS),
+    ("compass-passive-a", {"gait.phases": ["slip_forward", "stick"]}, 2, 0.16717),
+    ("compass-passive-a", {"gait.phases": ["stick", "slip_backward"]}, 1, 0.17115),
+    ("compass-torque-stick", {"friction": 0.1}, 1, 0.19456),
+]
+OTHERS = [
+    ("rimless-wheel-stick", {"walker.slope": "30deg"}, "normal_force"),
+    ("compass-passive-stick", {"walker.slope": "-1deg"}, "energy"),
+    ("rimless-wheel-slip", {"gait.phases": ["stick", "slip_backward"]}, "duration"),
+    ("rimless-wheel-stick", {"gait.phases": ["stick", "slip_forward"]}, "duration"),
+    pytest.param("compass-passive-a", {"friction": 0.2}, "duration", marks=pytest.mark.slow),
+    pytest.param("compass-passive-static-kinetic", {"friction.static": 0.17}, "duration", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("name", "overrides", "phase", "needed"), FRICTION)
+def test_too_little_friction_is_named_with_what_sticking_needs(name, overrides, phase, needed):
+    problem = load_problem(name).replace(overrides)
+    record = solve(problem).causes[0].to_record()
+    assert (record["what"], record["phase"]) == ("friction", phase)
+    assert record["needed"] == pytest.approx(needed, rel=1e-4)
+    assert record["available"] == pytest.approx(problem.friction)
+    assert record["time"] is not None
+
+
+@pytest.mark.parametrize(("name", "overrides", "what"), OTHERS)
+def test_other_causes_are_named_for_what_they_are(name, overrides, what):
+    gait = solve(load_problem(name).replace(overrides))
+    assert gait.causes[0].what == what
+    assert in_words(gait.causes) in gait.message
+
+
+def test_sticking_and_a_sticking_impact_may_both_lack_friction():
+    causes = solve(load_problem("rimless-wheel-stick").replace({"friction": 0.2})).causes
+    impact = causes[1].to_record()
+    assert (impact["what"], impact["phase"]) == ("friction", None)
+    assert impact["needed"] == pytest.approx(0.2374, abs=1e-4)
+
+
+def test_a_gait_has_no_causes():
+    assert solve(load_problem("rimless-wheel-stick")).causes == ()
+
+
+def test_a_cause_without_numbers_has_none():
+    record = Cause(what="search", words="nothing").to_record()
+    assert {key for key, value in record.items() if value is None} == {"phase", "time", "needed", "available"}
+
+
+@pytest.mark.slow
+def test_a_constraint_in_conflict_is_named_with_the_best_that_is_reached():
+    gait = solve(load_problem("compass-torque-stable-slip").replace({"constraints.speed.min": 2}))
+    assert (gait.causes[0].what, gait.causes[0].needed) == ("speed", 2.0)
+    assert 0.6 < gait.causes[0].available < 0.8

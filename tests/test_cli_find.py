@@ -1,0 +1,98 @@
+"""``find``, ``explain``, and ``solve`` of a problem without a mode sequence."""
+
+import json
+import sys
+
+import pytest
+
+WHEEL = """
+name: wheel
+walker: {model: rimless_wheel, spokes: 10, radius: 1, mass: 1, inertia_ratio: 0.3333333333, gravity: 1, slope: 13 deg}
+friction: 0.4
+gait: {phases: auto}
+"""
+
+
+@pytest.fixture
+def wheel(empty_folder):
+    """The file of a wheel without a mode sequence."""
+    (empty_folder / "wheel.yaml").write_text(WHEEL)
+    return "wheel.yaml"
+
+
+def test_find_lists_gaits_and_goes_on_where_it_was(run, wheel):
+    code, out, err = run("find", wheel, "--starts", "1", "--workers", "1", "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert record["problem"] == "wheel"
+    assert [gait["impact"] for gait in record["gaits"]] == ["stick"]
+    assert "parts of the search" in err
+    code, table, err = run("find", wheel, "--starts", "1", "--workers", "1")
+    assert code == 0
+    assert "parts of the search" not in err  # all of them are in the run folder
+    assert "stick, slip_forward; stick" in table
+    assert "stable" in table
+
+
+def test_find_without_a_gait_is_exit_4_with_an_empty_list(run, wheel):
+    arguments = ("--set", "walker.slope=-5deg", "--starts", "1", "--workers", "1", "--json", "--quiet")
+    code, out, _ = run("find", wheel, *arguments)
+    assert code == 4
+    assert json.loads(out)["gaits"] == []
+
+
+@pytest.mark.parametrize("within", ["phi=0:1", "dtheta=1", "dtheta=1:0", "dtheta=a:b"])
+def test_a_wrong_box_is_a_usage_error(run, wheel, within):
+    code, _, err = run("find", wheel, "--within", within)
+    assert code == 2
+    assert "within" in err
+
+
+def test_find_takes_a_named_gait_without_its_sequence(run, empty_folder):
+    arguments = ("--within", "dtheta=0.5:1", "--starts", "1", "--workers", "1", "--json", "--quiet")
+    code, out, _ = run("find", "rimless-wheel-stick", *arguments)
+    assert (code, len(json.loads(out)["gaits"])) == (0, 1)
+
+
+def test_show_and_validate_take_an_open_sequence(run, wheel):
+    assert "to be found" in run("show", wheel)[1]
+    assert run("validate", wheel)[0] == 0
+
+
+def test_what_needs_a_guess_says_that_the_sequence_is_open(run, wheel):
+    code, _, err = run("simulate", wheel)
+    assert code == 3
+    assert "gaitopt find" in err
+
+
+def test_solve_stores_the_gait_under_the_hash_of_the_open_problem(run, wheel, monkeypatch):
+    monkeypatch.setattr(sys.modules["gaitopt.study.find"], "STARTS", 1)
+    code, out, _ = run("solve", wheel, "--json", "--quiet")
+    record = json.loads(out)
+    digest = json.loads(run("validate", wheel, "--json")[1])["hash"]
+    assert code == 0
+    assert record["run"].endswith(digest[:8])
+    code, out, err = run("verify", wheel, "--json")
+    assert code == 0
+    assert "taken from" in err
+    assert json.loads(out)["phases"] == record["phases"]
+
+
+def test_explain_that_has_an_answer_is_exit_0(run, empty_folder):
+    code, out, _ = run("explain", "rimless-wheel-stick", "--json", "--quiet")
+    assert (code, json.loads(out)["exists"]) == (0, True)
+
+
+@pytest.mark.slow
+def test_explain_prints_cause_gaits_and_nearest_values(run, empty_folder):
+    code, out, _ = run("explain", "rimless-wheel-stick", "--set", "friction=0.8", "--starts", "1", "--workers", "1")
+    assert code == 0
+    assert "needs friction 0.9141, has 0.8" in out
+    assert "begin to exist at friction = 0.91412" in out
+    assert "stick, slip_forward; stick" in out
+
+
+def test_a_failing_solve_points_to_explain(run, empty_folder):
+    code, out, _ = run("solve", "rimless-wheel-stick", "--set", "friction=0.8", "--quiet")
+    assert code == 4
+    assert "`gaitopt explain rimless-wheel-stick` says more" in out

@@ -1,0 +1,93 @@
+"""Why there is no gait, what there is instead, and where it begins."""
+
+import math
+
+import pytest
+
+from gaitopt.problem import load_problem
+from gaitopt.study import explain, solve
+from gaitopt.study.nearest import begin_of_sequence, end_of_family
+
+TANGENT = math.tan(math.radians(13))
+"""Below the tangent of the slope a foot cannot come to rest."""
+
+
+def explained(name, overrides, **options):
+    return explain(load_problem(name).replace(overrides), starts=1, **options)
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    """The sticking wheel on a floor of friction 0.8."""
+    return explained("rimless-wheel-stick", {"friction": 0.8})
+
+
+@pytest.mark.slow
+def test_the_cause_is_the_friction_that_sticking_needs(wheel):
+    assert not wheel.exists
+    assert wheel.causes[0].what == "friction"
+    assert wheel.causes[0].needed == pytest.approx(0.914121, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_instead_there_is_the_gait_that_slips(wheel):
+    assert [str(gait.problem.cycle) for gait in wheel.instead] == ["stick, slip_forward; stick"]
+    assert wheel.walk.to_record()["steps"] == 20
+
+
+@pytest.mark.slow
+def test_the_nearest_friction_is_where_the_slip_sets_in(wheel):
+    nearest = {n.parameter: n for n in wheel.nearest}["friction"]
+    assert nearest.value == pytest.approx(wheel.causes[0].needed, abs=1e-7)  # which is not refined
+    assert nearest.type == "mode_change"
+
+
+@pytest.mark.slow
+def test_at_the_nearest_values_the_gait_exists_and_beyond_it_does_not(wheel):
+    for nearest in wheel.nearest:
+        away = 1e-6 * (nearest.value - wheel.problem.parameters[nearest.parameter])
+        for value, exists in ((nearest.value + away, True), (nearest.value - away, False)):
+            assert solve(wheel.problem.replace({nearest.parameter: value})).converged is exists
+
+
+@pytest.mark.slow
+def test_the_record_has_the_keys_of_the_command_line(wheel):
+    record = wheel.to_record()
+    assert record.keys() >= {"problem", "exists", "causes", "instead", "nearest"}
+    assert record["causes"][0].keys() == {"what", "phase", "time", "needed", "available", "words"}
+    assert record["nearest"][0].keys() >= {"parameter", "value", "type"}
+
+
+def test_families_tell_where_a_sequence_begins_and_ends():
+    stick, slip = (solve(load_problem(f"rimless-wheel-{kind}")) for kind in ("stick", "slip"))
+    begin = begin_of_sequence(slip, "friction", 1.0, stick.problem.cycle, None)
+    end = end_of_family(stick, "friction", 0.4, None)
+    assert begin.value == pytest.approx(end.value, abs=1e-8)
+    assert end.value == pytest.approx(0.914121, abs=1e-6)
+    assert begin_of_sequence(slip, "friction", 0.5, stick.problem.cycle, None) is None
+
+
+def test_a_gait_that_exists_needs_no_explanation():
+    explanation = explained("rimless-wheel-stick", {})
+    assert (explanation.exists, explanation.causes, explanation.nearest) == (True, (), ())
+
+
+@pytest.mark.slow
+def test_the_impact_that_no_longer_slips_is_the_cause_where_the_search_only_tells_where_it_ended():
+    explanation = explained("compass-passive-b", {"friction": 0.32})
+    assert explanation.causes[0].what == "impact_change"
+    assert explanation.causes[0].needed == pytest.approx(0.3044, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_sticking_compass_begins_to_exist_at_the_friction_that_it_needs():
+    explanation = explained("compass-passive-stick", {"friction": 0.17})
+    nearest = {n.parameter: n for n in explanation.nearest}
+    assert nearest["friction"].value == pytest.approx(0.17491849133596557, abs=1e-8)
+
+
+@pytest.mark.slow
+def test_below_the_tangent_of_the_slope_the_wheel_cannot_stick():
+    explanation = explained("rimless-wheel-slip", {"friction": 0.9 * TANGENT})
+    assert explanation.causes[0].what == "friction"
+    assert len(explanation.instead) == 0

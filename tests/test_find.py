@@ -1,0 +1,156 @@
+"""Gaits found without a mode sequence or a guess."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitopt.errors import UnknownNameError
+from gaitopt.gait import Status
+from gaitopt.problem import load_problem
+from gaitopt.study import find, solve
+from gaitopt.study.candidates import SearchJob, search_part, start_box
+from gaitopt.study.distinct import closed, gaits_of
+from gaitopt.study.find import opened
+from gaitopt.study.system import build_system
+
+SEQUENCE_A = "slip_forward, stick, slip_backward; stick"
+SEQUENCE_B = "slip_forward, stick; slip_forward"
+
+
+def open_problem(name, overrides=None):
+    """A named problem without its sequence and its guess."""
+    problem = load_problem(name).replace({"gait.phases": "auto"} | (overrides or {}))
+    return replace(problem, start=None)
+
+
+def cycles(gaits):
+    return [str(gait.problem.cycle) for gait in gaits]
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    """All gaits of the wheel on a floor of friction 0.4."""
+    return find(open_problem("rimless-wheel-slip"), starts=1)
+
+
+def test_the_wheel_has_one_gait_however_many_starts_lead_to_it(wheel):
+    assert cycles(wheel) == ["stick, slip_forward; stick"]
+    assert len(wheel.starts[0]) > 20
+    assert wheel[0].verification["passed"]
+
+
+def test_what_is_found_is_the_gait_that_is_solved_with_its_sequence(wheel):
+    gait = solve(load_problem("rimless-wheel-slip"))
+    np.testing.assert_allclose(wheel[0].state, gait.state, atol=1e-10)
+
+
+def test_the_record_has_gaits_with_the_keys_of_solve_and_what_was_searched(wheel):
+    record = wheel.to_record()
+    assert record["problem"] == "rimless-wheel-slip"
+    assert record["gaits"][0].keys() >= wheel[0].to_record().keys()
+    assert record["searched"]["starts"] == {"complementarity": 8, "simulation": 250}
+
+
+def test_a_known_sequence_is_ignored(wheel):
+    assert opened(load_problem("rimless-wheel-slip")).is_open
+    assert opened(wheel.problem) is wheel.problem
+
+
+def test_where_nothing_walks_nothing_is_listed():
+    uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
+    part = search_part(SearchJob(problem=uphill, method="simulation", number=0, seed=0, within={}))
+    gaits = gaits_of(uphill, [part])
+    assert (len(gaits), gaits.to_record()["gaits"]) == (0, [])
+
+
+def test_solve_without_a_gait_says_what_was_tried():
+    uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
+    gait = solve(uphill)
+    assert gait.status is Status.NOT_CONVERGED
+    assert "1000" in gait.message
+    assert gait.to_record()["phases"] == []
+
+
+def test_a_candidate_that_is_no_gait_is_rejected_with_its_reason():
+    problem = open_problem("rimless-wheel-slip")
+    gait = solve(load_problem("rimless-wheel-slip"))
+    wrong = {**gait.to_record(), "start": "test"}
+    wrong["steps"] = [{"phases": [{"mode": "stick", "duration": gait.period}], "impact": "stick"}]
+    gaits = gaits_of(problem, [{"method": "simulation", "starts": 1, "candidates": [wrong]}])
+    assert len(gaits) == 0
+    assert "needs friction 0.9141" in gaits.searched["rejected"][0]["reason"]
+
+
+def test_an_impact_that_is_asked_for_excludes_the_others():
+    problem = open_problem("rimless-wheel-slip", {"gait.impact": "slip_forward"})
+    gait = solve(load_problem("rimless-wheel-slip"))
+    candidate = {**gait.to_record(), "steps": [gait.to_record()], "start": "test"}
+    part = {"method": "simulation", "starts": 1, "candidates": [candidate]}
+    assert len(gaits_of(problem, [part])) == 0
+
+
+def test_candidates_do_not_depend_on_other_parts_of_the_search():
+    job = SearchJob(problem=open_problem("rimless-wheel-slip"), method="simulation", number=3, seed=7, within={})
+    assert search_part(job) == search_part(job)
+
+
+def test_start_states_lie_within_the_box_that_is_given():
+    problem = open_problem("compass-passive-a")
+    system = build_system(problem)
+    box = start_box(problem, system, system.values(problem.parameters), {"dtheta1": (0.1, 0.2)})
+    index = problem.walker.section_names(slipping=True).index("dtheta1")
+    assert (box.lower[index], box.upper[index]) == (0.1, 0.2)
+
+
+def test_a_box_of_a_coordinate_that_is_not_there_is_refused():
+    with pytest.raises(UnknownNameError, match=r"within phi.*use theta1"):
+        find(open_problem("compass-passive-a"), within={"phi": (0, 1)})
+
+
+def test_a_closed_problem_has_the_sequence_and_the_motion_of_the_record():
+    gait = solve(load_problem("compass-passive-b"))
+    problem = closed(open_problem("compass-passive-b"), gait.to_record())
+    assert problem.cycle == gait.problem.cycle
+    assert problem.guess.durations == tuple(duration for _, duration in gait.phases)
+
+
+@pytest.mark.slow
+def test_the_passive_compass_has_exactly_gaits_a_and_b():
+    gaits = find(open_problem("compass-passive-a"))
+    assert cycles(gaits) == [SEQUENCE_A, SEQUENCE_B]
+    assert [gait.spectral_radius < 1 for gait in gaits] == [True, False]
+
+
+@pytest.mark.slow
+def test_the_torque_driven_compass_has_gait_i_and_an_unstable_one():
+    gaits = find(open_problem("compass-torque-slip"))
+    assert cycles(gaits) == [SEQUENCE_A, SEQUENCE_B]
+
+
+@pytest.mark.slow
+def test_on_a_steep_slope_there_is_a_gait_of_two_steps():
+    overrides = {"friction": 0.6, "walker.slope": "5.4deg", "gait.steps": 2}
+    gaits = find(open_problem("compass-passive-stick", overrides))
+    assert sorted(round(gait.period, 4) for gait in gaits) == [0.6353, 0.8341, 1.6659]
+    assert [len(gait.steps) for gait in gaits] == [2, 1, 1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("friction", "sequence"),
+    [
+        (1.0, "stick; stick"),
+        (0.26, "slip_forward, stick, slip_forward; stick"),
+        (0.24, "slip_forward, stick, slip_forward; slip_forward"),
+    ],
+)
+def test_the_wheel_has_one_gait_at_every_friction(friction, sequence):
+    assert cycles(find(open_problem("rimless-wheel-slip", {"friction": friction}), starts=250)) == [sequence]
+
+
+@pytest.mark.slow
+def test_solve_takes_the_stable_gait_or_the_one_nearest_to_the_guess():
+    gait = solve(open_problem("compass-passive-a"))
+    assert str(gait.problem.cycle) == SEQUENCE_A
+    assert gait.problem.digest == open_problem("compass-passive-a").digest

@@ -1,0 +1,77 @@
+"""Problems whose mode sequence is to be found."""
+
+import re
+
+import pytest
+
+from gaitopt.errors import ProblemError
+from gaitopt.problem import OpenSequence, load_problem, parse_problem, restore_problem
+
+WHEEL = """
+name: wheel
+walker: {model: rimless_wheel, spokes: 10, radius: 1, mass: 1, inertia_ratio: 0.3, gravity: 1, slope: 13 deg}
+friction: 0.4
+gait: {phases: auto%s}
+"""
+
+
+def opened(keys=""):
+    return parse_problem(WHEEL % keys)
+
+
+def test_phases_auto_leaves_sequence_and_guess_open():
+    problem = opened()
+    assert problem.is_open
+    assert problem.modes == OpenSequence(impact=None, steps=1)
+    assert problem.start is None
+
+
+def test_impact_steps_and_guess_may_be_given():
+    problem = opened(", impact: slip_forward, steps: 2, guess: {state: {dtheta: 0.7, dx: 0.1}}")
+    assert problem.modes == OpenSequence(impact="slip_forward", steps=2)
+    assert problem.guess.state["dx"] == 0.1
+
+
+def test_a_guess_without_slip_velocity_starts_at_rest():
+    assert opened(", guess: {state: {dtheta: 0.7}}").guess.state["dx"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (", impact: skid", "gait.impact: 'skid' is not one of the choices"),
+        (", steps: 0", "gait.steps: 0 must be at least 1"),
+        (", guess: {state: {dtheta: 0.7}, durations: [1]}", "durations: belong to phases, which are open"),
+        (", guess: {state: {dx: 0.1}}", "gait.guess.state.dtheta: is missing"),
+        (", phase: stick", "gait.phase: unknown key"),
+    ],
+)
+def test_a_fault_is_named(keys, words):
+    with pytest.raises(ProblemError, match=re.escape(words)):
+        opened(keys)
+
+
+def test_what_needs_a_sequence_says_that_it_is_open():
+    with pytest.raises(ProblemError, match="mode sequence is open"):
+        _ = opened().cycle
+    with pytest.raises(ProblemError, match="mode sequence is open"):
+        _ = opened().guess
+
+
+@pytest.mark.parametrize("keys", ["", ", impact: stick, steps: 3", ", guess: {state: {dtheta: 0.7, dx: -0.2}}"])
+def test_the_resolved_problem_reads_as_the_same_problem(keys):
+    problem = opened(keys)
+    assert restore_problem(problem.resolved()).digest == problem.digest
+
+
+def test_the_sequence_counts_for_the_digest():
+    assert len({opened(keys).digest for keys in ("", ", impact: stick", ", steps: 2")}) == 3
+
+
+def test_an_override_opens_and_closes_a_sequence():
+    known = load_problem("compass-passive-b")
+    problem = known.replace({"gait.phases": "auto"})
+    assert problem.modes == OpenSequence()
+    assert problem.guess.state == known.guess.state
+    closed = problem.replace({"gait.phases": ["slip_forward", "stick"], "gait.impact": "slip_forward"})
+    assert closed.cycle == known.cycle
