@@ -1,0 +1,6 @@
+"""Proofs: a gait, its mode sequence and its multipliers in rigorous bounds, by ball arithmetic (python-flint)."""
+
+from gaitopt.proof.check import Proof, check
+from gaitopt.proof.prove import prove
+
+__all__ = ["Proof", "check", "prove"]

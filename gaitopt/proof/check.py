@@ -1,0 +1,223 @@
+"""Re-verification of a certificate, in one pass and without any search: what is proved about the gait that it states.
+
+On the box X = centre + [-radius, radius] of the unknowns Krawczyk's operator
+
+    K = centre - C F(centre) + (1 - C F'(X)) (X - centre),        C an approximate inverse of F'
+
+proves, where K lies in the interior of X, that F has exactly one zero in X, and that it lies in K. Margins, impact and
+multipliers are then enclosed for every motion that starts in K.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from flint import acb, arb, arb_mat, ctx
+
+from gaitopt.mechanics import CoulombFriction, HybridSystem, Mode, ModeSequence, StaticKineticFriction
+from gaitopt.problem import Problem, restore_problem
+from gaitopt.proof.claims import Claim, mode_sequence_claims
+from gaitopt.proof.control import restore_control
+from gaitopt.proof.measures import measures, multipliers
+from gaitopt.proof.orbit import Arc, Orbit, Passage
+from gaitopt.proof.outward import complex_interval, interval
+from gaitopt.proof.parameters import ball
+from gaitopt.proof.taylor import PRECISION, NotProved, Step
+
+SCHEMA = "gaitopt-proof-1"
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What a certificate proves.
+
+    Attributes
+    ----------
+    problem : its name.
+    claims : the theorem's statements; all of them have to be proved.
+    state : boxes of the state just after the impact, by name.
+    durations : of the phases [s].
+    measures : by name.
+    multipliers : largest modulus first.
+    certificate : the certificate itself.
+    """
+
+    problem: str
+    claims: tuple[Claim, ...]
+    certificate: Mapping[str, Any]
+    state: Mapping[str, arb] | None = None
+    durations: tuple[arb, ...] = ()
+    measures: Mapping[str, arb | None] | None = None
+    multipliers: tuple[acb, ...] = ()
+
+    @property
+    def proved(self) -> bool:
+        """Whether every claim is."""
+        return all(claim.proved for claim in self.claims)
+
+    @cached_property
+    def spectral_radius(self) -> arb | None:
+        """Largest modulus of a multiplier."""
+        moduli = [abs(multiplier) for multiplier in self.multipliers]
+        return max(m.lower() for m in moduli).union(max(m.upper() for m in moduli)) if moduli else None
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether the gait is stable, None where that is not decided."""
+        radius = self.spectral_radius
+        return True if radius is not None and radius < 1 else False if radius is not None and radius > 1 else None
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object; bounds are decimal strings rounded outward."""
+        values = {name: None if value is None else interval(value) for name, value in (self.measures or {}).items()}
+        radius = self.spectral_radius
+        return {
+            "problem": self.problem,
+            "proved": self.proved,
+            "state": None if self.state is None else {name: interval(value) for name, value in self.state.items()},
+            "durations": [interval(value) for value in self.durations],
+            "period": None,
+            **values,
+            "multipliers": [complex_interval(value) for value in self.multipliers],
+            "spectral_radius": None if radius is None else interval(radius),
+            "stable": self.stable,
+            "claims": [_claim_record(claim) for claim in self.claims],
+        }
+
+
+def check(certificate: Mapping[str, Any]) -> Proof:
+    """Verify a certificate.
+
+    Raises
+    ------
+    ValueError
+        If it is not a certificate of this schema, or contradicts its own problem.
+    """
+    before = ctx.cap
+    try:
+        with ctx.workprec(PRECISION):
+            return _check(certificate)
+    finally:
+        ctx.cap = before
+
+
+def _check(certificate: Mapping[str, Any]) -> Proof:
+    orbit, sequence, name = restore_orbit(certificate)
+    proof = Proof(problem=name, claims=(), certificate=certificate)
+    try:
+        box, words = prove_existence(orbit, certificate)
+    except NotProved as failure:
+        return replace(proof, claims=(Claim("existence and uniqueness", proved=False, words=str(failure)),))
+    claims = [Claim("existence and uniqueness", proved=True, words=words)]
+    try:
+        centre = [arb(text).mid() for text in certificate["centre"]]
+        passage = orbit.traverse(centre, [(k - c).union(arb(0)) for k, c in zip(box, centre, strict=True)])
+        claims += mode_sequence_claims(orbit, passage, sequence)
+    except NotProved as failure:
+        return replace(proof, claims=(*claims, Claim("motion", proved=False, words=str(failure))))
+    return _with_results(replace(proof, claims=tuple(claims)), orbit, box, passage)
+
+
+def restore_orbit(certificate: Mapping[str, Any]) -> tuple[Orbit, ModeSequence, str]:
+    """The equations that a certificate is about, its mode sequence, and the name of its problem.
+
+    Raises
+    ------
+    ValueError
+        If the certificate is of another schema, or does not fit its problem.
+    """
+    if certificate.get("schema") != SCHEMA:
+        raise ValueError(f"not a certificate of the schema {SCHEMA}")
+    problem = restore_problem(certificate["resolved"])
+    friction = CoulombFriction() if isinstance(problem.friction, float) else StaticKineticFriction()
+    control = restore_control(certificate["control"])
+    system = HybridSystem(type(problem.walker), control, problem.impact_law, friction)
+    texts = certificate["parameters"]
+    _check_parameters(problem, system, texts)
+    arcs = [_restore_arc(record) for record in certificate["arcs"]]
+    _check_arcs(arcs, problem.sequence)
+    p = [ball(texts[key]) for key in system.parameters]
+    return Orbit(system, p, arcs, problem.sequence.impact), problem.sequence, problem.name
+
+
+def prove_existence(orbit: Orbit, certificate: Mapping[str, Any]) -> tuple[list[arb], str]:
+    """The box K of the only zero in X, and the claim in words.
+
+    Raises
+    ------
+    NotProved
+        If Krawczyk's test fails.
+    """
+    centre = [arb(text).mid() for text in certificate["centre"]]
+    radius = arb(certificate["radius"])
+    n = len(centre)
+    if n != len(orbit.unknowns):
+        raise NotProved(f"the box has {n} entries, but there are {len(orbit.unknowns)} unknowns")
+    deviation = arb_mat(n, 1, [arb(0, radius.lower())] * n)
+    passage = orbit.traverse(centre, deviation.entries())
+    try:
+        C = passage.slope.mid().inv()
+    except ZeroDivisionError as failure:
+        raise NotProved("the derivative of the shooting equations is singular") from failure
+    unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
+    shift = (unit - C * passage.slope) * deviation - C * arb_mat(n, 1, passage.residual)
+    for i, name in enumerate(orbit.unknowns):
+        if not deviation[i, 0].contains_interior(shift[i, 0]):
+            raise NotProved(f"Krawczyk's operator moves {name} by {shift[i, 0].str(5)}, out of +/- {radius.str(3)}")
+    box = [c + shift[i, 0] for i, c in enumerate(centre)]
+    return box, f"exactly one periodic orbit lies within {radius.str(3, radius=False)} of the centre in every unknown"
+
+
+def _with_results(proof: Proof, orbit: Orbit, box: list[arb], passage: Passage) -> Proof:
+    """The proof with measures and multipliers, and what follows from them."""
+    n_xi = len(orbit.section)
+    durations = [arb(0)] * (1 + orbit.arcs[-1].phase)
+    for arc, duration in zip(orbit.arcs, box[n_xi:], strict=True):
+        durations[arc.phase] += duration
+    result = replace(
+        proof,
+        state=dict(zip(orbit.system.state_names, orbit.start(box[:n_xi])[:-1], strict=True)),
+        durations=tuple(durations),
+        measures=measures(orbit, passage, box[n_xi:]),
+        multipliers=tuple(multipliers(orbit, passage)),
+    )
+    words = {True: "stable", False: "unstable", None: "stability is not decided"}[result.stable]
+    radius = result.spectral_radius
+    claim = Claim("stability", result.stable is not None, f"{words}: spectral radius {radius.str(8) if radius is not None else '-'}")
+    return replace(result, claims=(*result.claims, claim))
+
+
+def _check_parameters(problem: Problem, system: HybridSystem, texts: Mapping[str, str]) -> None:
+    """Whether the exact values are those of the problem, up to the rounding of its doubles."""
+    known = {**{f"control.{key}": value for key, value in system.control.parameters.items()}, **problem.parameters}
+    for key in system.parameters:
+        value = ball(texts[key])
+        double = arb(float(known[key]))
+        if key not in problem.free and not abs(value - double) <= abs(double) * arb(2) ** -51:
+            raise ValueError(f"{key} is {texts[key]} in the certificate, but {known[key]!r} in its problem")
+
+
+def _check_arcs(arcs: list[Arc], sequence: ModeSequence) -> None:
+    """Whether the arcs follow the mode sequence.
+
+    Raises
+    ------
+    ValueError
+        If they do not.
+    """
+    modes = [sequence.phases[arc.phase] for arc in arcs]
+    phases = [arc.phase for arc in arcs]
+    ordered = phases == sorted(phases) and set(phases) == set(range(len(sequence.phases)))
+    if not ordered or modes != [arc.mode for arc in arcs]:
+        raise ValueError("the arcs of the certificate do not follow the mode sequence of its problem")
+
+
+def _restore_arc(record: Mapping[str, Any]) -> Arc:
+    steps = tuple(Step(h, tuple((lo, hi) for lo, hi in speeds)) for h, speeds in record["steps"])
+    return Arc(Mode(record["mode"]), record["segment"], record["phase"], record["event"], steps)
+
+
+def _claim_record(claim: Claim) -> dict[str, Any]:
+    margin = None if claim.margin is None else interval(claim.margin)[0]
+    return {"claim": claim.name, "proved": claim.proved, "words": claim.words, "margin": margin}
