@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from gaitopt.mechanics.modes import ImpactLaw, Mode, ModeSequence
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
+    from gaitopt.proof import prove
     from gaitopt.study import return_map, simulate, solve, verify
     from gaitopt.study.continuation import continuation
 
@@ -32,6 +33,7 @@ __all__ = [
     "Walker",
     "continuation",
     "load_problem",
+    "prove",
     "return_map",
     "simulate",
     "solve",
@@ -53,6 +55,7 @@ _HOME = {
     "Walker": "gaitopt.mechanics.walker",
     "continuation": "gaitopt.study.continuation",
     "load_problem": "gaitopt.problem",
+    "prove": "gaitopt.proof",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",
     "solve": "gaitopt.study",

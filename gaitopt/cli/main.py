@@ -11,6 +11,7 @@ from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.continuation import continue_
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
+from gaitopt.cli.prove import prove
 from gaitopt.cli.report import report
 from gaitopt.cli.reproduce import reproduce
 from gaitopt.cli.simulate import simulate
@@ -43,6 +44,7 @@ app.command("continue")(continue_)
 app.command("basin")(basin)
 app.command("sweep")(sweep)
 app.command("front")(front)
+app.command("prove")(prove)
 app.command("plot")(plot)
 app.command("report")(report)
 app.command("reproduce")(reproduce)

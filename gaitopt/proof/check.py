@@ -20,7 +20,7 @@ from gaitopt.problem import Problem, restore_problem
 from gaitopt.proof.claims import Claim, mode_sequence_claims
 from gaitopt.proof.control import restore_control
 from gaitopt.proof.measures import measures, multipliers
-from gaitopt.proof.orbit import Arc, Orbit, Passage
+from gaitopt.proof.orbit import Arc, Orbit, Passage, identity
 from gaitopt.proof.outward import complex_interval, interval
 from gaitopt.proof.parameters import ball
 from gaitopt.proof.taylor import PRECISION, NotProved, Step
@@ -91,8 +91,8 @@ def check(certificate: Mapping[str, Any]) -> Proof:
 
     Raises
     ------
-    ValueError
-        If it is not a certificate of this schema, or contradicts its own problem.
+    KeyError, TypeError, AttributeError
+        If it is no certificate at all.
     """
     before = ctx.cap
     try:
@@ -103,7 +103,11 @@ def check(certificate: Mapping[str, Any]) -> Proof:
 
 
 def _check(certificate: Mapping[str, Any]) -> Proof:
-    orbit, sequence, name = restore_orbit(certificate)
+    try:
+        orbit, sequence, name = restore_orbit(certificate)
+    except ValueError as fault:
+        claim = Claim("statement", proved=False, words=str(fault))
+        return Proof(problem=str(certificate.get("problem")), claims=(claim,), certificate=certificate)
     proof = Proof(problem=name, claims=(), certificate=certificate)
     try:
         box, words = prove_existence(orbit, certificate)
@@ -160,8 +164,7 @@ def prove_existence(orbit: Orbit, certificate: Mapping[str, Any]) -> tuple[list[
         C = passage.slope.mid().inv()
     except ZeroDivisionError as failure:
         raise NotProved("the derivative of the shooting equations is singular") from failure
-    unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
-    shift = (unit - C * passage.slope) * deviation - C * arb_mat(n, 1, passage.residual)
+    shift = (identity(n) - C * passage.slope) * deviation - C * arb_mat(n, 1, passage.residual)
     for i, name in enumerate(orbit.unknowns):
         if not deviation[i, 0].contains_interior(shift[i, 0]):
             raise NotProved(f"Krawczyk's operator moves {name} by {shift[i, 0].str(5)}, out of +/- {radius.str(3)}")
@@ -182,9 +185,9 @@ def _with_results(proof: Proof, orbit: Orbit, box: list[arb], passage: Passage) 
         measures=measures(orbit, passage, box[n_xi:]),
         multipliers=tuple(multipliers(orbit, passage)),
     )
-    words = {True: "stable", False: "unstable", None: "stability is not decided"}[result.stable]
-    radius = result.spectral_radius
-    claim = Claim("stability", result.stable is not None, f"{words}: spectral radius {radius.str(8) if radius is not None else '-'}")
+    verdict = {True: "stable", False: "unstable", None: "whether it is stable is not shown"}[result.stable]
+    words = f"{verdict}: the largest modulus of a multiplier is {result.spectral_radius}"
+    claim = Claim("stability", proved=result.stable is not None, words=words)
     return replace(result, claims=(*result.claims, claim))
 
 

@@ -105,12 +105,14 @@ def _friction_drops(orbit: Orbit) -> bool:
 
 
 def _vanishes_after_impact(orbit: Orbit, name: str) -> bool:
-    """Whether a margin is identically zero just after an impact, as an expression."""
+    """Whether a margin is identically zero just after an impact, as an expression in parameters or their inverses."""
     system = orbit.system
     xi, p = SX.sym("xi", system.lift.size1_in(0)), SX.sym("p", len(orbit.p))
-    margins = system.margins(Mode.STICK)(0, system.lift(xi, p), p, SX.zeros(system.n_r))
-    margin = simplify(margins[margin_names(Mode.STICK).index(name)])
-    return bool(margin.is_zero())
+    index = margin_names(Mode.STICK).index(name)
+    return any(
+        simplify(system.margins(Mode.STICK)(0, system.lift(xi, q), q, SX.zeros(system.n_r))[index]).is_zero()
+        for q in (p, 1 / p)
+    )
 
 
 def _margin_claim(name: str, found: Sequence[Part], pattern: str, order: int) -> tuple[str, arb | None]:
@@ -131,10 +133,10 @@ def _rest(orbit: Orbit, j: int, y: list[arb], sequence: ModeSequence) -> tuple[s
         mode: dict(zip(margin_names(mode), map(arb, orbit.field(mode, arc.segment).margins(y)[0]), strict=True))
         for mode in Mode
     }
-    cones = {Mode.SLIP_FORWARD: margins[Mode.STICK]["cone_forward"], Mode.SLIP_BACKWARD: margins[Mode.STICK]["cone_backward"]}
+    cones = dict(zip(SLIPS, (margins[Mode.STICK][name] for name in ("cone_forward", "cone_backward")), strict=True))
     needed = {f"no lift-off in {slip}": margins[slip]["normal_force"] * margins[slip]["painleve"] for slip in SLIPS}
     if arc.mode is Mode.STICK:
-        needed |= {f"margin to {slip}": cones[slip] for slip in SLIPS} | {"normal force": margins[arc.mode]["normal_force"]}
+        needed |= {f"margin to {slip}": cones[slip] for slip in SLIPS}
         words = "the foot sticks: its force lies within the cone"
     else:
         needed[f"margin to {Mode.slip(-arc.mode.direction)}"] = cones[Mode.slip(-arc.mode.direction)]
@@ -185,5 +187,3 @@ def _all_positive(needed: dict[str, arb]) -> arb:
         if not value > 0:
             raise NotProved(f"{name} is {value.str(6)}, not shown to be positive")
     return min(value.lower() for value in needed.values())
-
-

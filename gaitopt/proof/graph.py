@@ -27,7 +27,7 @@ def _cosh(a: Any) -> Any:
 
 def _power(a: Any, b: Any) -> Any:
     if isinstance(b, arb) and b.is_exact() and b.is_integer():
-        n = int(b.unique_fmpz())
+        n = round(float(b))
         return a**n if n >= 0 else 1 / a**-n
     return (b * a.log()).exp()
 

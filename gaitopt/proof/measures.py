@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from casadi import SX, Function
-from flint import arb, arb_mat, acb, acb_mat
+from flint import acb, acb_mat, arb
 
 from gaitopt.mechanics import Mode
 from gaitopt.proof.graph import Graph

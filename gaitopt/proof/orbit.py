@@ -166,7 +166,7 @@ class Orbit:
         n_xi, m = len(self.section), len(self.arcs)
         slope = passage.slope
         events_xi, events_T = _block(slope, 0, m, 0, n_xi), _block(slope, 0, m, n_xi, m)
-        P_xi = _block(slope, m, n_xi, 0, n_xi) + arb_mat(n_xi, n_xi, [int(i == j) for i in range(n_xi) for j in range(n_xi)])
+        P_xi = _block(slope, m, n_xi, 0, n_xi) + identity(n_xi)
         return P_xi - _block(slope, m, n_xi, n_xi, m) * events_T.solve(events_xi)
 
     def _event(self, arc: Arc, field: Field, y: list[arb]) -> arb:
@@ -198,7 +198,7 @@ class Orbit:
         slopes = self._impacts[self.impact_mode](bundle.hull[:-1])[5]
         rows = []
         for i, k in enumerate(self.section):
-            row = [sum((arb(slopes[k + size * l]) * D[l, j] for l in range(size)), arb(0)) for j in range(D.ncols())]
+            row = [sum((arb(slopes[k + size * n]) * D[n, j] for n in range(size)), arb(0)) for j in range(D.ncols())]
             row[i] -= 1
             rows.append(row)
         return rows
@@ -227,9 +227,9 @@ class Orbit:
         z, p = SX.sym("z", self.system.n_z), SX.sym("p", len(self.p))
         graphs = {}
         for mode in Mode:
-            outputs = self.system.impact(mode)(z, p)
-            outputs = [*outputs, jacobian(outputs[0], z)]
-            graphs[mode] = Graph(Function(f"impact_{mode}", [z, p], cse(outputs)), [self.p])
+            result = self.system.impact(mode)(z, p)
+            outputs = cse([*result, jacobian(result[0], z)])
+            graphs[mode] = Graph(Function(f"impact_{mode}", [z, p], outputs), [self.p])
         return graphs
 
 
@@ -249,6 +249,11 @@ def _integrate(field: Field, bundle: Bundle, steps: Sequence[Step], middle: arb,
         bundle.centre = follow(expansions[-1], bundle.centre, h_middle, variation)
         bundle.slope = variation * bundle.slope
     return expansions
+
+
+def identity(n: int) -> arb_mat:
+    """The unit matrix."""
+    return arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 
 def _block(matrix: arb_mat, row: int, rows: int, column: int, columns: int) -> arb_mat:

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 from flint import arb, arb_mat
 
-from gaitopt.gait import Gait
 from gaitopt.gait import Arc as GaitArc
+from gaitopt.gait import Gait
 from gaitopt.mechanics import Mode, ending_margin
 from gaitopt.proof.field import Field
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit

@@ -4,9 +4,9 @@ Every step is divided until each part is of one kind, written as a letter
 
     p  positive      n  negative      u  rising      d  falling      ?  none of it could be shown
 
-so that a claim on an arc is a pattern: ``p+`` positive throughout, ``p*d+`` positive until it falls to the zero at its end,
-``n*u*p+d+`` a touchdown, the first fall to zero after having been positive. Where a function is known to start with
-a zero of order k, its sign just after it is that of its series divided by t^k.
+so that a claim on an arc is a pattern: ``p+`` positive throughout, ``p*d+`` positive until it falls to the zero at its
+end, ``n*u*p+d+`` a touchdown, the first fall to zero after having been positive. Where a function is known to start
+with a zero of order k, its sign just after it is that of its series divided by t^k.
 """
 
 import re

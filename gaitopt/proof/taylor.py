@@ -27,7 +27,7 @@ PRECISION = 128
 LOW_PRECISION = 80
 
 
-class NotProved(Exception):  # noqa: N818 - the outcome of a check, not an error
+class NotProved(Exception):
     """A claim that could not be verified: what, where and by how much."""
 
 
