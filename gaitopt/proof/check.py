@@ -110,16 +110,16 @@ def _check(certificate: Mapping[str, Any]) -> Proof:
         return Proof(problem=str(certificate.get("problem")), claims=(claim,), certificate=certificate)
     proof = Proof(problem=name, claims=(), certificate=certificate)
     try:
-        box, words = prove_existence(orbit, certificate)
+        centre, deviation, words = prove_existence(orbit, certificate)
     except NotProved as failure:
         return replace(proof, claims=(Claim("existence and uniqueness", proved=False, words=str(failure)),))
     claims = [Claim("existence and uniqueness", proved=True, words=words)]
     try:
-        centre = [arb(text).mid() for text in certificate["centre"]]
-        passage = orbit.traverse(centre, [(k - c).union(arb(0)) for k, c in zip(box, centre, strict=True)])
+        passage = orbit.traverse(centre, [spread.union(arb(0)) for spread in deviation])
         claims += mode_sequence_claims(orbit, passage, sequence)
     except NotProved as failure:
         return replace(proof, claims=(*claims, Claim("motion", proved=False, words=str(failure))))
+    box = [c + spread for c, spread in zip(centre, deviation, strict=True)]
     return _with_results(replace(proof, claims=tuple(claims)), orbit, box, passage)
 
 
@@ -145,8 +145,10 @@ def restore_orbit(certificate: Mapping[str, Any]) -> tuple[Orbit, ModeSequence, 
     return Orbit(system, p, arcs, problem.sequence.impact), problem.sequence, problem.name
 
 
-def prove_existence(orbit: Orbit, certificate: Mapping[str, Any]) -> tuple[list[arb], str]:
-    """The box K of the only zero in X, and the claim in words.
+def prove_existence(orbit: Orbit, certificate: Mapping[str, Any]) -> tuple[list[arb], list[arb], str]:
+    """The centre of X, the deviations of the only zero in X from it, and the claim in words.
+
+    Krawczyk's operator is applied once more to its own result, which is far narrower than X.
 
     Raises
     ------
@@ -155,21 +157,33 @@ def prove_existence(orbit: Orbit, certificate: Mapping[str, Any]) -> tuple[list[
     """
     centre = [arb(text).mid() for text in certificate["centre"]]
     radius = arb(certificate["radius"])
+    if len(centre) != len(orbit.unknowns):
+        raise NotProved(f"the box has {len(centre)} entries, but there are {len(orbit.unknowns)} unknowns")
+    deviation = [arb(0, radius.lower())] * len(centre)
+    first = krawczyk(orbit, centre, deviation)
+    for name, inside, outside in zip(orbit.unknowns, first, deviation, strict=True):
+        if not outside.contains_interior(inside):
+            raise NotProved(f"Krawczyk's operator moves {name} by {inside.str(5)}, out of +/- {radius.str(3)}")
+    words = f"exactly one periodic orbit lies within {radius.str(3, radius=False)} of the centre in every unknown"
+    return centre, krawczyk(orbit, centre, first), words
+
+
+def krawczyk(orbit: Orbit, centre: list[arb], deviation: list[arb]) -> list[arb]:
+    """Krawczyk's operator on the box ``centre + deviation``, relative to the centre.
+
+    Raises
+    ------
+    NotProved
+        If the motion cannot be followed, or F' is singular.
+    """
     n = len(centre)
-    if n != len(orbit.unknowns):
-        raise NotProved(f"the box has {n} entries, but there are {len(orbit.unknowns)} unknowns")
-    deviation = arb_mat(n, 1, [arb(0, radius.lower())] * n)
-    passage = orbit.traverse(centre, deviation.entries())
+    passage = orbit.traverse(centre, [spread.union(arb(0)) for spread in deviation])
     try:
         C = passage.slope.mid().inv()
     except ZeroDivisionError as failure:
         raise NotProved("the derivative of the shooting equations is singular") from failure
-    shift = (identity(n) - C * passage.slope) * deviation - C * arb_mat(n, 1, passage.residual)
-    for i, name in enumerate(orbit.unknowns):
-        if not deviation[i, 0].contains_interior(shift[i, 0]):
-            raise NotProved(f"Krawczyk's operator moves {name} by {shift[i, 0].str(5)}, out of +/- {radius.str(3)}")
-    box = [c + shift[i, 0] for i, c in enumerate(centre)]
-    return box, f"exactly one periodic orbit lies within {radius.str(3, radius=False)} of the centre in every unknown"
+    rest = (identity(n) - C * passage.slope) * arb_mat(n, 1, deviation) - C * arb_mat(n, 1, passage.residual)
+    return list(rest.entries())
 
 
 def _with_results(proof: Proof, orbit: Orbit, box: list[arb], passage: Passage) -> Proof:

@@ -42,7 +42,8 @@ def multipliers(orbit: Orbit, passage: Passage) -> list[acb]:
     matrix = acb_mat(orbit.return_map(passage))
     if matrix.nrows() == 1:
         return [matrix[0, 0]]
-    return sorted(matrix.eig(multiple=True), key=lambda m: (-float(m.abs_upper()), -float(m.real), -float(m.imag)))
+    values = matrix.eig(multiple=True, algorithm="rump")
+    return sorted(values, key=lambda m: (-float(m.abs_upper()), -float(m.real), -float(m.imag)))
 
 
 def largest_modulus(steps: Iterable[tuple[Series, arb]]) -> arb:

@@ -20,7 +20,7 @@ from gaitopt.proof.graph import Graph
 
 ORDER = 22
 """N of the state."""
-LOW_ORDER = 14
+LOW_ORDER = 18
 """N of first variations and of what is observed along the motion: signs and multipliers need fewer digits."""
 PRECISION = 128
 """Bits of the state; of all else ``LOW_PRECISION``."""
