@@ -15,12 +15,19 @@ from typing import Any
 
 from flint import acb, arb, arb_mat, ctx
 
-from gaitopt.mechanics import CoulombFriction, HybridSystem, Mode, ModeSequence, StaticKineticFriction
+from gaitopt.mechanics import (
+    CoulombFriction,
+    HybridSystem,
+    Mode,
+    ModeSequence,
+    StaticKineticFriction,
+    ending_margin,
+)
 from gaitopt.problem import Problem, restore_problem
 from gaitopt.proof.claims import Claim, mode_sequence_claims
 from gaitopt.proof.control import restore_control
 from gaitopt.proof.measures import measures, multipliers
-from gaitopt.proof.orbit import Arc, Orbit, Passage, identity
+from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit, Passage, identity
 from gaitopt.proof.outward import complex_interval, interval
 from gaitopt.proof.parameters import ball
 from gaitopt.proof.taylor import PRECISION, NotProved, Step
@@ -216,18 +223,27 @@ def _check_parameters(problem: Problem, system: HybridSystem, texts: Mapping[str
 
 
 def _check_arcs(arcs: list[Arc], sequence: ModeSequence) -> None:
-    """Whether the arcs follow the mode sequence.
+    """Whether the arcs follow the mode sequence and end with the events that it names.
 
     Raises
     ------
     ValueError
         If they do not.
     """
-    modes = [sequence.phases[arc.phase] for arc in arcs]
     phases = [arc.phase for arc in arcs]
-    ordered = phases == sorted(phases) and set(phases) == set(range(len(sequence.phases)))
-    if not ordered or modes != [arc.mode for arc in arcs]:
-        raise ValueError("the arcs of the certificate do not follow the mode sequence of its problem")
+    if phases != sorted(phases) or set(phases) != set(range(len(sequence.phases))):
+        raise ValueError("the arcs do not follow the mode sequence of the problem")
+    for j, (arc, after) in enumerate(zip(arcs, [*phases[1:], None], strict=True)):
+        mode = sequence.phases[arc.phase]
+        event = (
+            BREAKPOINT if after == arc.phase else ending_margin(mode, None if after is None else sequence.phases[after])
+        )
+        segment = 0 if j == 0 else arcs[j - 1].segment + (arcs[j - 1].event == BREAKPOINT)
+        if (arc.mode, arc.event, arc.segment) != (mode, event, segment):
+            raise ValueError(
+                f"arc {j + 1} is {arc.mode} on segment {arc.segment} until {arc.event}, but the mode sequence of the "
+                f"problem has {mode} on segment {segment} until {event}"
+            )
 
 
 def _restore_arc(record: Mapping[str, Any]) -> Arc:
