@@ -1,13 +1,12 @@
 """``gaitopt prove``: rigorous bounds for a gait, its mode sequence and its multipliers; certificates checked again."""
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from gaitopt.cli.options import DebugOption, JsonOption, OutOption, QuietOption, SetOption
-from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.errors import StorageError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,8 +37,6 @@ def prove(
     """
     from gaitopt.cli.console import narration
 
-    if find_spec("flint") is None:
-        raise UnknownNameError("proofs need python-flint; install it with: pip install 'gaitopt[proof]'")
     console = narration(quiet=quiet)
     if check:
         if changes or output is not None:

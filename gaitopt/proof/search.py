@@ -35,7 +35,7 @@ def plan(gait: Gait, p: Sequence[arb]) -> list[Arc]:
         after = modes[phase + 1] if phase + 1 < len(modes) else None
         event = ending_margin(arc.mode, after) if last else BREAKPOINT
         steps = _steps(bare.field(arc.mode, arc.segment), arc)
-        arcs.append(Arc(arc.mode, arc.segment, phase, event, steps))
+        arcs.append(Arc(arc.mode, int(arc.segment), phase, event, steps))
     return arcs
 
 
