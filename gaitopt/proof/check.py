@@ -66,8 +66,11 @@ class Proof:
     @cached_property
     def spectral_radius(self) -> arb | None:
         """Largest modulus of a multiplier."""
-        moduli = [abs(multiplier) for multiplier in self.multipliers]
-        return max(m.lower() for m in moduli).union(max(m.upper() for m in moduli)) if moduli else None
+        if not self.multipliers:
+            return None
+        with ctx.workprec(PRECISION):
+            moduli = [abs(multiplier) for multiplier in self.multipliers]
+            return max(modulus.lower() for modulus in moduli).union(max(modulus.upper() for modulus in moduli))
 
     @property
     def stable(self) -> bool | None:
@@ -215,10 +218,11 @@ def _with_results(proof: Proof, orbit: Orbit, box: list[arb], passage: Passage) 
 def _check_parameters(problem: Problem, system: HybridSystem, texts: Mapping[str, str]) -> None:
     """Whether the exact values are those of the problem, up to the rounding of its doubles."""
     known = {**{f"control.{key}": value for key, value in system.control.parameters.items()}, **problem.parameters}
+    free = {*problem.free, *(f"control.{name}" for name in system.control.unknowns)}
     for key in system.parameters:
         value = ball(texts[key])
         double = arb(float(known[key]))
-        if key not in problem.free and not abs(value - double) <= abs(double) * arb(2) ** -51:
+        if key not in free and not abs(value - double) <= abs(double) * arb(2) ** -51:
             raise ValueError(f"{key} is {texts[key]} in the certificate, but {known[key]!r} in its problem")
 
 

@@ -2,16 +2,19 @@
 
 from fractions import Fraction
 
-from flint import acb, arb
+from flint import acb, arb, ctx
 
 EXTRA_DIGITS = 2
 """Digits printed beyond the first one in which the bounds differ."""
 MOST_DIGITS = 30
+BITS = 128
+"""Of the bounds, before they become decimals."""
 
 
 def interval(ball: arb) -> list[str]:
     """[lo, hi] as decimals."""
-    lower, upper = _fraction(ball.lower()), _fraction(ball.upper())
+    with ctx.workprec(BITS):
+        lower, upper = _fraction(ball.lower()), _fraction(ball.upper())
     places = _places(upper - lower)
     scale = 10**places
     return [_decimal((lower * scale).__floor__(), places), _decimal((upper * scale).__ceil__(), places)]
