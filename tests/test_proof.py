@@ -122,6 +122,15 @@ def test_parameters_other_than_those_of_the_problem_are_refused():
     assert "walker.slope" in failures(certificate)["statement"]
 
 
+def test_another_control_than_that_of_the_problem_is_refused():
+    certificate = deepcopy(dict(proof("rimless-wheel-stick").certificate))
+    compass = load_problem("compass-torque-stick")
+    certificate["resolved"] = compass.resolved()
+    texts = {"walker.slope": "0", "friction": "0.2"}
+    certificate["parameters"] = {key: texts.get(key, repr(value)) for key, value in compass.parameters.items()}
+    assert "control.ankle, control.hip" in failures(certificate)["statement"]
+
+
 def test_sticking_is_refused_just_below_the_friction_that_it_needs():
     """It needs 0.91412078."""
     certificate = deepcopy(dict(proof("rimless-wheel-stick").certificate))

@@ -14,8 +14,8 @@ from gaitopt import load_problem  # noqa: E402
 from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl  # noqa: E402
 from gaitopt.proof import search, taylor  # noqa: E402
 from gaitopt.proof.field import Field  # noqa: E402
-from gaitopt.proof.graph import BINARY, UNARY, Graph, exact_constant  # noqa: E402
-from gaitopt.proof.taylor import PRECISION, NotProved, Step, expand, follow  # noqa: E402
+from gaitopt.proof.graph import BINARY, UNARY, Graph, NotProved, exact_constant  # noqa: E402
+from gaitopt.proof.taylor import PRECISION, Step, expand, follow  # noqa: E402
 
 
 class Plane:
@@ -160,3 +160,11 @@ def test_constants_stand_for_multiples_of_pi_or_for_themselves():
     for value in (0.5, 3.0, 0.1, -2.25):
         assert exact_constant(value).is_exact()
         assert float(exact_constant(value)) == value
+
+
+def test_a_flow_that_is_not_defined_on_its_box_is_refused():
+    field = Plane(lambda q: 1 / q)
+    with pytest.raises(NotProved):
+        expand(field, [arb(0, 0.1), arb(0)], Step(None, ((-1e9, 1e9), (-1e9, 1e9))), arb(0.1))
+    with pytest.raises(NotProved, match="quotient by zero"):
+        taylor.taylor_coefficients(field, [arb(0), arb(0)], 3)

@@ -26,13 +26,15 @@ from gaitopt.mechanics import (
 from gaitopt.problem import Problem, restore_problem
 from gaitopt.proof.claims import Claim, mode_sequence_claims
 from gaitopt.proof.control import restore_control
+from gaitopt.proof.graph import NotProved
 from gaitopt.proof.measures import measures, multipliers
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit, Passage, identity
 from gaitopt.proof.outward import complex_interval, interval
 from gaitopt.proof.parameters import ball
-from gaitopt.proof.taylor import PRECISION, NotProved, Step
+from gaitopt.proof.taylor import PRECISION, Step
 
 SCHEMA = "gaitopt-proof-1"
+EXISTENCE = "existence and uniqueness"
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,8 @@ def _check(certificate: Mapping[str, Any]) -> Proof:
     try:
         centre, deviation, words = prove_existence(orbit, certificate)
     except NotProved as failure:
-        return replace(proof, claims=(Claim("existence and uniqueness", proved=False, words=str(failure)),))
-    claims = [Claim("existence and uniqueness", proved=True, words=words)]
+        return replace(proof, claims=(Claim(EXISTENCE, proved=False, words=str(failure)),))
+    claims = [Claim(EXISTENCE, proved=True, words=words)]
     try:
         passage = orbit.traverse(centre, [spread.union(arb(0)) for spread in deviation])
         claims += mode_sequence_claims(orbit, passage, sequence)
@@ -218,6 +220,9 @@ def _with_results(proof: Proof, orbit: Orbit, box: list[arb], passage: Passage) 
 def _check_parameters(problem: Problem, system: HybridSystem, texts: Mapping[str, str]) -> None:
     """Whether the exact values are those of the problem, up to the rounding of its doubles."""
     known = {**{f"control.{key}": value for key, value in system.control.parameters.items()}, **problem.parameters}
+    missing = problem.parameters.keys() - set(system.parameters)
+    if missing:
+        raise ValueError(f"the control of the certificate does not have the problem's {', '.join(sorted(missing))}")
     free = {*problem.free, *(f"control.{name}" for name in system.control.unknowns)}
     for key in system.parameters:
         value = ball(texts[key])

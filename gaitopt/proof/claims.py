@@ -12,9 +12,10 @@ from casadi import SX, simplify
 from flint import arb
 
 from gaitopt.mechanics import ImpactLaw, Mode, ModeSequence, margin_names
+from gaitopt.proof.graph import NotProved
 from gaitopt.proof.orbit import Impact, Orbit, Passage
 from gaitopt.proof.signs import ENDS, POSITIVE, TOUCHDOWN, Part, check_pattern, parts, smallest
-from gaitopt.proof.taylor import NotProved, Series
+from gaitopt.proof.taylor import Series
 
 SLIPS = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
 

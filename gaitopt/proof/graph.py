@@ -69,6 +69,10 @@ BINARY: Mapping[int, Callable[[Any, Any], Any]] = {
 }
 
 
+class NotProved(Exception):
+    """A claim that could not be verified: what, where and by how much."""
+
+
 class Graph:
     """An SX function of one variable input (the first) and constant ones, for evaluation in balls.
 
@@ -84,12 +88,12 @@ class Graph:
     """
 
     def __init__(self, function: Function, constants: Sequence[Sequence[arb]]) -> None:
+        self._name = function.name()
         self._sizes = [function.numel_out(k) for k in range(function.n_out())]
         self._values: list[Any] = []
         self._steps: list[tuple[int, Callable[..., Any], tuple[int, ...]]] = []
         self._inputs: list[tuple[int, int]] = []
         self._outputs: list[tuple[int, int, int]] = []
-        self.constants: set[float] = set()
         place: dict[int, int] = {}
         variable: set[int] = set()
         for k in range(function.n_instructions()):
@@ -102,7 +106,7 @@ class Graph:
             place_of_result = len(self._values)
             self._values.append(None)
             if operation == ca.OP_CONST:
-                self._values[-1] = self._constant(function.instruction_constant(k))
+                self._values[-1] = exact_constant(function.instruction_constant(k))
             elif operation == ca.OP_INPUT:
                 source, entry = operands
                 if source == 0:
@@ -121,20 +125,25 @@ class Graph:
             place[results[0]] = place_of_result
 
     def __call__(self, variable: Sequence[Any]) -> list[list[Any]]:
-        """All outputs, each a list of its entries, columns one after the other."""
+        """All outputs, each a list of its entries, columns one after the other.
+
+        Raises
+        ------
+        NotProved
+            If a quotient by an exact zero occurs.
+        """
         values = self._values
         for place, entry in self._inputs:
             values[place] = variable[entry]
-        for place, apply, operands in self._steps:
-            values[place] = apply(*(values[i] for i in operands))
+        try:
+            for place, apply, operands in self._steps:
+                values[place] = apply(*(values[i] for i in operands))
+        except ZeroDivisionError as failure:
+            raise NotProved(f"{self._name}: a quotient by zero") from failure
         outputs: list[list[Any]] = [[arb(0)] * size for size in self._sizes]
         for output, entry, place in self._outputs:
             outputs[output][entry] = values[place]
         return outputs
-
-    def _constant(self, value: float) -> arb:
-        self.constants.add(value)
-        return exact_constant(value)
 
 
 def exact_constant(value: float) -> arb:

@@ -19,8 +19,8 @@ from flint import arb, arb_mat
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.proof.field import Field
-from gaitopt.proof.graph import Graph
-from gaitopt.proof.taylor import Expansion, NotProved, Step, expand, follow
+from gaitopt.proof.graph import Graph, NotProved
+from gaitopt.proof.taylor import Expansion, Step, expand, follow
 
 BREAKPOINT = "breakpoint"
 

@@ -12,8 +12,9 @@ from gaitopt.gait import Arc as GaitArc
 from gaitopt.gait import Gait
 from gaitopt.mechanics import Mode, ending_margin
 from gaitopt.proof.field import Field
+from gaitopt.proof.graph import NotProved
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit
-from gaitopt.proof.taylor import LOW_ORDER, ORDER, NotProved, Step, expand
+from gaitopt.proof.taylor import LOW_ORDER, ORDER, Step, expand
 
 TOLERANCE = 1e-21
 """Remainder of a step in the state; far below the width of the boxes that are proved."""

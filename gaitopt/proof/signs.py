@@ -16,7 +16,8 @@ from itertools import groupby
 
 from flint import arb
 
-from gaitopt.proof.taylor import NotProved, Series, evaluate
+from gaitopt.proof.graph import NotProved
+from gaitopt.proof.taylor import Series, evaluate
 
 POSITIVE = "p+"
 ENDS = "p*d+"

@@ -16,7 +16,7 @@ from typing import Any
 from flint import arb, arb_mat, arb_series, ctx
 
 from gaitopt.proof.field import Field
-from gaitopt.proof.graph import Graph
+from gaitopt.proof.graph import Graph, NotProved
 
 ORDER = 22
 """N of the state."""
@@ -25,10 +25,6 @@ LOW_ORDER = 18
 PRECISION = 128
 """Bits of the state; of all else ``LOW_PRECISION``."""
 LOW_PRECISION = 80
-
-
-class NotProved(Exception):
-    """A claim that could not be verified: what, where and by how much."""
 
 
 @dataclass(frozen=True, slots=True)
