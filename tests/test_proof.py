@@ -10,6 +10,7 @@ flint = pytest.importorskip("flint")
 from flint import arb, ctx  # noqa: E402
 
 from gaitopt import load_problem, prove, solve  # noqa: E402
+from gaitopt.errors import UnknownNameError  # noqa: E402
 from gaitopt.proof import check, make_certificate, orbit  # noqa: E402
 from gaitopt.proof.parameters import ball, exact_texts  # noqa: E402
 
@@ -177,6 +178,21 @@ def test_a_wrong_sign_in_the_impact_is_noticed(monkeypatch, quantity):
 
     monkeypatch.setattr(orbit.Orbit, "impact", spoiled)
     assert "impact" in failures(proof("rimless-wheel-slip").certificate)
+
+
+def test_a_sticking_gait_is_proved_for_an_interval_of_friction():
+    found = gait("rimless-wheel-stick")
+    assert prove(found, {"friction": "0.95..1"}).proved
+    failed = [claim.name for claim in prove(found, {"friction": "0.91..1"}).claims if not claim.proved]
+    assert failed == ["arc 1, stick: cone_forward"]
+    with pytest.raises(UnknownNameError, match=r"walker\.slope"):
+        prove(found, {"slope": "13 deg..14 deg"})
+
+
+def test_an_interval_in_which_the_orbit_moves_far_is_refused():
+    result = prove(gait("rimless-wheel-slip"), {"friction": "0.399..0.401"})
+    assert not result.proved
+    assert result.claims[0].name == "existence and uniqueness"
 
 
 def test_parameters_are_read_as_the_file_writes_them():

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.options import DebugOption, JsonOption, OutOption, QuietOption, SetOption
-from gaitopt.errors import StorageError
+from gaitopt.errors import ProblemError, StorageError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,16 +52,34 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, console: "C
     from gaitopt.store import json_text
     from gaitopt.store.files import write_whole
 
+    changes, intervals = _intervals(changes)
     gait, folder, fresh = gait_of(run, changes, output, console)
     if not gait.converged:
         return report(gait, None, json=json)
     if fresh:
         store_gait(gait, folder)
     console.print(f"proving {gait.problem.name}: ten seconds to some minutes")
-    proof = prove_gait(gait)
+    proof = prove_gait(gait, intervals)
     file = folder / CERTIFICATE_FILE
     write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
     return _report(proof, file, json=json)
+
+
+def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, str]]:
+    """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
+    from flint import ctx
+
+    from gaitopt.cli.options import key_value
+    from gaitopt.proof import INTERVAL, PRECISION, ball
+
+    pairs = [key_value(text, "--set") for text in changes or ()]
+    intervals = {key: text for key, text in pairs if INTERVAL in text}
+    try:
+        with ctx.workprec(PRECISION):
+            middles = {key: repr(float(ball(text).mid())) for key, text in intervals.items()}
+    except ValueError as error:
+        raise ProblemError(f"--set {', '.join(intervals)}: {error}") from error
+    return [f"{key}={middles.get(key, text)}" for key, text in pairs] or None, intervals
 
 
 def _checked(file: Path) -> "Proof":

@@ -8,6 +8,8 @@ except ModuleNotFoundError as error:
     raise UnknownNameError("proofs need python-flint; install it with: pip install 'gaitopt[proof]'") from error
 
 from gaitopt.proof.check import Proof, check
+from gaitopt.proof.parameters import INTERVAL, ball
 from gaitopt.proof.prove import make_certificate, prove
+from gaitopt.proof.taylor import PRECISION
 
-__all__ = ["Proof", "check", "make_certificate", "prove"]
+__all__ = ["INTERVAL", "PRECISION", "Proof", "ball", "check", "make_certificate", "prove"]

@@ -30,7 +30,7 @@ from gaitopt.proof.graph import NotProved
 from gaitopt.proof.measures import measures, multipliers
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit, Passage, identity
 from gaitopt.proof.outward import complex_interval, interval
-from gaitopt.proof.parameters import ball
+from gaitopt.proof.parameters import INTERVAL, ball
 from gaitopt.proof.taylor import PRECISION, Step
 
 SCHEMA = "gaitopt-proof-1"
@@ -227,7 +227,8 @@ def _check_parameters(problem: Problem, system: HybridSystem, texts: Mapping[str
     for key in system.parameters:
         value = ball(texts[key])
         double = arb(float(known[key]))
-        if key not in free and not abs(value - double) <= abs(double) * arb(2) ** -51:
+        near = abs(value - double) <= abs(double) * arb(2) ** -51 or (INTERVAL in texts[key] and value.contains(double))
+        if key not in free and not near:
             raise ValueError(f"{key} is {texts[key]} in the certificate, but {known[key]!r} in its problem")
 
 

@@ -58,7 +58,7 @@ def _checks(orbit: Orbit, passage: Passage, sequence: ModeSequence) -> Iterator[
         first_of_phase = j == 0 or orbit.arcs[j - 1].phase != arc.phase
         for name, steps in series.items():
             order = _order_of_zero(orbit, sequence, j, name, first_of_phase=first_of_phase)
-            found = list(parts(steps, order))
+            found = list(parts(steps, order, monotone=name in ("touchdown", arc.event)))
             if name == "touchdown":
                 touchdown += found
                 continue

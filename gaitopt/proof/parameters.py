@@ -15,6 +15,9 @@ from gaitopt.mechanics import HybridSystem
 from gaitopt.mechanics.units import parse_angle
 from gaitopt.problem import Problem
 
+INTERVAL = ".."
+"""Between the ends of an interval."""
+
 
 def exact_texts(problem: Problem, system: HybridSystem, values: Mapping[str, float]) -> dict[str, str]:
     """Every parameter of a system as the text of its exact value: ``0.14``, ``1 deg``.
@@ -28,13 +31,16 @@ def exact_texts(problem: Problem, system: HybridSystem, values: Mapping[str, flo
 
 
 def ball(text: str) -> arb:
-    """The ball of an exact value as ``exact_texts`` writes it.
+    """The ball of an exact value as ``exact_texts`` writes it, or of an interval ``lo..hi`` of such values.
 
     Raises
     ------
     ValueError
         If it is not a decimal number, with ``deg`` or ``rad`` where it is an angle.
     """
+    lower, between, upper = text.partition(INTERVAL)
+    if between:
+        return ball(lower.strip()).union(ball(upper.strip()))
     number, _, unit = text.partition(" ")
     value = arb(number)
     if unit not in ("", "rad", "deg") or not value.is_finite():

@@ -44,17 +44,18 @@ class Part:
     factored: bool
 
 
-def parts(steps: Iterable[tuple[Series, arb]], order: int = 0) -> Iterator[Part]:
+def parts(steps: Iterable[tuple[Series, arb]], order: int = 0, *, monotone: bool = True) -> Iterator[Part]:
     """Parts of an arc in order of time.
 
     Parameters
     ----------
     steps : the function on every step, and the step's length.
     order : of the zero with which it starts.
+    monotone : whether it is enough to know that a part rises or falls.
     """
     began = 0.0
     for k, (series, h) in enumerate(steps):
-        for part in _divide(series, arb(0), arb(h.upper()), order if k == 0 else 0, FINEST):
+        for part in _divide(series, arb(0), arb(h.upper()), order if k == 0 else 0, FINEST, monotone=monotone):
             yield Part(part.kind, began + part.start, began + part.end, part.value, part.factored)
         began += float(h)
 
@@ -95,15 +96,15 @@ def _begins(kinds: str, pattern: str) -> bool:
     return re.fullmatch(optional, kinds) is not None
 
 
-def _divide(series: Series, start: arb, end: arb, order: int, depth: int) -> Iterator[Part]:
+def _divide(series: Series, start: arb, end: arb, order: int, depth: int, *, monotone: bool) -> Iterator[Part]:
     t = start.union(end)
     factored = bool(order) and start.is_zero()
     value = evaluate(series.value[order:] if factored else series.value, t)
-    kind = "p" if value > 0 else "n" if value < 0 else _slope(evaluate(series.rate, t))
+    kind = "p" if value > 0 else "n" if value < 0 else _slope(evaluate(series.rate, t)) if monotone else "?"
     if kind == "?" and depth and value.is_finite():
         middle = ((start + end) / 2).mid()
-        yield from _divide(series, start, middle, order, depth - 1)
-        yield from _divide(series, middle, end, order, depth - 1)
+        yield from _divide(series, start, middle, order, depth - 1, monotone=monotone)
+        yield from _divide(series, middle, end, order, depth - 1, monotone=monotone)
     else:
         yield Part(kind, float(start), float(end), value, factored)
 
