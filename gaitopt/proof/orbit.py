@@ -18,9 +18,10 @@ from casadi import SX, Function, cse, jacobian
 from flint import arb, arb_mat
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.proof.bundle import Bundle, carry, identity
 from gaitopt.proof.field import Field
-from gaitopt.proof.graph import Graph, NotProved
-from gaitopt.proof.taylor import Expansion, Step, expand, follow
+from gaitopt.proof.graph import Graph
+from gaitopt.proof.taylor import Expansion, Step
 
 BREAKPOINT = "breakpoint"
 
@@ -52,34 +53,6 @@ class Impact:
     slip_velocity: arb
     lift_velocity: arb
     painleve: arb
-
-
-@dataclass(slots=True)
-class Bundle:
-    """The motions from every x of a box, at one time:  y in centre + slope (x - x_centre).
-
-    Attributes
-    ----------
-    deviation : x - x_centre, balls about zero.
-    centre : the motion from the centre of the box, in tiny balls; shape (n,).
-    slope : D, shape (n, n_x).
-    """
-
-    deviation: list[arb]
-    centre: list[arb]
-    slope: arb_mat
-
-    @property
-    def hull(self) -> list[arb]:
-        """A box around all motions."""
-        spread = self.slope * arb_mat(len(self.deviation), 1, self.deviation)
-        return [y + spread[i, 0] for i, y in enumerate(self.centre)]
-
-    def fix(self, k: int, value: arb) -> None:
-        """State ``k`` is known to have a value."""
-        self.centre[k] = value
-        for j in range(len(self.deviation)):
-            self.slope[k, j] = arb(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +123,7 @@ class Orbit:
         for j, arc in enumerate(self.arcs):
             passage.starts.append(bundle.hull)
             field = self.field(arc.mode, arc.segment)
-            passage.expansions.append(_integrate(field, bundle, arc.steps, centre[n_xi + j], box[n_xi + j]))
+            passage.expansions.append(carry(field, bundle, arc.steps, centre[n_xi + j], box[n_xi + j]))
             for i, rate in enumerate(field.rate(passage.expansions[-1][-1].end)[0]):
                 bundle.slope[i, n_xi + j] = arb(rate)
             passage.ends.append(bundle.hull)
@@ -231,29 +204,6 @@ class Orbit:
             outputs = cse([*result, jacobian(result[0], z)])
             graphs[mode] = Graph(Function(f"impact_{mode}", [z, p], outputs), [self.p])
         return graphs
-
-
-def _integrate(field: Field, bundle: Bundle, steps: Sequence[Step], middle: arb, duration: arb) -> list[Expansion]:
-    """The steps of one arc, the last of which ends with the arc: after ``middle`` for the centre of the bundle.
-
-    The bundle is moved along; its slope does not know yet that the duration varies.
-    """
-    if not steps or steps[-1].h is not None or any(step.h is None for step in steps[:-1]):
-        raise NotProved("the steps of an arc do not add up to it: the last one, and it alone, ends with the arc")
-    before = sum((arb(step.h) for step in steps[:-1]), arb(0))
-    expansions: list[Expansion] = []
-    for step in steps:
-        h, h_middle = (duration - before, middle - before) if step.h is None else (arb(step.h), arb(step.h))
-        expansions.append(expand(field, bundle.hull, step, h))
-        variation = expansions[-1].variation()
-        bundle.centre = follow(expansions[-1], bundle.centre, h_middle, variation)
-        bundle.slope = variation * bundle.slope
-    return expansions
-
-
-def identity(n: int) -> arb_mat:
-    """The unit matrix."""
-    return arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 
 def _block(matrix: arb_mat, row: int, rows: int, column: int, columns: int) -> arb_mat:

@@ -9,7 +9,7 @@ from flint import arb, ctx
 
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Gait
-from gaitopt.proof.check import EXISTENCE, SCHEMA, Proof, check
+from gaitopt.proof.check import EXISTENCE, SCHEMA, check
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.control import control_record
 from gaitopt.proof.graph import NotProved
@@ -17,6 +17,7 @@ from gaitopt.proof.orbit import Arc, Orbit
 from gaitopt.proof.parameters import ball, exact_texts
 from gaitopt.proof.search import plan, refine
 from gaitopt.proof.taylor import LOW_ORDER, LOW_PRECISION, ORDER, PRECISION
+from gaitopt.proof.theorem import Proof
 
 RADII = ("1e-10", "1e-12", "1e-14")
 """Half widths of the box in which the orbit is shown to be unique, tried in this order."""
