@@ -93,7 +93,7 @@ def test_a_certificate_is_checked_again_from_its_text():
     assert again.to_record() == result.to_record()
 
 
-@pytest.mark.parametrize("name", [*WHEELS, pytest.param("compass-passive-a", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [*WHEELS, *(pytest.param(compass, marks=pytest.mark.slow) for compass in COMPASSES)])
 def test_a_box_beside_the_orbit_is_refused(name):
     certificate = deepcopy(dict(proof(name).certificate))
     shifted = float(certificate["centre"][0]) + 1e-6
