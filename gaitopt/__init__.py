@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
+    from gaitopt.proof import prove
     from gaitopt.study import explain, find, return_map, simulate, solve, verify
     from gaitopt.study.continuation import continuation
 
@@ -37,6 +38,7 @@ __all__ = [
     "explain",
     "find",
     "load_problem",
+    "prove",
     "return_map",
     "simulate",
     "solve",
@@ -62,6 +64,7 @@ _HOME = {
     "explain": "gaitopt.study",
     "find": "gaitopt.study",
     "load_problem": "gaitopt.problem",
+    "prove": "gaitopt.proof",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",
     "solve": "gaitopt.study",

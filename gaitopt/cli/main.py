@@ -15,6 +15,7 @@ from gaitopt.cli.find import find
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
 from gaitopt.cli.printable import printable
+from gaitopt.cli.prove import prove
 from gaitopt.cli.report import report
 from gaitopt.cli.reproduce import reproduce
 from gaitopt.cli.signals import listening
@@ -50,6 +51,7 @@ app.command("continue")(continue_)
 app.command("basin")(basin)
 app.command("sweep")(sweep)
 app.command("front")(front)
+app.command("prove")(prove)
 app.command("plot")(plot)
 app.command("report")(report)
 app.command("reproduce")(reproduce)

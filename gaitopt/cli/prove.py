@@ -1,0 +1,133 @@
+"""``gaitopt prove``: rigorous bounds for a gait, its mode sequence and its multipliers; certificates checked again."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gaitopt.cli.options import DebugOption, JsonOption, OutOption, QuietOption, SetOption
+from gaitopt.errors import ProblemError, StorageError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from gaitopt.proof import Proof
+
+NOT_PROVED = 4
+CERTIFICATE_FILE = "proof.json"
+
+TargetArgument = Annotated[
+    str, typer.Argument(metavar="RUN", help="A run folder, or a PROBLEM; with --check the file of a certificate.")
+]
+CheckOption = Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")]
+
+
+def prove(
+    run: TargetArgument,
+    check: CheckOption = False,
+    changes: SetOption = None,
+    output: OutOption = None,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Prove that a gait exists, and what it does.
+
+    Ball arithmetic encloses the orbit, its mode sequence and its multipliers; the certificate is kept with the run.
+    """
+    from gaitopt.cli.console import narration
+
+    console = narration(quiet=quiet)
+    if check:
+        if changes or output is not None:
+            raise typer.BadParameter("--check reads a certificate and nothing else; leave out --set and -o")
+        return _report(_checked(Path(run)), Path(run), json=json)
+    return _prove(run, changes, output, console, json=json)
+
+
+def _prove(run: str, changes: list[str] | None, output: Path | None, console: "Console", *, json: bool) -> int:
+    from gaitopt.cli.runs import gait_of
+    from gaitopt.cli.solve import report, store_gait
+    from gaitopt.proof import prove as prove_gait
+    from gaitopt.store import json_text
+    from gaitopt.store.files import write_whole
+
+    changes, intervals = _intervals(changes)
+    gait, folder, fresh = gait_of(run, changes, output, console)
+    if not gait.converged:
+        return report(gait, None, json=json)
+    if fresh:
+        store_gait(gait, folder)
+    console.print(f"proving {gait.problem.name}: ten seconds to some minutes")
+    proof = prove_gait(gait, intervals)
+    file = folder / CERTIFICATE_FILE
+    write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
+    return _report(proof, file, json=json)
+
+
+def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, str]]:
+    """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
+    from flint import ctx
+
+    from gaitopt.cli.options import key_value
+    from gaitopt.proof import INTERVAL, PRECISION, ball
+
+    pairs = [key_value(text, "--set") for text in changes or ()]
+    intervals = {key: text for key, text in pairs if INTERVAL in text}
+    try:
+        with ctx.workprec(PRECISION):
+            middles = {key: repr(float(ball(text).mid())) for key, text in intervals.items()}
+    except ValueError as error:
+        raise ProblemError(f"--set {', '.join(intervals)}: {error}") from error
+    return [f"{key}={middles.get(key, text)}" for key, text in pairs] or None, intervals
+
+
+def _checked(file: Path) -> "Proof":
+    """The proof of a certificate's file."""
+    from json import JSONDecodeError, loads
+
+    from gaitopt.proof import check
+    from gaitopt.store.files import read_bytes
+
+    try:
+        return check(loads(read_bytes(file)))
+    except (JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+        raise StorageError(f"{file} is no certificate of a proof ({error!r})") from error
+
+
+def _report(proof: "Proof", file: Path, *, json: bool) -> int:
+    from gaitopt.cli.console import print_json, results
+
+    record = {**proof.to_record(), "certificate": str(file)}
+    if json:
+        print_json(record)
+    else:
+        _print(results(), record)
+    return 0 if proof.proved else NOT_PROVED
+
+
+def _print(console: "Console", record: dict[str, Any]) -> None:
+    from gaitopt.cli.tables import section
+
+    verdict = "proved" if record["proved"] else "NOT PROVED"
+    stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
+    console.print(f"{record['problem']}: {verdict}{stability}", style="bold")
+    claims = ((c["claim"], "yes" if c["proved"] else "NO", c["words"], c["margin"] or "") for c in record["claims"])
+    section(console, "claims", ("claim", "proved", "statement", "margin"), claims, numbers=(3,))
+    bounds = {**(record["state"] or {}), **{name: record.get(name) for name in SCALARS}}
+    rows = ((name, *value) for name, value in bounds.items() if value is not None)
+    section(console, "bounds", ("quantity", "from", "to"), rows, numbers=(1, 2))
+    parts = ((str(k + 1), *m["re"], *m["im"]) for k, m in enumerate(record["multipliers"]))
+    section(console, "multipliers", ("", "re from", "to", "im from", "to"), parts, numbers=(1, 2, 3, 4))
+    console.print(f"certificate: {record['certificate']}", soft_wrap=True)
+
+
+SCALARS = (
+    "period",
+    "step_length",
+    "speed",
+    "work",
+    "cost_of_transport",
+    "required_friction",
+    "spectral_radius",
+)

@@ -1,0 +1,16 @@
+"""Proofs: a gait, its mode sequence and its multipliers in rigorous bounds, by ball arithmetic (python-flint)."""
+
+from gaitopt.errors import UnknownNameError
+
+try:
+    import flint  # noqa: F401 - an extra of the package
+except ModuleNotFoundError as error:
+    raise UnknownNameError("proofs need python-flint; install it with: pip install 'gaitopt[proof]'") from error
+
+from gaitopt.proof.check import check
+from gaitopt.proof.parameters import INTERVAL, ball
+from gaitopt.proof.prove import make_certificate, prove
+from gaitopt.proof.taylor import PRECISION
+from gaitopt.proof.theorem import Proof
+
+__all__ = ["INTERVAL", "PRECISION", "Proof", "ball", "check", "make_certificate", "prove"]

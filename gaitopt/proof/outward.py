@@ -1,0 +1,44 @@
+"""Balls as decimal strings rounded outward, so that what is printed encloses what is proved."""
+
+from fractions import Fraction
+
+from flint import acb, arb, ctx
+
+EXTRA_DIGITS = 2
+"""Digits printed beyond the first one in which the bounds differ."""
+MOST_DIGITS = 30
+BITS = 128
+"""Of the bounds, before they become decimals."""
+
+
+def interval(ball: arb) -> list[str]:
+    """[lo, hi] as decimals."""
+    with ctx.workprec(BITS):
+        lower, upper = _fraction(ball.lower()), _fraction(ball.upper())
+    places = _places(upper - lower)
+    scale = 10**places
+    return [_decimal((lower * scale).__floor__(), places), _decimal((upper * scale).__ceil__(), places)]
+
+
+def complex_interval(ball: acb) -> dict[str, list[str]]:
+    """Real and imaginary part as intervals."""
+    return {"re": interval(ball.real), "im": interval(ball.imag)}
+
+
+def _fraction(exact: arb) -> Fraction:
+    mantissa, exponent = exact.man_exp()
+    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+def _places(width: Fraction) -> int:
+    """Decimal places that resolve a width."""
+    places = 0
+    while width and places < MOST_DIGITS and width * 10**places < 1:
+        places += 1
+    return MOST_DIGITS if width == 0 else min(places + EXTRA_DIGITS, MOST_DIGITS)
+
+
+def _decimal(units: int, places: int) -> str:
+    """units / 10^places."""
+    sign, digits = "-" if units < 0 else "", str(abs(units)).rjust(places + 1, "0")
+    return f"{sign}{digits[:-places]}.{digits[-places:]}" if places else f"{sign}{digits}"

@@ -1,0 +1,113 @@
+"""The sign of a function of time on a whole arc, from its enclosed Taylor series.
+
+Every step is divided until each part is of one kind, written as a letter
+
+    p  positive      n  negative      u  rising      d  falling      ?  none of it could be shown
+
+so that a claim on an arc is a pattern: ``p+`` positive throughout, ``p*d+`` positive until it falls to the zero at its
+end, ``n*u*p+d+`` a touchdown, the first fall to zero after having been positive. Where a function is known to start
+with a zero of order k, its sign just after it is that of its series divided by t^k.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from flint import arb
+
+from gaitopt.proof.graph import NotProved
+from gaitopt.proof.taylor import Series, evaluate
+
+POSITIVE = "p+"
+ENDS = "p*d+"
+TOUCHDOWN = "n*u*p+d+"
+FINEST = 14
+"""How often a step is halved at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of an arc on which a function is of one kind.
+
+    Attributes
+    ----------
+    start, end : time since the start of the arc [s].
+    value : the function there; divided by t^k next to a zero of order k.
+    factored : whether it is.
+    """
+
+    kind: str
+    start: float
+    end: float
+    value: arb
+    factored: bool
+
+
+def parts(steps: Iterable[tuple[Series, arb]], order: int = 0, *, monotone: bool = True) -> Iterator[Part]:
+    """Parts of an arc in order of time.
+
+    Parameters
+    ----------
+    steps : the function on every step, and the step's length.
+    order : of the zero with which it starts.
+    monotone : whether it is enough to know that a part rises or falls.
+    """
+    began = 0.0
+    for k, (series, h) in enumerate(steps):
+        for part in _divide(series, arb(0), arb(h.upper()), order if k == 0 else 0, FINEST, monotone=monotone):
+            yield Part(part.kind, began + part.start, began + part.end, part.value, part.factored)
+        began += float(h)
+
+
+def check_pattern(name: str, found: Sequence[Part], pattern: str) -> str:
+    """The kinds of all parts, repeated ones counted, if they match a pattern.
+
+    Raises
+    ------
+    NotProved
+        If they do not; the message says when, and which values the function may have there.
+    """
+    kinds = "".join(part.kind for part in found)
+    if not re.fullmatch(pattern, kinds):
+        longest = max(k for k in range(len(kinds) + 1) if _begins(kinds[:k], pattern))
+        part = found[min(longest, len(found) - 1)]
+        when = f"between {part.start:.6g} and {part.end:.6g} s of the arc"
+        raise NotProved(f"{name} is {part.value.str(6)} {when}: {_SHAPES[pattern]} is not shown")
+    return " ".join(f"{kind}{len(list(group))}" for kind, group in groupby(kinds))
+
+
+def smallest(found: Sequence[Part]) -> arb | None:
+    """A lower bound of the function over the parts where it is positive and not divided by a power of time."""
+    bounds = [part.value.lower() for part in found if part.kind == "p" and not part.factored]
+    return min(bounds) if bounds else None
+
+
+_SHAPES = {
+    POSITIVE: "that it is positive throughout",
+    ENDS: "that it is positive and falls to zero only at the end",
+    TOUCHDOWN: "that it falls to zero for the first time after having been positive at the end",
+}
+
+
+def _begins(kinds: str, pattern: str) -> bool:
+    """Whether kinds are the beginning of a match."""
+    optional = re.sub(r"([a-z])[+*]", r"\1*", pattern)
+    return re.fullmatch(optional, kinds) is not None
+
+
+def _divide(series: Series, start: arb, end: arb, order: int, depth: int, *, monotone: bool) -> Iterator[Part]:
+    t = start.union(end)
+    factored = bool(order) and start.is_zero()
+    value = evaluate(series.value[order:] if factored else series.value, t)
+    kind = "p" if value > 0 else "n" if value < 0 else _slope(evaluate(series.rate, t)) if monotone else "?"
+    if kind == "?" and depth and value.is_finite():
+        middle = ((start + end) / 2).mid()
+        yield from _divide(series, start, middle, order, depth - 1, monotone=monotone)
+        yield from _divide(series, middle, end, order, depth - 1, monotone=monotone)
+    else:
+        yield Part(kind, float(start), float(end), value, factored)
+
+
+def _slope(rate: arb) -> str:
+    return "u" if rate > 0 else "d" if rate < 0 else "?"

@@ -1,0 +1,178 @@
+"""Validated Taylor integration: one step of an analytic vector field, with a rigorous remainder.
+
+If F(B) lies in V for the box B = y0 + [0, h] V, the motion stays in B (Picard), and with the Taylor coefficients
+F_k(y) of the motion that starts at y
+
+    y(h) = sum_{k < N} F_k(y0) h^k + F_N(B) h^N                                  (Lagrange)
+
+The same holds for any analytic g(y) along the motion, and for the first variation Phi, whose N-th coefficient at a
+later time is Phi_N(B) Phi. Everything holds for every y0 in a box.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flint import arb, arb_mat, arb_series, ctx
+
+from gaitopt.proof.field import Field
+from gaitopt.proof.graph import Graph, NotProved
+
+ORDER = 22
+"""N of the state."""
+LOW_ORDER = 18
+"""N of first variations and of what is observed along the motion: signs and multipliers need fewer digits."""
+PRECISION = 128
+"""Bits of the state; of all else ``LOW_PRECISION``."""
+LOW_PRECISION = 80
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What a step is verified with.
+
+    Attributes
+    ----------
+    h : its length [s]; None for the last step of an arc, which ends when the arc does.
+    speeds : V, the interval (lo, hi) of the rate of each state.
+    """
+
+    h: float | None
+    speeds: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A function of time on [0, h] as sum_k c_k t^k, the last coefficient a ball for the remainder; its rate alike."""
+
+    value: list[arb]
+    rate: list[arb]
+
+
+@dataclass(frozen=True, slots=True)
+class Expansion:
+    """The motions over one step, from every point of a box.
+
+    Attributes
+    ----------
+    field : the vector field.
+    series : low-order Taylor coefficients of the motions from the box.
+    beyond : of motions from anywhere in B.
+    h : length of the step.
+    end : a box in which the motions end, wider than it has to be.
+    """
+
+    field: Field
+    series: list[list[arb]]
+    beyond: list[list[arb]]
+    h: arb
+    end: list[arb]
+
+    def variation(self) -> arb_mat:
+        """Derivative of the end with respect to the start, shape (n, n)."""
+        n = self.field.n
+        with ctx.workprec(LOW_PRECISION):
+            at_start, later = (_matrices(self.field, series) for series in (self.series, self.beyond))
+            steepest = max(sum((abs(later[0][i, j]) for j in range(n)), arb(0)).upper() for i in range(n))
+            deviation = arb(0, ((steepest * self.h).exp() - 1).upper())
+            passed = arb_mat(n, n, [deviation + int(i == j) for i in range(n) for j in range(n)])
+            total = _variations(later, LOW_ORDER)[-1] * passed
+            for term in reversed(_variations(at_start, LOW_ORDER - 1)):
+                total = total * self.h + term
+            return total
+
+    def along(self, graph: Graph) -> list[Series]:
+        """The outputs of a graph of the state along the motions."""
+        with ctx.workprec(LOW_PRECISION):
+            pairs = zip(_compose(graph, self.series), _compose(graph, self.beyond), strict=True)
+            values = [[*at_start[:LOW_ORDER], later[LOW_ORDER]] for at_start, later in pairs]
+            return [Series(c, [k * c[k] for k in range(1, len(c))]) for c in values]
+
+
+def expand(field: Field, start: Sequence[arb], step: Step, h: arb) -> Expansion:
+    """One verified step from every point of the box ``start``.
+
+    Raises
+    ------
+    NotProved
+        If the speeds of the step do not bound those in the box that they imply.
+    """
+    if not h > 0:
+        raise NotProved(f"{field.mode}: a step of {h.str(5)} s")
+    speeds = [arb(lo).union(arb(hi)) for lo, hi in step.speeds]
+    box = [y + arb(0).union(h) * v for y, v in zip(start, speeds, strict=True)]
+    (rates,) = field.rate(box)
+    for name, rate, speed in zip(field.names, rates, speeds, strict=True):
+        if not speed.contains(arb(rate)):
+            raise NotProved(f"{field.mode}: the rate of {name} is {arb(rate).str(8)}, not in {speed.str(8)}")
+    with ctx.workprec(LOW_PRECISION):
+        series = taylor_coefficients(field, start, LOW_ORDER + 1)
+        beyond = taylor_coefficients(field, box, ORDER + 1)
+        end = [evaluate([*c[:LOW_ORDER], b[LOW_ORDER]], h) for c, b in zip(series, beyond, strict=True)]
+    if not all(y.is_finite() for y in end):
+        raise NotProved(f"{field.mode}: the series of the motion are not finite")
+    return Expansion(field, series, beyond, h, end)
+
+
+def follow(expansion: Expansion, centre: Sequence[arb], h: arb, variation: arb_mat) -> list[arb]:
+    """End after ``h`` of the motion from one point of the box of an expansion, known up to the tiny balls ``centre``.
+
+    A mean value form: the midpoint in high order, and the variation times what is left.
+    """
+    middle = [y.mid() for y in centre]
+    series = taylor_coefficients(expansion.field, middle, ORDER)
+    rest = variation * arb_mat(len(middle), 1, [y - m for y, m in zip(centre, middle, strict=True)])
+    pairs = zip(series, expansion.beyond, strict=True)
+    return [evaluate([*c, b[ORDER]], h) + rest[i, 0] for i, (c, b) in enumerate(pairs)]
+
+
+def taylor_coefficients(field: Field, start: Sequence[arb], count: int) -> list[list[arb]]:
+    """F_0, ..., F_(count - 1) of each state, one after the other from y' = F(y)."""
+    coefficients = [[arb(y)] for y in start]
+    for k in range(count - 1):
+        ctx.cap = k + 1
+        (rates,) = field.rate([arb_series(c, k + 1) for c in coefficients])
+        for c, rate in zip(coefficients, rates, strict=True):
+            c.append(_padded(rate, k + 1)[k] / (k + 1))
+    return coefficients
+
+
+def evaluate(coefficients: Sequence[arb], t: arb) -> arb:
+    """A polynomial by Horner's rule."""
+    total = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        total = total * t + c
+    return total
+
+
+def _matrices(field: Field, series: list[list[arb]]) -> list[arb_mat]:
+    """Series of the Jacobian DF along a motion."""
+    n, entries = field.n, _compose(field.jacobian, series)
+    return [arb_mat(n, n, [entries[i + n * j][k] for i in range(n) for j in range(n)]) for k in range(LOW_ORDER + 1)]
+
+
+def _variations(slopes: list[arb_mat], order: int) -> list[arb_mat]:
+    """Taylor coefficients 0 to ``order`` of Phi' = A Phi, Phi(0) = 1, from those of A."""
+    n = slopes[0].nrows()
+    phi = [arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])]
+    for k in range(order):
+        total = slopes[0] * phi[k]
+        for j in range(1, k + 1):
+            total += slopes[j] * phi[k - j]
+        phi.append(total * (arb(1) / (k + 1)))
+    return phi
+
+
+def _compose(graph: Graph, series: list[list[arb]]) -> list[list[arb]]:
+    """Series of the outputs of a graph along a motion, LOW_ORDER + 1 coefficients each."""
+    count = LOW_ORDER + 1
+    ctx.cap = count
+    outputs = graph([arb_series(c[:count], count) for c in series])
+    return [_padded(value, count) for output in outputs for value in output]
+
+
+def _padded(value: Any, length: int) -> list[arb]:
+    if not isinstance(value, arb_series):
+        return [arb(value), *[arb(0)] * (length - 1)]
+    coefficients = value.coeffs()[:length]
+    return [*coefficients, *[arb(0)] * (length - len(coefficients))]

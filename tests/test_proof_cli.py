@@ -1,0 +1,80 @@
+"""``gaitopt prove``: exit codes, its JSON, and certificates on disk."""
+
+import json
+import subprocess
+import sys
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("flint")
+
+KEYS = {"problem", "proved", "state", "durations", "period", "multipliers", "spectral_radius", "stable", "claims"}
+
+
+@pytest.fixture
+def certificate(run, empty_folder):
+    code, out, _ = run("prove", "rimless-wheel-stick", "--json", "--quiet")
+    assert code == 0
+    return json.loads(out)
+
+
+def test_a_proof_is_printed_kept_and_checked_again(run, certificate):
+    assert certificate.keys() >= KEYS
+    assert certificate["proved"]
+    assert certificate["stable"]
+    lower, upper = map(Decimal, certificate["state"]["dtheta"])
+    assert 0 < upper - lower < Decimal("1e-12")
+    assert lower < Decimal("0.7586652628707168594913327") < upper
+    file = certificate["certificate"]
+    code, out, _ = run("prove", "--check", file, "--json", "--quiet")
+    assert code == 0
+    assert json.loads(out) == certificate
+    code, out, _ = run("prove", "--check", file)
+    assert code == 0
+    assert "rimless-wheel-stick: proved, stable" in out
+
+
+def test_a_certificate_that_proves_nothing_is_exit_4(run, certificate):
+    file = Path(certificate["certificate"])
+    record = json.loads(file.read_text())
+    record["centre"][0] = "0.7587"
+    file.write_text(json.dumps(record))
+    code, out, _ = run("prove", "--check", str(file), "--json")
+    assert code == 4
+    assert not json.loads(out)["proved"]
+
+
+@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-1"}'])
+def test_what_is_no_certificate_is_exit_6(run, empty_folder, content):
+    Path("proof.json").write_text(content)
+    code, _, err = run("prove", "--check", "proof.json")
+    assert code == 6
+    assert "proof.json is no certificate" in err
+
+
+def test_a_missing_library_is_named():
+    program = (
+        "import sys; sys.modules['flint'] = None; from gaitopt.cli.main import main; "
+        "sys.exit(main(['prove', 'rimless-wheel-stick']))"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "pip install 'gaitopt[proof]'" in ended.stderr
+
+
+def test_a_parameter_may_be_an_interval(run, empty_folder):
+    code, out, _ = run("prove", "rimless-wheel-stick", "--set", "friction=0.95..1", "--json", "--quiet")
+    assert code == 0
+    record = json.loads(Path(json.loads(out)["certificate"]).read_text())
+    assert record["parameters"]["friction"] == "0.95..1"
+    code, _, err = run("prove", "rimless-wheel-stick", "--set", "friction=0.95..much")
+    assert code == 3
+    assert "--set friction" in err
+
+
+def test_check_takes_no_overrides(run):
+    code, _, err = run("prove", "--check", "proof.json", "--set", "friction=0.2")
+    assert code == 2
+    assert "--check" in err

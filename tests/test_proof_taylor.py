@@ -1,0 +1,170 @@
+"""The validated integrator encloses closed forms, and every motion that starts in its box."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+from casadi import SX, Function, fabs, jacobian, sin, vertcat
+
+flint = pytest.importorskip("flint")
+from flint import acb, arb, ctx  # noqa: E402
+
+from gaitopt import load_problem  # noqa: E402
+from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl  # noqa: E402
+from gaitopt.proof import search, taylor  # noqa: E402
+from gaitopt.proof.field import Field  # noqa: E402
+from gaitopt.proof.graph import BINARY, UNARY, Graph, NotProved, exact_constant  # noqa: E402
+from gaitopt.proof.taylor import PRECISION, Step, expand, follow  # noqa: E402
+
+
+class Plane:
+    """A vector field of two states in the terms of ``Field``."""
+
+    mode, names, n = Mode.STICK, ("q", "v"), 2
+
+    def __init__(self, acceleration):
+        y = SX.sym("y", 2)
+        rate = vertcat(y[1], acceleration(y[0]))
+        self.rate = Graph(Function("rate", [y], [rate]), [])
+        self.jacobian = Graph(Function("jacobian", [y], [jacobian(rate, y)]), [])
+        self.margins = self.observation = self.rate
+
+
+@pytest.fixture(autouse=True)
+def precision():
+    with ctx.workprec(PRECISION):
+        yield
+
+
+def oscillator():
+    return Plane(lambda q: -q)
+
+
+def travel(field, start, duration, steps=40):
+    """Bundle of motions from a box: the motion from its middle, the box at the end, the variation."""
+    h = duration / steps
+    y, middle, phi = list(start), [value.mid() for value in start], None
+    for _ in range(steps):
+        step = search._step(field, [value.mid() for value in y], float(h.mid()))
+        wide = tuple((lo - 1e-3, hi + 1e-3) for lo, hi in step.speeds)
+        expansion = expand(field, y, Step(None, wide), h)
+        variation = expansion.variation()
+        middle, y = follow(expansion, middle, h, variation), expansion.end
+        phi = variation if phi is None else variation * phi
+    return middle, y, phi
+
+
+def test_an_oscillation_lies_in_its_enclosure():
+    t = arb(2)
+    (q, v), _, phi = travel(oscillator(), [arb(1), arb(0)], t)
+    assert q.overlaps(t.cos())
+    assert v.overlaps(-t.sin())
+    assert max(float(q.rad()), float(v.rad())) < 1e-18
+    turn = [[t.cos(), t.sin()], [-t.sin(), t.cos()]]
+    assert all(phi[i, j].overlaps(turn[i][j]) and phi[i, j].rad() < 1e-15 for i in range(2) for j in range(2))
+
+
+def test_a_pendulum_falls_in_a_quarter_of_its_period():
+    start = arb("2.5")
+    modulus = (start / 2).sin() ** 2
+    quarter = acb(modulus).elliptic_k().real
+    (q, v), _, _ = travel(Plane(lambda q: -sin(q)), [start, arb(0)], quarter, steps=60)
+    assert q.contains(0)
+    assert v.overlaps(-2 * modulus.sqrt())
+    assert float(q.rad()) < 1e-15
+
+
+def random_points_inside(count):
+    """Whether oscillations that start in a box, in sixty digits, end in its enclosure."""
+    rng = random.Random(1)
+    _, box, _ = travel(oscillator(), [arb(1, 1e-3), arb(0, 1e-3)], arb(1), steps=10)
+    with ctx.workprec(200):
+        for _ in range(count):
+            q, v = 1 + arb(rng.uniform(-1e-3, 1e-3)), arb(rng.uniform(-1e-3, 1e-3))
+            end = q * arb(1).cos() + v * arb(1).sin(), v * arb(1).cos() - q * arb(1).sin()
+            if not all(outer.contains(inner) for outer, inner in zip(box, end, strict=True)):
+                return False
+    return True
+
+
+def test_ten_thousand_motions_end_in_the_box():
+    assert random_points_inside(10_000)
+
+
+def test_a_spoiled_remainder_is_noticed(monkeypatch):
+    evaluate = taylor.evaluate
+    monkeypatch.setattr(taylor, "evaluate", lambda c, t: evaluate(c[:6] if len(c) > 6 else c, t))
+    (q, _), _, _ = travel(oscillator(), [arb(1), arb(0)], arb(2))
+    assert not q.overlaps(arb(2).cos())
+
+
+def slipping_field():
+    system = HybridSystem(CompassBiped, NoControl())
+    p = [arb(float(value)) for value in system.values(load_problem("compass-passive-a").parameters)]
+    return Field(system, Mode.SLIP_BACKWARD, p, []), [0.14, 0.16, 0.0, 0.68, -0.46, -0.01]
+
+
+def test_motions_of_a_stiff_slip_end_in_the_box():
+    field, state = slipping_field()
+    start = [arb(value) for value in state] + [arb(0)]
+    step = search._step(field, start, 0.002)
+    box = [value + arb(0, 1e-6) for value in start]
+    wide = Step(None, tuple((lo - 1e-3, hi + 1e-3) for lo, hi in step.speeds))
+    end = expand(field, box, wide, arb(0.002)).end
+    rng = random.Random(2)
+    with ctx.workprec(200):
+        for _ in range(20):
+            point = [value + rng.uniform(-1e-6, 1e-6) for value in start]
+            series = taylor.taylor_coefficients(field, point, 30)
+            reached = [taylor.evaluate(c, arb(0.002)) for c in series]
+            assert all(outer.contains(inner.mid()) for outer, inner in zip(end, reached, strict=True))
+
+
+def test_speeds_that_do_not_hold_are_refused():
+    field = oscillator()
+    with pytest.raises(NotProved, match="the rate of v"):
+        expand(field, [arb(1), arb(0)], Step(None, ((-0.2, 0.2), (-0.9, -0.8))), arb(0.1))
+
+
+@pytest.mark.parametrize("mode", Mode)
+def test_the_graph_of_a_flow_has_the_values_of_casadi(mode):
+    system = HybridSystem(CompassBiped, NoControl())
+    p = system.values(load_problem("compass-passive-a").parameters)
+    rng = np.random.default_rng(3)
+    field = Field(system, mode, [arb(float(value)) for value in p], [])
+    for z in 0.3 * rng.normal(size=(5, system.n_z)):
+        balls = field.rate([*(arb(float(value)) for value in z), arb(0)])[0]
+        expected = np.asarray(system.flow(mode)(0, z, p, [])).ravel()
+        assert np.allclose([float(ball) for ball in balls[:-1]], expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("operation", [*UNARY, *BINARY])
+def test_every_operation_has_the_value_of_casadi(operation):
+    x = SX.sym("x", 2)
+    point = (1.25, 1.5) if "acosh" in str(SX.unary(operation, x[0]) if operation in UNARY else "") else (0.25, 0.75)
+    value = SX.unary(operation, x[0]) if operation in UNARY else SX.binary(operation, x[0], x[1])
+    f = Function("f", [x], [value])
+    assert float(Graph(f, [])([arb(v) for v in point])[0][0]) == pytest.approx(float(f(point)), rel=1e-14)
+
+
+def test_a_kink_is_refused():
+    x = SX.sym("x")
+    with pytest.raises(ValueError, match=r"kink: CasADi's operation .* is not analytic"):
+        Graph(Function("kink", [x], [fabs(x)]), [])
+
+
+def test_constants_stand_for_multiples_of_pi_or_for_themselves():
+    assert exact_constant(math.pi / 10).overlaps(arb.pi() / 10)
+    assert not exact_constant(math.pi / 10).is_exact()
+    for value in (0.5, 3.0, 0.1, -2.25):
+        assert exact_constant(value).is_exact()
+        assert float(exact_constant(value)) == value
+
+
+def test_a_flow_that_is_not_defined_on_its_box_is_refused():
+    field = Plane(lambda q: 1 / q)
+    with pytest.raises(NotProved):
+        expand(field, [arb(0, 0.1), arb(0)], Step(None, ((-1e9, 1e9), (-1e9, 1e9))), arb(0.1))
+    with pytest.raises(NotProved, match="quotient by zero"):
+        taylor.taylor_coefficients(field, [arb(0), arb(0)], 3)
