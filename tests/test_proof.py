@@ -102,7 +102,7 @@ def test_a_box_beside_the_orbit_is_refused(name):
     certificate = deepcopy(dict(proof(name).certificate))
     shifted = float(certificate["centre"][0]) + 1e-6
     certificate["centre"][0] = repr(shifted)
-    assert "Krawczyk" in failures(certificate)["existence and uniqueness"]
+    assert failures(certificate).keys() == {"existence and uniqueness"}
 
 
 def test_a_wrong_mode_sequence_is_refused():
