@@ -63,7 +63,7 @@ def test_engines_agree_on_every_named_design_at_its_guess(name):
     steps = [simulator.step(state).step for simulator in simulators]
     assert_same(*steps)
     maps = [ReturnMap(simulator, steps[0].impact.mode) for simulator in simulators]
-    jacobians = [mapped.jacobian(step) for mapped, step in zip(maps, steps, strict=True)]
+    jacobians = [mapped.jacobian([step]) for mapped, step in zip(maps, steps, strict=True)]
     np.testing.assert_allclose(*jacobians, rtol=1e-8, atol=1e-9)
 
 
