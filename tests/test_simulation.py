@@ -329,17 +329,23 @@ def threshold() -> tuple[float, float, float]:
     return -f_t / f_n, f_n, float(rates[margin_names(STICK).index("cone_forward")])
 
 
+ROUNDING_OF_FORCES = 1e-13
+"""Seven units in the last place of the weight of 98 N."""
+
+
 @pytest.mark.parametrize("depth", [1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
 def test_a_slip_from_rest_lasts_twice_the_time_in_which_the_cone_recovers(depth: float) -> None:
     """v is in proportion to the integral of (missing force - rate t), however short the slip.
 
     The end of the slip is reached by a linear move of up to LINEAR; on v = t (T - t) that is off by LINEAR^2 / T.
+    Rounding of the force, some units in the last place of the weight, shifts the moment at which the cone has recovered.
     """
     friction, f_n, rate = threshold()
     step = compass(friction - depth).run(compass_gait(0.2)).steps[0]
     assert modes(step) == [FORWARD, STICK]
     exact = 2 * depth * f_n / rate
-    assert step.phases[0][1] == pytest.approx(exact, rel=10 * depth, abs=LINEAR**2 / exact)
+    rounding = 2 * ROUNDING_OF_FORCES / rate
+    assert step.phases[0][1] == pytest.approx(exact, rel=10 * depth, abs=LINEAR**2 / exact + rounding)
 
 
 @pytest.mark.parametrize("depth", [1e-10, 1e-12, 1e-15, 0, -1e-15, -1e-12, -1e-6])
