@@ -338,7 +338,7 @@ def test_a_slip_from_rest_lasts_twice_the_time_in_which_the_cone_recovers(depth:
     """v is in proportion to the integral of (missing force - rate t), however short the slip.
 
     The end of the slip is reached by a linear move of up to LINEAR; on v = t (T - t) that is off by LINEAR^2 / T.
-    Rounding of the force, some units in the last place of the weight, shifts the moment at which the cone has recovered.
+    Rounding of the force, some units in the last place of the weight, moves the time at which the cone has recovered.
     """
     friction, f_n, rate = threshold()
     step = compass(friction - depth).run(compass_gait(0.2)).steps[0]
