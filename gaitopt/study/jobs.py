@@ -172,13 +172,15 @@ class _Run:
 def perform(task: Callable[..., Any], key: str, argument: Any, parent: Any) -> None:
     """Do a job in a worker and leave its result with the scheduler, which forgets it together with the job.
 
-    A worker that dies after that, but before the scheduler has learnt that it is finished, lets another one begin the
-    job again: there the result is, and nothing remains to be done.
+    If the worker dies after that, another one may begin the job again, and has nothing to do: either the result is there,
+    or it has been taken and the scheduler has just forgotten the job.
     """
     from distributed import get_worker
     from distributed.protocol.pickle import dumps
     from distributed.utils import sync
 
     loop, scheduler = get_worker().loop, get_worker().scheduler
-    if sync(loop, scheduler.get_metadata, keys=[key], default=None) is None:
+    has_result = sync(loop, scheduler.get_metadata, keys=[key], default=None) is not None
+    is_wanted = sync(loop, scheduler.get_task_status, keys=[key])[key] is not None  # asked second: neither means taken
+    if is_wanted and not has_result:
         sync(loop, scheduler.set_metadata, keys=[key], value=dumps(task(argument, parent)))
