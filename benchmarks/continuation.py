@@ -18,8 +18,8 @@ import numpy as np
 from plain import PlainCompass
 
 import gaitopt as go
+from gaitopt.continuation.family import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait
-from gaitopt.study.continuation.family import Request, follow_family
 
 NAME, START, END = "compass-passive-a", 0.165, 0.125
 """Three phases all the way, stable, no special point between."""

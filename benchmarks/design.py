@@ -12,8 +12,8 @@ from rich.table import Table
 from timing import Row
 
 from gaitopt import load_problem, solve
-from gaitopt.study.jobs import Workers
-from gaitopt.study.multistart import multistart
+from gaitopt.runs.multistart import multistart
+from gaitopt.workers.jobs import Workers
 
 TARGETS = {
     "compass-torque-efficient": 5.0,

@@ -4,7 +4,7 @@ import time
 
 from timing import Row
 
-from gaitopt.study.jobs import Job, Workers, run_jobs
+from gaitopt.workers.jobs import Job, Workers, run_jobs
 
 JOB_SECONDS = 0.3
 """A small job: the gait of a wheel; that of a compass takes about a second."""

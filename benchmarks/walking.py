@@ -12,8 +12,8 @@ from gaitopt.gait import Gait
 from gaitopt.mechanics import Mode
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Engine, ScipyStepper, Simulator
-from gaitopt.simulation.heyoka_stepper import HeyokaStepper
-from gaitopt.study.batch import step_map
+from gaitopt.simulation.heyoka.stepper import HeyokaStepper
+from gaitopt.study.return_map import step_map
 
 ENGINES = {"scipy": ScipyStepper, "heyoka": HeyokaStepper}
 

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gaitopt.continuation import continuation
     from gaitopt.errors import GaitoptError
     from gaitopt.gait import Branch, Gait, Status, Trajectory
     from gaitopt.mechanics.consistency import check_walker
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
     from gaitopt.proof import prove
-    from gaitopt.study import explain, find, return_map, simulate, solve, verify
-    from gaitopt.study.continuation import continuation
+    from gaitopt.search import explain, find, solve
+    from gaitopt.study import return_map, simulate, verify
 
 __version__ = "0.1.0"
 
@@ -60,14 +61,14 @@ _HOME = {
     "Trajectory": "gaitopt.gait",
     "Walker": "gaitopt.mechanics.walker",
     "check_walker": "gaitopt.mechanics.consistency",
-    "continuation": "gaitopt.study.continuation",
-    "explain": "gaitopt.study",
-    "find": "gaitopt.study",
+    "continuation": "gaitopt.continuation",
+    "explain": "gaitopt.search",
+    "find": "gaitopt.search",
     "load_problem": "gaitopt.problem",
     "prove": "gaitopt.proof",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",
-    "solve": "gaitopt.study",
+    "solve": "gaitopt.search",
     "verify": "gaitopt.study",
 }
 

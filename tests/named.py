@@ -2,9 +2,10 @@
 
 from functools import cache
 
+from gaitopt import solve, verify
 from gaitopt.gait import Gait
 from gaitopt.problem import load_problem
-from gaitopt.study import Verification, solve, verify
+from gaitopt.study import Verification
 
 
 @cache

@@ -6,9 +6,9 @@ from pathlib import Path
 from named import named, verification
 from oracles import example
 
+from gaitopt import solve, verify
 from gaitopt.gait import Gait
 from gaitopt.problem import load_problem
-from gaitopt.study import solve, verify
 
 TORSO = "docs/examples/torso-compass.yaml"
 SEQUENCES = ("compass-passive-a", "compass-passive-b", "compass-pd-impact-slip", "rimless-wheel-slip")

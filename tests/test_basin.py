@@ -14,17 +14,17 @@ from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait import Ending
 from gaitopt.mechanics import Mode
 from gaitopt.problem import load_problem
+from gaitopt.runs import basin_run
+from gaitopt.runs.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
+from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
+from gaitopt.runs.basin_tiles import read_basin
+from gaitopt.runs.grid import Axis, Grid
 from gaitopt.simulation import Engine, Simulator
-from gaitopt.simulation.batch_steps import ENDINGS
-from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.batch.steps import ENDINGS
+from gaitopt.simulation.heyoka.stepper import HeyokaStepper
 from gaitopt.store import begin_run
-from gaitopt.study import basin_run
-from gaitopt.study.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
-from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
-from gaitopt.study.basin_tiles import read_basin
-from gaitopt.study.batch import Returns, step_map
-from gaitopt.study.grid import Axis, Grid
-from gaitopt.study.jobs import Workers
+from gaitopt.study.return_map import Returns, step_map
+from gaitopt.workers.jobs import Workers
 
 HERE = Workers(count=1)
 GRID = Grid(

@@ -10,16 +10,17 @@ pytest.importorskip("heyoka")
 
 from named import named
 
+from gaitopt import return_map
 from gaitopt.gait import Ending
 from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, NoControl
 from gaitopt.problem import load_problem
 from gaitopt.simulation import Simulator
-from gaitopt.simulation.batch import BatchSimulator
-from gaitopt.simulation.batch_decisions import BatchDecisions
-from gaitopt.simulation.batch_functions import WIDTH, Rowwise
-from gaitopt.simulation.batch_steps import ENDINGS, MAX_PHASES, phase_code, phase_names
-from gaitopt.simulation.heyoka_stepper import HeyokaStepper
-from gaitopt.study import build_system, return_map
+from gaitopt.simulation.batch.functions import WIDTH, Rowwise
+from gaitopt.simulation.batch.resolver import BatchDecisions
+from gaitopt.simulation.batch.simulator import BatchSimulator
+from gaitopt.simulation.batch.steps import ENDINGS, MAX_PHASES, phase_code, phase_names
+from gaitopt.simulation.heyoka.stepper import HeyokaStepper
+from gaitopt.study import build_system
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaitopt.study.continuation import bifurcations
+from gaitopt.continuation import bifurcations
 
 
 def values(*multipliers: complex) -> dict[str, float]:

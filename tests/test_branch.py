@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt.continuation import continuation
 from gaitopt.gait import Branch
-from gaitopt.study.continuation import continuation
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,9 @@
 
 import pytest
 
+from gaitopt import solve
 from gaitopt.gait import Cause, in_words
 from gaitopt.problem import load_problem
-from gaitopt.study import solve
 
 STICK_NEEDS = 0.17491849133
 """Friction that sticking needs just after the impact, see test_continuation_specials."""

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from gaitopt.continuation.continuer import Follower
 from gaitopt.errors import StorageError
 from gaitopt.store import BRANCH_FILE, LineWriter, read_lines
-from gaitopt.study.continuation.follow import Follower
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
 

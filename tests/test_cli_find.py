@@ -66,7 +66,7 @@ def test_what_needs_a_guess_says_that_the_sequence_is_open(run, wheel):
 
 
 def test_solve_stores_the_gait_under_the_hash_of_the_open_problem(run, wheel, monkeypatch):
-    monkeypatch.setattr(sys.modules["gaitopt.study.find"], "STARTS", 1)
+    monkeypatch.setattr(sys.modules["gaitopt.search.find"], "STARTS", 1)
     code, out, _ = run("solve", wheel, "--json", "--quiet")
     record = json.loads(out)
     digest = json.loads(run("validate", wheel, "--json")[1])["hash"]

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from gaitopt.problem import load_problem
-from gaitopt.study import solved
-from gaitopt.study.multistart import Optimum, _rank
+from gaitopt.runs import solved
+from gaitopt.runs.multistart import Optimum, _rank
 
 WHEEL = "rimless-wheel-slip"
 

@@ -14,9 +14,9 @@ from distributed import Client, LocalCluster
 from distributed.security import Security
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.study import cluster
-from gaitopt.study.cluster import check_address, connected
-from gaitopt.study.jobs import Job, Workers, make_workers, run_jobs
+from gaitopt.workers import cluster
+from gaitopt.workers.cluster import check_address, connected
+from gaitopt.workers.jobs import Job, Workers, make_workers, run_jobs
 
 NOBODY = 65534
 TLS_KEYS = ("ca-file", "client.cert", "client.key")

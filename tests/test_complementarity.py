@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from gaitopt import solve
 from gaitopt.gait import Status
 from gaitopt.mechanics import Mode
-from gaitopt.nlp.complementarity import Complementarity, Proposal
-from gaitopt.nlp.swing import shapes_before, swing
+from gaitopt.nlp.complementarity.program import Complementarity, Proposal
+from gaitopt.nlp.complementarity.swing import shapes_before, swing
 from gaitopt.problem import load_problem
-from gaitopt.study import build_system, solve
+from gaitopt.study import build_system
 
 FORWARD, STICK, BACKWARD = Mode.SLIP_FORWARD, Mode.STICK, Mode.SLIP_BACKWARD
 GAIT_A = ((FORWARD, STICK, BACKWARD), STICK)

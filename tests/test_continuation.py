@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt.continuation import continuation
+from gaitopt.continuation.continuer import Follower, Limits
+from gaitopt.continuation.segment import Metric, Piece, Station
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
 from gaitopt.mechanics import Cycle, Mode
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.study.continuation import continuation
-from gaitopt.study.continuation.follow import Follower, Limits
-from gaitopt.study.continuation.piece import Metric, Piece, Station
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD

@@ -3,8 +3,8 @@
 import pytest
 from named import named
 
-from gaitopt.study.continuation import continuation
-from gaitopt.study.continuation.piece import Piece
+from gaitopt.continuation import continuation
+from gaitopt.continuation.segment import Piece
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
 def test_branch_ends_with_a_reason_where_ipopt_fails_too(wheel, monkeypatch):
     step = Piece.step
     monkeypatch.setattr(Piece, "step", lambda self, s, length: None if s.value > 0.42 else step(self, s, length))
-    monkeypatch.setattr("gaitopt.study.continuation.rescue.DISTANCES", ())
+    monkeypatch.setattr("gaitopt.continuation.rescue.DISTANCES", ())
     branch = continuation(wheel, "friction", 0.5)
     assert "IPOPT" in branch.special("end")[0].reason
     assert branch.special("end")[0].status == "guess"

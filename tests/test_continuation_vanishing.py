@@ -6,8 +6,8 @@ from functools import cache
 import pytest
 
 import gaitopt as go
+from gaitopt.continuation.vanishing import stride
 from gaitopt.gait import TERMINAL
-from gaitopt.study.continuation.vanishing import stride
 
 
 @cache

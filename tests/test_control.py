@@ -16,7 +16,7 @@ from gaitopt.mechanics import (
     Piece,
     ProportionalDerivative,
 )
-from gaitopt.mechanics.reference import continued
+from gaitopt.mechanics.control.reference import continued
 
 KP, KD = 12.0, 3.0
 STATE = np.array([0.1, -0.2, 0.0, 0.7, -0.4, 0.0])

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from named import named
 
+from gaitopt import simulate, solve, verify
 from gaitopt.gait import Ending, Status
 from gaitopt.mechanics import BeyondEnd, BezierTracking, control_points
 from gaitopt.problem import load_problem, parse_problem
-from gaitopt.study import build_system, simulate, solve, verify
+from gaitopt.study import build_system
 
 FREE_TORQUES = {
     "control.ankle": {"free": [-5, 5], "guess": 1.0},

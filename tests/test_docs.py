@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from gaitopt import solve, verify
 from gaitopt.cli.main import main
 from gaitopt.problem import parse_problem
-from gaitopt.study import solve, verify
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

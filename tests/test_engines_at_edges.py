@@ -11,9 +11,9 @@ pytest.importorskip("heyoka")
 
 from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl, RimlessWheel, margin_names
 from gaitopt.simulation import ScipyStepper, Simulator
-from gaitopt.simulation.batch import BatchSimulator
-from gaitopt.simulation.batch_steps import BatchSteps, stack_outcomes
-from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.batch.simulator import BatchSimulator
+from gaitopt.simulation.batch.steps import BatchSteps, stack_outcomes
+from gaitopt.simulation.heyoka.stepper import HeyokaStepper
 
 Array = NDArray[np.float64]
 Case = tuple[HybridSystem, Array, Array]

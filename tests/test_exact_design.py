@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitopt import solve, verify
 from gaitopt.gait import curves
 from gaitopt.nlp import neighbourhood
+from gaitopt.nlp.design.moduli import circle_rows, modulus_gradient
+from gaitopt.nlp.design.outcome import EXTREMA, RADIUS
+from gaitopt.nlp.design.quadratic import least_distance
+from gaitopt.nlp.design.scalars import Scalars
+from gaitopt.nlp.design.sensitivity import sensitivity
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.moduli import circle_rows, modulus_gradient
 from gaitopt.nlp.newton import polish
-from gaitopt.nlp.outcome import EXTREMA, RADIUS
-from gaitopt.nlp.quadratic import least_distance
-from gaitopt.nlp.scalars import Scalars
-from gaitopt.nlp.sensitivity import sensitivity
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import load_problem
-from gaitopt.study import solve, verify
 
 SMOOTH = ("period", "step_length", "speed", "work", "absolute_cost_of_transport", "torque_squared", "slip_distance")
 PIECED = tuple(name for name in EXTREMA if name != RADIUS)

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from gaitopt import explain, solve
 from gaitopt.problem import load_problem
-from gaitopt.study import explain, solve
-from gaitopt.study.nearest import begin_of_sequence, end_of_family
+from gaitopt.search.nearest import begin_of_sequence, end_of_family
 
 TANGENT = math.tan(math.radians(13))
 """Below the tangent of the slope a foot cannot come to rest."""

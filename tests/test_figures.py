@@ -19,7 +19,7 @@ from gaitopt.figures.style import SLIP_DASHES, save
 from gaitopt.figures.sweep import sweep
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import Mode
-from gaitopt.study.grid import Axis, Grid
+from gaitopt.runs.grid import Axis, Grid
 
 
 def figures():

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitopt import find, solve
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Status
 from gaitopt.problem import load_problem
-from gaitopt.study import find, solve
-from gaitopt.study.candidates import SearchJob, search_part, start_box
-from gaitopt.study.distinct import closed, gaits_of
-from gaitopt.study.find import opened
+from gaitopt.search.candidates import SearchJob, search_part, start_box
+from gaitopt.search.distinct import closed, gaits_of
+from gaitopt.search.find import opened
 from gaitopt.study.system import build_system
 
 SEQUENCE_A = "slip_forward, stick, slip_backward; stick"

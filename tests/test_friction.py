@@ -10,7 +10,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait import ImpactRecord
 from gaitopt.mechanics import CompassBiped, HybridSystem, ImpactLaw, Mode, NoControl, StaticKineticFriction
 from gaitopt.simulation import Simulator
-from gaitopt.simulation.decisions import Decisions
+from gaitopt.simulation.contact_resolver import Decisions
 from tests.oracles import CASES
 
 STATIC, KINETIC, VISCOUS = 0.15, 0.12, 20.0
@@ -79,8 +79,8 @@ def test_both_engines_walk_alike(gait):
 
 def test_batches_decide_like_single_states(gait):
     pytest.importorskip("heyoka")
-    from gaitopt.simulation.batch import BatchSimulator
-    from gaitopt.simulation.batch_steps import stack_outcomes
+    from gaitopt.simulation.batch.simulator import BatchSimulator
+    from gaitopt.simulation.batch.steps import stack_outcomes
 
     rng = np.random.default_rng(3)
     states = gait.state * (1 + 0.2 * rng.uniform(-1, 1, (40, gait.state.size)))

@@ -4,11 +4,12 @@ import pytest
 
 from gaitopt.errors import ProblemError
 from gaitopt.problem import load_problem, parse_problem
-from gaitopt.study import build_system, solved
-from gaitopt.study.front import design_front
-from gaitopt.study.grid import Axis
-from gaitopt.study.jobs import Workers
-from gaitopt.study.multistart import multistart, sampled
+from gaitopt.runs import solved
+from gaitopt.runs.front import design_front
+from gaitopt.runs.grid import Axis
+from gaitopt.runs.multistart import multistart, sampled
+from gaitopt.study import build_system
+from gaitopt.workers.jobs import Workers
 
 AXIS = Axis(key="constraints.speed.min", lower=0.35, upper=0.45, count=3)
 

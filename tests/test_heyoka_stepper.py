@@ -7,14 +7,15 @@ pytest.importorskip("heyoka")
 
 from named import named
 
+from gaitopt import solve, verify
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Ending
 from gaitopt.mechanics import Mode
 from gaitopt.orbit import ReturnMap
 from gaitopt.problem import load_problem, problem_names
 from gaitopt.simulation import ScipyStepper, Simulator, choose_engine, make_stepper
-from gaitopt.simulation.heyoka_stepper import HeyokaStepper
-from gaitopt.study import build_system, solve, verify
+from gaitopt.simulation.heyoka.stepper import HeyokaStepper
+from gaitopt.study import build_system
 
 AGREEMENT = 1e-10
 DESIGNS = [name for name in problem_names() if load_problem(name).free or "curve" in load_problem(name).text]

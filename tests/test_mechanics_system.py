@@ -16,7 +16,7 @@ from gaitopt.mechanics import (
     ending_margin,
     margin_names,
 )
-from gaitopt.mechanics.reference import continued
+from gaitopt.mechanics.control.reference import continued
 
 Array = np.ndarray
 MODES = tuple(Mode)

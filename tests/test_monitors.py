@@ -8,9 +8,9 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt.continuation.monitors import Name, readings
 from gaitopt.gait import Arc, Gait
 from gaitopt.mechanics import Mode
-from gaitopt.study.continuation.monitors import Name, readings
 
 NAMES = ("rimless-wheel-stick", "rimless-wheel-slip", "compass-passive-stick", "compass-passive-a", "compass-passive-b")
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from casadi import MX, Function, asin, jacobian, sin, vertcat
 
+from gaitopt import solve
 from gaitopt.mechanics import CompassBiped, Cycle, HybridSystem, Mechanism, Mode, NoControl
+from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.stability import certified_radius
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import load_problem
-from gaitopt.study import solve
 
 P = np.array([1.6, 4, 0.8, 2, 9.8, np.radians(1), 0.05])
 FORWARD, BACKWARD, STICK = Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK

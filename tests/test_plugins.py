@@ -12,8 +12,8 @@ from gaitopt.mechanics import RimlessWheel, find_walker, registered_walkers, wal
 from gaitopt.problem import load_problem
 
 OWN = [
-    EntryPoint("compass_biped", "gaitopt.mechanics.compass_biped:CompassBiped", walker.ENTRY_POINT_GROUP),
-    EntryPoint("rimless_wheel", "gaitopt.mechanics.rimless_wheel:RimlessWheel", walker.ENTRY_POINT_GROUP),
+    EntryPoint("compass_biped", "gaitopt.mechanics.walkers.compass_biped:CompassBiped", walker.ENTRY_POINT_GROUP),
+    EntryPoint("rimless_wheel", "gaitopt.mechanics.walkers.rimless_wheel:RimlessWheel", walker.ENTRY_POINT_GROUP),
 ]
 
 

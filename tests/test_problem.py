@@ -11,10 +11,10 @@ import pytest
 from pydantic import Field
 
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.mechanics.compass_biped import CompassBiped
+from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.modes import ImpactLaw, Mode
-from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.units import NonNegative
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.problem import (
     ConstantTorqueSpec,
     CurveReference,

@@ -6,7 +6,7 @@ from casadi import SX, Function
 from numpy.polynomial import chebyshev
 
 from gaitopt.mechanics import BeyondEnd, Piece, Reference
-from gaitopt.mechanics.reference import continued, evaluate
+from gaitopt.mechanics.control.reference import continued, evaluate
 
 END = 0.8
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import CompassBiped, HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
-from gaitopt.simulation.decisions import Decisions, Refusal
+from gaitopt.simulation.contact_resolver import Decisions, Refusal
 
 Array = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ import pytest
 from casadi import MX, Function, jacobian
 from named import named
 
+from gaitopt import solve, verify
+from gaitopt.nlp.design.spectral_radius import certified_radius, radius_gradient, smoothed_radius
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.stability import certified_radius, radius_gradient, smoothed_radius
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import load_problem
-from gaitopt.study import solve, verify
 
 MATRICES = {
     "real": np.diag([0.9, 0.3, -0.2]),

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from named import named
 
+from gaitopt import simulate, verify
 from gaitopt.gait.table import trajectory_header, trajectory_rows
+from gaitopt.runs.restore import restore_gait
 from gaitopt.store import Table, read_run, write_run
-from gaitopt.study import simulate, verify
-from gaitopt.study.restore import restore_gait
 
 
 @pytest.fixture(scope="module", params=["compass-passive-a", "compass-pd-impact-slip"])

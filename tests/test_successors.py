@@ -2,9 +2,9 @@
 
 import pytest
 
+from gaitopt.continuation.monitors import Name, Reading
+from gaitopt.continuation.successors import successors
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
-from gaitopt.study.continuation.monitors import Name, Reading
-from gaitopt.study.continuation.successors import successors
 
 T, F, B = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
 

@@ -11,15 +11,15 @@ import pytest
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.problem import load_problem
+from gaitopt.runs import solved as study
+from gaitopt.runs.front import design_front
+from gaitopt.runs.grid import Axis, Grid, check_room, size_words
+from gaitopt.runs.multistart import multistart
+from gaitopt.runs.solved import JOBS_FILE
+from gaitopt.runs.sweep import TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
 from gaitopt.store import read_lines
 from gaitopt.store.manifest import seal
-from gaitopt.study import solved as study
-from gaitopt.study.front import design_front
-from gaitopt.study.grid import Axis, Grid, check_room, size_words
-from gaitopt.study.jobs import SetAside, Workers
-from gaitopt.study.multistart import multistart
-from gaitopt.study.solved import JOBS_FILE
-from gaitopt.study.sweep import TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
+from gaitopt.workers.jobs import SetAside, Workers
 
 HERE = Workers(count=1)
 FRICTIONS = Axis(key="friction", lower=0.36, upper=0.44, count=3)

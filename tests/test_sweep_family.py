@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from named import named
 
+from gaitopt import solve, verify
 from gaitopt.gait import Status
 from gaitopt.nlp import Family
 from gaitopt.problem import load_problem
-from gaitopt.study import solve, verify
 
 
 @pytest.mark.parametrize(

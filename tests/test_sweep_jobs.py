@@ -15,12 +15,12 @@ import pytest
 
 from gaitopt.errors import UnknownNameError
 from gaitopt.problem import load_problem
+from gaitopt.runs.grid import Axis, Grid
+from gaitopt.runs.solved import JOBS_FILE
+from gaitopt.runs.sweep import TABLE_FILE, Sweep, run_sweep
 from gaitopt.store import read_lines
-from gaitopt.study.cluster import ALLOWED_DEATHS, uninterrupted
-from gaitopt.study.grid import Axis, Grid
-from gaitopt.study.jobs import Job, SetAside, Workers, run_jobs
-from gaitopt.study.solved import JOBS_FILE
-from gaitopt.study.sweep import TABLE_FILE, Sweep, run_sweep
+from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
+from gaitopt.workers.jobs import Job, SetAside, Workers, run_jobs
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kills processes by signals")
 
@@ -202,7 +202,7 @@ def test_stopped_jobs_keep_what_is_finished(tmp_path):
 
 
 def test_scheduler_that_does_not_answer_is_named(monkeypatch):
-    monkeypatch.setattr("gaitopt.study.cluster.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr("gaitopt.workers.cluster.CONNECT_TIMEOUT", 0.5)
     with pytest.raises(UnknownNameError, match=r"scheduler tcp://127.0.0.1:9 does not answer"):
         list(run_jobs(work, [Job(key="a", argument=None)], Workers(scheduler="tcp://127.0.0.1:9")))
 

@@ -10,11 +10,11 @@ from scipy.sparse import csc_matrix
 
 from gaitopt.gait import Gait
 from gaitopt.nlp.arclength import Curve
+from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.family import Family
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
-from gaitopt.nlp.stability import certified_radius
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise
 

@@ -6,8 +6,8 @@ from casadi import Function, jacobian
 from named import named
 
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.shooting_jacobian import Variation
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.variation import Variation
 
 
 @pytest.mark.parametrize(

@@ -37,10 +37,10 @@ def basin(
     """
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.signals import interruptible
+    from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
     from gaitopt.simulation import choose_engine
     from gaitopt.store import adding, writing
-    from gaitopt.study.basin_run import BasinPlan, check_basin, walk_basin
-    from gaitopt.study.jobs import make_workers
+    from gaitopt.workers.jobs import make_workers
 
     points, console = grid(over), narration(quiet=quiet)
     choose_engine(engine)

@@ -13,8 +13,8 @@ from gaitopt.cli.options import DebugOption, OutOption, QuietOption, SetOption
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from gaitopt.continuation import Request
     from gaitopt.gait import Gait
-    from gaitopt.study.continuation import Request
 
 NOT_A_GAIT = 4
 DISAGREES = 5
@@ -58,8 +58,8 @@ def continue_(
     from gaitopt.cli.console import narration, print_json
     from gaitopt.cli.runs import gait_of
     from gaitopt.cli.solve import report
+    from gaitopt.continuation import Request, check_request
     from gaitopt.store import branch_folder, writing
-    from gaitopt.study.continuation import Request, check_request
 
     request = Request(
         parameter=param,
@@ -102,9 +102,9 @@ def _walk(
 ) -> list[dict[str, Any]]:
     """Walk along the family, each record on the disk before it is shown; returns all of them, in short."""
     from gaitopt.cli.signals import interruptible
+    from gaitopt.continuation import follow_family, resumable
     from gaitopt.gait import branch_header, branch_rows
     from gaitopt.store import BRANCH_FILE, begin_branch, growing, stored_lines, stored_records, write_branch_table
-    from gaitopt.study.continuation import follow_family, resumable
 
     done = resumable(stored_records(folder, gait.problem, request.to_record()))
     begin_branch(folder, gait.problem, request.to_record(), done)

@@ -24,15 +24,14 @@ def explain(
     debug: DebugOption = False,
 ) -> int:
     """Say why a problem has no gait: the conditions that it violates, the gaits that there are, the nearest values."""
-    from gaitopt import study
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
-    from gaitopt.study.jobs import make_workers
+    from gaitopt.workers.jobs import make_workers
 
     console, found = narration(quiet=quiet), asked(problem, changes)
     with interruptible() as interrupted:
-        explanation = study.explain(
+        explanation = search.explain(
             found,
             starts=starts,
             seed=seed,

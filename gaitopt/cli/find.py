@@ -53,10 +53,10 @@ def find(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
+    from gaitopt.runs.find_run import find_durably
+    from gaitopt.search.find import opened
     from gaitopt.store import begin_run, run_folder, writing
-    from gaitopt.study.find import opened
-    from gaitopt.study.find_run import find_durably
-    from gaitopt.study.jobs import make_workers
+    from gaitopt.workers.jobs import make_workers
 
     console, found = narration(quiet=quiet), opened(asked(problem, changes))
     found = found if steps is None else found.replace({"gait.steps": steps})

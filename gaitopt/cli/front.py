@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from gaitopt.problem import Problem
-    from gaitopt.study.front import FrontPoint
+    from gaitopt.runs.front import FrontPoint
 
 NOT_A_GAIT = 4
 NOT_VERIFIED = 5
@@ -36,8 +36,8 @@ def front(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
+    from gaitopt.runs.front import design_front
     from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
-    from gaitopt.study.front import design_front
 
     axes, found = grid(over).axes, asked(problem, changes)
     if len(axes) != 1:

@@ -12,7 +12,7 @@ from gaitopt.cli.options import key_value
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from gaitopt.study.grid import Axis, Grid
+    from gaitopt.runs.grid import Axis, Grid
 
 OverOption = Annotated[
     list[str], typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key; repeat it for a grid.")
@@ -38,7 +38,7 @@ def grid(texts: list[str]) -> "Grid":
     typer.BadParameter
         If one is not of the form KEY=LO:HI:N, or a range is empty.
     """
-    from gaitopt.study.grid import Grid
+    from gaitopt.runs.grid import Grid
 
     try:
         return Grid(tuple(_axis(text) for text in texts))
@@ -47,7 +47,7 @@ def grid(texts: list[str]) -> "Grid":
 
 
 def _axis(text: str) -> "Axis":
-    from gaitopt.study.grid import Axis
+    from gaitopt.runs.grid import Axis
 
     key, spans = key_value(text, "--over")
     parts = spans.split(":")

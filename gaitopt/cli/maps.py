@@ -9,8 +9,8 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from gaitopt.study.basin_tiles import Basin
-    from gaitopt.study.grid import Grid
+    from gaitopt.runs.basin_tiles import Basin
+    from gaitopt.runs.grid import Grid
 
 BASIN = "basin"
 USUAL_SCALAR = "spectral_radius"
@@ -67,8 +67,8 @@ def draw_again(kind: str, folder: Path, what: list[str] | None, formats: "Sequen
     typer.BadParameter
         If it has no such figure.
     """
-    from gaitopt.study.basin_tiles import read_basin
-    from gaitopt.study.sweep import SCALARS, read_sweep
+    from gaitopt.runs.basin_tiles import read_basin
+    from gaitopt.runs.sweep import SCALARS, read_sweep
 
     if kind == BASIN:
         check_words(what or [], (BASIN,))

@@ -73,8 +73,8 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
     typer.BadParameter
         If ``--set`` is given as well: a run is what it is.
     """
+    from gaitopt.runs.restore import restore_gait
     from gaitopt.store import read_run
-    from gaitopt.study.restore import restore_gait
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {run} is a finished run; give its problem instead")

@@ -52,7 +52,7 @@ def solve(
     from gaitopt.cli.runs import asked
     from gaitopt.cli.starts import print_optima, sampled_optima, started
     from gaitopt.store import run_folder, writing
-    from gaitopt.study.jobs import make_workers
+    from gaitopt.workers.jobs import make_workers
 
     console = narration(quiet=quiet)
     found = asked(problem, changes, console)
@@ -80,7 +80,7 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     KeyboardInterrupt
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
-    from gaitopt import study
+    from gaitopt import search, study
     from gaitopt.cli.progress import solver_progress
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
@@ -91,7 +91,7 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:
-                gait = study.solve_as_own(problem, progress=progress, should_stop=interrupted)
+                gait = search.solve_as_own(problem, progress=progress, should_stop=interrupted)
         except SolveError:
             if interrupted():  # a reference whose solution was interrupted
                 raise KeyboardInterrupt from None

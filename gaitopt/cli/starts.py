@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from gaitopt.problem import Problem
-    from gaitopt.study.jobs import Workers
-    from gaitopt.study.multistart import Optimum
+    from gaitopt.runs.multistart import Optimum
+    from gaitopt.workers.jobs import Workers
 
 LARGEST_SPREAD = 0.99
 """Below one, no coordinate of a sample changes its sign."""
@@ -71,7 +71,7 @@ def sampled_optima(
         If Ctrl-C was pressed.
     """
     from gaitopt.cli.signals import interruptible
-    from gaitopt.study.multistart import multistart
+    from gaitopt.runs.multistart import multistart
 
     with interruptible() as interrupted, job_progress(console, "starts") as progress:
         optima = multistart(

@@ -39,9 +39,9 @@ def sweep(
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import UnknownNameError
+    from gaitopt.runs.sweep import SCALARS, TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
     from gaitopt.store import adding, check_folder, run_folder, writing
-    from gaitopt.study.jobs import make_workers
-    from gaitopt.study.sweep import SCALARS, TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
+    from gaitopt.workers.jobs import make_workers
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")

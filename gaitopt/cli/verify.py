@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from gaitopt.gait import Gait
-    from gaitopt.study import Neighbourhood
+    from gaitopt.nlp import Neighbourhood
 
 OptimumOption = Annotated[
     bool, typer.Option("--optimum", help="Of a design: search its feasible neighbourhood for a better one.")
@@ -57,7 +57,7 @@ def verify(
 def _searched(gait: "Gait", console: "Console") -> "Neighbourhood":
     """The feasible neighbourhood of a design."""
     from gaitopt.cli.grids import job_progress
-    from gaitopt.study import neighbourhood
+    from gaitopt.nlp import neighbourhood
 
     with job_progress(console, "directions") as progress:
         return neighbourhood(gait, progress=progress)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.style import COLOURS, STYLE, entry, legend_below, panels
-from gaitopt.simulation.batch_steps import ENDINGS
-from gaitopt.study.basin import UNDECIDED
-from gaitopt.study.basin_tiles import Basin
+from gaitopt.runs.basin import UNDECIDED
+from gaitopt.runs.basin_tiles import Basin
+from gaitopt.simulation.batch.steps import ENDINGS
 
 FAILURES = ("#ffffff", "#d9d9d9", "#bdbdbd", "#f0e0d0", "#969696", "#e5dbe5", "#d5e0d5", "#c8c0b0")
 """Shades of the ways to fail, in the order of how often they occur; pale, so that the gaits stand out."""

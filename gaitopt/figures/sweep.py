@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
-from gaitopt.study.grid import Grid
+from gaitopt.runs.grid import Grid
 
 Array = NDArray[np.float64]
 Segment = tuple[tuple[float, float], tuple[float, float]]

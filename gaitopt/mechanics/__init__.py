@@ -1,16 +1,24 @@
 """The mechanics that both independent methods share: walkers, contact, impact, saltation and control laws."""
 
-from gaitopt.mechanics.bezier_tracking import BezierTracking, control_points
-from gaitopt.mechanics.compass_biped import CompassBiped
 from gaitopt.mechanics.consistency import check_walker
-from gaitopt.mechanics.control import ConstantTorque, Control, NoControl, ProportionalDerivative
+from gaitopt.mechanics.control import (
+    BeyondEnd,
+    BezierTracking,
+    ConstantTorque,
+    Control,
+    NoControl,
+    Piece,
+    ProportionalDerivative,
+    Reference,
+    control_points,
+)
 from gaitopt.mechanics.friction import CoulombFriction, Friction, StaticKineticFriction
 from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
-from gaitopt.mechanics.reference import BeyondEnd, Piece, Reference
-from gaitopt.mechanics.rimless_wheel import RimlessWheel
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.system import HybridSystem, ending_margin, margin_names, margin_scales, margin_unit
 from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, refused_walkers, registered_walkers
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 __all__ = [
     "BeyondEnd",

@@ -18,7 +18,7 @@ from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.mechanics.contact import Motion, motion
-from gaitopt.mechanics.control import Control
+from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.friction import CoulombFriction, Friction
 from gaitopt.mechanics.impact import impact
 from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace

@@ -1,9 +1,8 @@
 """Periodic gaits by multiple shooting with a fixed mode sequence, solved by IPOPT."""
 
-from gaitopt.nlp.design import find_gait
+from gaitopt.nlp.design import Neighbourhood, find_gait, neighbourhood
 from gaitopt.nlp.family import Family
 from gaitopt.nlp.integrator import integrate_to
-from gaitopt.nlp.neighbourhood import Neighbourhood, neighbourhood
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
 from gaitopt.nlp.start import free_parameters

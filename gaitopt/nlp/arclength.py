@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, vstack
 
 from gaitopt.nlp.newton import Linearisation, ScaledFactor
+from gaitopt.nlp.shooting_jacobian import variation
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
-from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
 

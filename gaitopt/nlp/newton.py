@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from gaitopt.mechanics import Mode
+from gaitopt.nlp.shooting_jacobian import variation
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise, overflow_allowed
 from gaitopt.nlp.units import Units
-from gaitopt.nlp.variation import variation
 
 Array = NDArray[np.float64]
 

@@ -2,6 +2,6 @@
 
 from gaitopt.orbit.damped import damped_fixed_point
 from gaitopt.orbit.return_map import FixedPoint, Return, ReturnMap
-from gaitopt.orbit.variational import StepVariation
+from gaitopt.orbit.step_sensitivity import StepVariation
 
 __all__ = ["FixedPoint", "Return", "ReturnMap", "StepVariation", "damped_fixed_point"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, Step
 from gaitopt.mechanics import Mode
-from gaitopt.orbit.variational import StepVariation
+from gaitopt.orbit.step_sensitivity import StepVariation
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.natural import units
 

@@ -4,10 +4,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from gaitopt.continuation import Request, follow_family, resumable
 from gaitopt.errors import SolveError
 from gaitopt.gait import TERMINAL, Gait
 from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.problem import Problem
+from gaitopt.runs.restore import restore_gait
+from gaitopt.search.solve import solve
 from gaitopt.store import (
     BRANCH_FILE,
     Table,
@@ -22,9 +25,6 @@ from gaitopt.store import (
     writing,
 )
 from gaitopt.store.run import RESULTS
-from gaitopt.study.continuation import Request, follow_family, resumable
-from gaitopt.study.restore import restore_gait
-from gaitopt.study.solve import solve
 from gaitopt.study.verify import verify
 
 Records = list[dict[str, Any]]

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.consistency import check_walker
+from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.modes import Cycle
-from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.walker import Walker, refused_walkers
 from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown

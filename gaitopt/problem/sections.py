@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
 
+from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.ranges import Within, symmetric
-from gaitopt.mechanics.reference import BeyondEnd
 from gaitopt.mechanics.units import SMALLEST, Angle, Finite, NonNegative, Number, parse_angle
 from gaitopt.mechanics.walker import Walker
 

@@ -56,6 +56,6 @@ def make_stepper(system: HybridSystem, p: Array, engine: str = Engine.AUTO, *, s
     """
     if choose_engine(engine, steps=steps) is Engine.SCIPY:
         return ScipyStepper(system, p)
-    from gaitopt.simulation.heyoka_stepper import HeyokaStepper  # optional, and 0.2 s to import
+    from gaitopt.simulation.heyoka.stepper import HeyokaStepper  # optional, and 0.2 s to import
 
     return HeyokaStepper(system, p)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import HybridSystem, Mode
-from gaitopt.simulation.decisions import Decisions, Refusal
+from gaitopt.simulation.contact_resolver import Decisions, Refusal
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.sampling import sample

@@ -21,7 +21,7 @@ from gaitopt.mechanics import (
     StaticKineticFriction,
     control_points,
 )
-from gaitopt.mechanics.reference import continued
+from gaitopt.mechanics.control.reference import continued
 from gaitopt.nlp import find_gait, integrate_to
 from gaitopt.problem import ConstantTorqueSpec, CurveReference, PDSpec, Problem
 

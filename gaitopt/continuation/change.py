@@ -1,0 +1,194 @@
+"""From one mode sequence to the next: every successor that the physics allows is tried until one holds.
+
+A successor is rolled out from the gait at the event, a little way past it in the parameter, where its new phase has
+negligible duration; it is taken when Newton's method converges next to the event, all its monitors hold, and the
+simulator, which does not know the sequence, walks it. A family may also turn back at an event: both sides are tried.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.continuation.locate import Location, locate
+from gaitopt.continuation.monitors import Name, Reading
+from gaitopt.continuation.segment import Piece, Station, piece_through
+from gaitopt.continuation.successors import successors
+from gaitopt.errors import ProblemError
+from gaitopt.mechanics import Cycle, HybridSystem, Mode
+from gaitopt.nlp.diagnosis import phase_words
+from gaitopt.nlp.rollout import after_impact, roll_out
+from gaitopt.nlp.trial import overflow_allowed
+from gaitopt.problem import Problem, cycle_data
+from gaitopt.study.verify import confirm
+
+Array = NDArray[np.float64]
+
+DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
+"""Distances past the event at which a successor is looked for, in scales of the parameter."""
+FIRST_STEPS = 5.0
+"""First step on a new branch, in distances from the event: its new phase is short and changes fast."""
+ACTIVE = 1e-5
+"""Monitors below this, in natural units, vanish together with the one that was located."""
+CLOSER, APPROACH = 1 / 16, 1 / 2
+"""A successor at this part of the distance past the event is at most this part as far from the gait there: a branch
+that begins like a square root comes four times closer, one beyond a jump does not come closer."""
+SAME = 1e-9
+"""Gaits this close are one: there the parameter does not act on the successor."""
+NEARBY = 0.3
+"""Largest distance between the gaits before and after: in scaled section coordinates, and of periods relatively."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """The successor of a mode sequence, or why there is none.
+
+    ``length`` is a first arclength step on it; ``at`` is the gait at the event where the successor knows it better.
+    """
+
+    piece: Piece | None
+    station: Station | None
+    reason: str
+    length: float = 0.0
+    at: Station | None = None
+
+
+def find_change(piece: Piece, event: Location) -> Change:
+    """The branch that goes on from an event."""
+    assert event.name is not None
+    ahead = np.sign(event.station.point.tangent[-1]) or 1.0
+    candidates = successors(piece.cycle, _active(event))
+    words = _words(event.name, piece.cycle)
+    for side in (ahead, -ahead):
+        for cycle in candidates:
+            for distance in DISTANCES:
+                found = _attempt(piece, event.station, cycle, side * distance * piece.metric.span)
+                if found is not None and _is_continuous(piece, event.station, *found, side * distance):
+                    vanished = len(cycle.phases) < len(piece.cycle.phases)
+                    at = _seen_from_behind(*found, event) if vanished else None
+                    length = FIRST_STEPS * distance
+                    return Change(piece=found[0], station=found[1], reason=words, length=length, at=at)
+    if piece.transcription.system.friction_drops(event.station.gait.p) and candidates:
+        words = f"{words}, and the return map jumps: static friction is above kinetic friction"
+    tried = " or ".join(map(str, candidates)) or "none"
+    return Change(piece=None, station=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
+
+
+def _is_continuous(piece: Piece, station: Station, successor: Piece, found: Station, offset: float) -> bool:
+    """Whether a successor comes closer to the gait at the event as the parameter does.
+
+    Where friction drops at the onset of slip, the return map may jump at an event; a gait beyond the jump is none of
+    this family, however near it lies.
+    """
+    if not station.gait.system.friction_drops(station.gait.p):
+        return True
+    closer = _attempt(piece, station, successor.cycle, offset * CLOSER * piece.metric.span)
+    if closer is None:
+        return False
+    near, far = (piece.metric.apart(s.gait.state, station.gait.state) for s in (closer[1], found))
+    return bool(near < max(APPROACH * far, SAME))
+
+
+def _active(event: Location) -> list[tuple[Name, Reading]]:
+    """The located monitor, and those that vanish with it; the impact's first."""
+    active = [
+        (name, reading)
+        for name, reading in event.station.monitors.items()
+        if name == event.name or abs(reading.value) < ACTIVE
+    ]
+    return sorted(active, key=lambda pair: pair[0].phase is not None)
+
+
+@overflow_allowed()
+def _attempt(piece: Piece, station: Station, cycle: Cycle, offset: float) -> tuple[Piece, Station] | None:
+    """The successor at a distance past the event, if it holds there."""
+    value = station.value + offset
+    p = piece.p.copy()
+    p[station.gait.system.parameters.index(piece.parameter)] = value
+    state = _start_state(station, cycle, offset, p)
+    try:
+        problem = with_cycle(piece.problem, station.gait.system, cycle, state)
+    except ProblemError:  # the state contradicts the impact
+        return None
+    system, period = station.gait.system, float(station.point.at.w[-1 - piece.transcription.n_phases : -1].sum())
+    rolled = roll_out(system, p, cycle, state, longest=(1 + NEARBY) * period)
+    if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
+        return None
+    successor, w = piece_through(problem, system, piece.parameter, piece.metric, rolled, p)
+    found = successor.start(w, _forward(station, state, offset, w.size))
+    if found is None or not _holds(successor, found, station):
+        return None
+    return successor, found
+
+
+def _seen_from_behind(piece: Piece, station: Station, event: Location) -> Station | None:
+    """The gait at which the successor begins, where the phase has vanished on the other side.
+
+    A slip from rest is over when v / t = 0, which rounding decides in a phase of no duration: of the duration only half
+    the digits are left there. The margin of the phase that takes its place has them all.
+    """
+    slope = station.point.tangent[-1]
+    length = 2 * (event.station.value - station.value) / slope if slope else 0.0
+    behind = piece.step(station, length) if length else None
+    if behind is None:
+        return None
+    lost = [name for name in behind.monitors if behind.monitor(name) <= 0 < station.monitor(name)]
+    found = [locate(piece, station, behind, length, partial(Station.monitor, name=name), name) for name in lost]
+    nearest = min(found, key=lambda location: abs(location.length), default=None)
+    return nearest.station if nearest is not None and nearest.status == "converged" else None
+
+
+def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Array) -> Problem:
+    """A problem with other modes, and the state after impact from which it is looked for as its guess."""
+    names = system.walker.section_names(slipping=cycle.impact is not Mode.STICK)
+    guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
+    return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})
+
+
+def _start_state(station: Station, cycle: Cycle, offset: float, p: Array) -> Array:
+    """State after impact of the successor: along the old branch, and through the new impact."""
+    system = station.gait.system
+    slope = station.point.tangent[-1]
+    w = station.point.at.w + station.point.tangent * (offset / slope if slope else 0.0)
+    if cycle.impact is station.gait.problem.cycle.impact:
+        return w[: system.n_z]
+    n_w = station.gait.shooting.states.size if station.gait.shooting else 0
+    z_minus = w[n_w - system.n_z : n_w]
+    state = after_impact(system, p, cycle.impact, z_minus)
+    if cycle.impact is Mode.STICK:
+        state[-1] = 0.0
+    return state
+
+
+def _forward(station: Station, state: Array, offset: float, n_w: int) -> Array:
+    """From the event towards the successor, as far as the two can be compared: state after impact and parameter."""
+    forward = np.zeros(n_w)
+    forward[: state.size] = state - station.gait.state
+    forward[-1] = offset
+    return forward
+
+
+def _holds(successor: Piece, found: Station, station: Station) -> bool:
+    """All monitors hold, the gait is next to the one at the event, and the simulator walks it."""
+    if any(reading.value <= 0 for reading in found.monitors.values()):
+        return False
+    return successor.metric.apart(found.gait.state, station.gait.state) < NEARBY and confirm(found.gait).passed
+
+
+def _words(name: Name, cycle: Cycle) -> str:
+    if name.phase is None:
+        return {
+            "impact_slip": "the slip after the impact fades",
+            "impact_onset": "static friction holds the impact: it can no longer slip",
+            "impulse_cone_forward": "the impact can no longer stick: the foot slips forward",
+            "impulse_cone_backward": "the impact can no longer stick: the foot slips backward",
+        }[name.kind]
+    place = phase_words(cycle, name.phase)
+    return {
+        "duration": f"{place} shrinks to nothing",
+        "cone_forward": f"{place} reaches the edge of the friction cone: the foot slips forward",
+        "cone_backward": f"{place} reaches the edge of the friction cone: the foot slips backward",
+        "slip_velocity": f"{place}: the foot comes to rest",
+        "onset": f"{place}: static friction holds the foot where the slip should start",
+    }[name.kind]

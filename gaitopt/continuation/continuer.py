@@ -1,0 +1,225 @@
+"""Following a family of gaits along a parameter, through folds and through changes of the mode sequence.
+
+predict along the tangent, correct by Newton, watch; where something watched changes its sign, find that place,
+say what it is, and where the mode sequence ends there, go on with one that the physics allows.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.continuation.bifurcations import is_genuine
+from gaitopt.continuation.change import Change, find_change
+from gaitopt.continuation.limits import Limits
+from gaitopt.continuation.locate import Location
+from gaitopt.continuation.position import Position
+from gaitopt.continuation.rescue import rescue
+from gaitopt.continuation.segment import Piece, Station
+from gaitopt.continuation.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
+from gaitopt.gait import TERMINAL, BranchPoint, SpecialPoint
+from gaitopt.study.claims import Claim
+from gaitopt.study.verify import confirm
+
+Array = NDArray[np.float64]
+Record = BranchPoint | SpecialPoint
+
+FIRST_LENGTH = 0.005
+"""Arclength of the first step; the range of the parameter has length one."""
+ENDS = {
+    "normal_force": ("lift_off", "the stance foot lifts off: its normal force falls to zero"),
+    "impulse": ("lift_off", "the normal impulse of the impact falls to zero"),
+    "painleve": ("painleve", "the slip has no unique solution any more"),
+    "impact_painleve": ("painleve", "the slipping impact has no unique solution any more"),
+    "lift_velocity": ("end", "the former stance foot no longer lifts at the impact"),
+    "touchdown": ("end", "the swing foot touches the ground earlier in the step"),
+}
+"""Monitors whose loss no other mode sequence can mend."""
+
+
+class Follower:
+    """Walks along a family and yields its points and special points in order.
+
+    Parameters
+    ----------
+    piece, station : the branch to start on, and its first gait.
+    limits : where to stop.
+    number, index, length : of the first point, and ``count`` the points before it; others than zero when a branch is
+        taken up again.
+    should_stop : polled before every point; the walk then ends without a special point.
+    """
+
+    def __init__(
+        self,
+        piece: Piece,
+        station: Station,
+        limits: Limits,
+        *,
+        number: int = 0,
+        index: int = 0,
+        length: float = FIRST_LENGTH,
+        count: int = 0,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> None:
+        self._state = Position(piece, station, number, index, min(length, limits.largest_length), limits)
+        self._limits, self._should_stop = limits, should_stop
+        self._count, self._began = count, time.monotonic()
+
+    def records(self, *, with_first: bool = True) -> Iterator[Record]:
+        """All points and special points, until the family ends or a limit is reached."""
+        if with_first:
+            yield from self._emit()
+        ended = False
+        while not ended and not (self._should_stop is not None and self._should_stop()):
+            reason = self._limit_reached()
+            if reason is not None:
+                yield self._special("end", self._state.station, reason=reason)
+                return
+            for record in self._advance():
+                yield record
+                ended = ended or (isinstance(record, SpecialPoint) and record.type in TERMINAL)
+
+    def _advance(self) -> Iterator[Record]:
+        """One step along the family, with everything that happens on it."""
+        state = self._state
+        following = self._state.next()
+        if following is None:
+            if stride(state.station.gait) < VANISHED:
+                yield self._special("vanishing", state.station, "guess", REASON)
+                return
+            rescued = rescue(state.piece, state.station)
+            if rescued is None:
+                reason = "neither Newton's method nor IPOPT finds a gait further on"
+                yield self._special("end", state.station, "guess", reason)
+                return
+            self._state = Position(*rescued, state.number, state.index + 1, FIRST_LENGTH, self._limits)
+            yield from self._emit()
+            return
+        length, station, event = following
+        if event is not None:
+            station, length = event.station, event.length
+        bound = self._bound_crossed(station)
+        if bound is not None:
+            reached = state.piece.at_parameter(state.station, bound)
+            station, event = (station if reached is None else reached), None
+        yield from self._bifurcations(station, length)
+        if event is not None:
+            yield from self._change(event)
+            return
+        self._move(station)
+        yield from self._emit()
+        if bound is not None:
+            yield self._special("end", station, reason=f"reached {self._state.piece.parameter} = {bound:.12g}")
+
+    def _bifurcations(self, station: Station, length: float) -> Iterator[SpecialPoint]:
+        """Folds and losses of stability between the last point and ``station``, in order."""
+        before = self._state.station.tests
+        kinds = [kind for kind, value in station.tests.items() if value * before[kind] < 0]
+        found = [(self._state.locate(partial(Station.test, kind=kind), length, station), kind) for kind in kinds]
+        for location, kind in sorted(found, key=lambda pair: pair[0].length):
+            gait = location.station.gait
+            if is_genuine(kind, gait.multipliers) and stride(gait) > VANISHED:
+                special = self._special(kind, location.station, location.status)
+                yield replace(special, gait=gait.verified(confirm(gait).to_record()))
+
+    def _bound_crossed(self, station: Station) -> float | None:
+        lower, upper = self._limits.lower, self._limits.upper
+        if station.value >= upper > self._state.station.value:
+            return upper
+        return lower if station.value <= lower < self._state.station.value else None
+
+    def _change(self, event: Location) -> Iterator[Record]:
+        """The end of a mode sequence: a special point, and the branch that goes on from it if there is one."""
+        state = self._state
+        if stride(event.station.gait) < VANISHED:
+            yield self._special("vanishing", event.station, event.status, REASON)
+            return
+        if event.name is None:
+            raise ValueError("only a monitor that vanishes changes the mode sequence")
+        if event.name.kind in ENDS:
+            kind, reason = ENDS[event.name.kind]
+            yield self._special(kind, event.station, event.status, reason)
+            return
+        change = find_change(state.piece, event)
+        if change.piece is None or change.station is None:
+            yield self._special("end", event.station, event.status, change.reason)
+            return
+        yield self._joint(event, change)
+        length = min(FIRST_LENGTH, change.length)
+        self._state = Position(change.piece, change.station, state.number + 1, 0, length, self._limits)
+        yield from self._emit()
+
+    def _joint(self, event: Location, change: Change) -> SpecialPoint:
+        assert change.piece is not None
+        before, after = self._state.piece.cycle, change.piece.cycle
+        kind = "mode_change" if before.impacts == after.impacts else "impact_change"
+        special = self._special(kind, change.at or event.station, event.status, change.reason)
+        return replace(special, before=before, after=after, next=(self._state.number + 1,))
+
+    def _move(self, station: Station) -> None:
+        state = self._state
+        remeshed = state.piece.remeshed(station)
+        state.station = station if remeshed is None else remeshed
+        state.index += 1
+
+    def _emit(self) -> Iterator[Record]:
+        """The present point; confirmed by the simulator when it is its turn."""
+        state, gait = self._state, self._state.station.gait
+        every = self._limits.verify_every
+        if every and self._count % every == 0:
+            check = confirm(gait)
+            gait = gait.verified(check.to_record())
+            if not check.passed:
+                yield self._unconfirmed(next(claim for claim in check.claims if not claim.passed))
+                return
+        self._count += 1
+        yield BranchPoint(
+            branch=state.number,
+            index=state.index,
+            value=state.station.value,
+            gait=gait,
+            tangent=state.piece.coordinates(state.station.point.tangent),
+            length=state.length,
+        )
+
+    def _unconfirmed(self, worst: Claim) -> SpecialPoint:
+        """The end of a family at a gait that the simulator does not confirm, unless the gait vanishes just ahead."""
+        state = self._state
+        reason = f"the simulator disagrees: {worst.name} {worst.figure:.3g}, {worst.note}"
+        end, before, last = self._special("end", state.station, "guess", reason), state.station, state.station
+        while stride(last.gait) < FADING:
+            following = self._state.next()
+            if following is None:
+                break
+            _, station, event = following
+            if event is not None:
+                vanished = stride(event.station.gait) < VANISHED
+                return self._special("vanishing", event.station, event.status, REASON) if vanished else end
+            if self._bound_crossed(station) is not None:
+                return end
+            before, last = last, station
+            self._move(station)
+        if stride(last.gait) > VANISHED:
+            return end
+        return replace(self._special("vanishing", last, "guess", REASON), value=vanishing_value(before, last))
+
+    def _special(self, kind: str, station: Station, status: str = "converged", reason: str = "") -> SpecialPoint:
+        return SpecialPoint(
+            branch=self._state.number,
+            type=kind,
+            value=station.value,
+            status=status,
+            reason=reason,
+            gait=station.gait,
+        )
+
+    def _limit_reached(self) -> str | None:
+        if self._count >= self._limits.max_points:
+            return f"{self._limits.max_points} points, as many as were asked for"
+        elapsed = time.monotonic() - self._began
+        if self._limits.max_seconds is not None and elapsed > self._limits.max_seconds:
+            return f"out of time after {elapsed:.0f} s"
+        return None

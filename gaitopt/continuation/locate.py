@@ -1,0 +1,61 @@
+"""Finding the place between two points of a branch at which something watched is zero."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from scipy.optimize import brentq
+
+from gaitopt.continuation.monitors import Name
+from gaitopt.continuation.segment import Piece, Station
+
+LENGTH_TOLERANCE = 1e-13
+"""In arclength; the parameter is then right to more than ten digits of its range."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Location:
+    """A place on a step.
+
+    Attributes
+    ----------
+    length : arclength from the start of the step.
+    station : the gait there.
+    status : ``converged``, or ``guess`` where Newton's method failed on the way and only the step is known.
+    name : the monitor that vanishes, None for a test function.
+    """
+
+    length: float
+    station: Station
+    status: str
+    name: Name | None
+
+
+class _LostError(Exception):
+    """Newton's method did not converge at a trial length."""
+
+
+def locate(
+    piece: Piece,
+    before: Station,
+    after: Station,
+    length: float,
+    watched: Callable[[Station], float],
+    name: Name | None = None,
+) -> Location:
+    """The zero of ``watched`` on the step of the given arclength from ``before`` to ``after``."""
+    seen: dict[float, Station] = {0.0: before, length: after}
+
+    def value(at: float) -> float:
+        if at not in seen:
+            station = piece.step(before, at)
+            if station is None:
+                raise _LostError
+            seen[at] = station
+        return watched(seen[at])
+
+    try:
+        root = float(brentq(value, 0.0, length, xtol=LENGTH_TOLERANCE, rtol=1e-14))
+    except _LostError:
+        return Location(length=length, station=after, status="guess", name=name)
+    value(root)
+    return Location(length=root, station=seen[root], status="converged", name=name)

@@ -1,0 +1,116 @@
+"""The next gait of a family: predicted along the tangent, corrected by Newton's method, watched for events."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from gaitopt.continuation.limits import Limits
+from gaitopt.continuation.locate import Location, locate
+from gaitopt.continuation.monitors import Name
+from gaitopt.continuation.segment import Piece, Station
+from gaitopt.errors import ProblemError
+
+SMALLEST_LENGTH = 1e-9
+FEW_ITERATIONS, MANY_ITERATIONS = 5, 8
+"""Newton iterations at which a step length grows, and shrinks."""
+STRAIGHT = 0.98
+"""Cosine of the largest angle between the tangents of neighbours."""
+ASIDE = 0.2
+"""Largest distance of a gait from its prediction, in step lengths."""
+GROWTH = 2.0
+
+
+@dataclass(slots=True)
+class Position:
+    """Where a walk along a family has got to.
+
+    Attributes
+    ----------
+    piece, station : the branch, and the gait on it.
+    number, index : of the branch, and of the gait on it.
+    length : arclength of the next step.
+    limits : of the parameter and of the step.
+    """
+
+    piece: Piece
+    station: Station
+    number: int
+    index: int
+    length: float
+    limits: Limits
+
+    def next(self) -> tuple[float, Station, Location | None] | None:
+        """The next gait, its arclength and the first event on the way.
+
+        The step is halved until Newton's method converges near the prediction, the curve is straight, and the event
+        can be located.
+        """
+        while self.length > SMALLEST_LENGTH:
+            station, length = self._try(self.length), self.length
+            if station is not None and self._is_straight(station):
+                if not self.piece.in_order(station):
+                    reordered = self._reordered(station)
+                    if reordered is not None:
+                        return length, reordered, None
+                else:
+                    event = self._first_event(station, length)
+                    if event is None or event.status == "converged":
+                        self.length = self._adapted(station)
+                        return length, station, event
+            self.length /= 2
+        return None
+
+    def _reordered(self, station: Station) -> Station | None:
+        """A gait at which a switch has just passed a breakpoint of the control, unless something else happens too."""
+        found = self.piece.reordered(station)
+        if found is None or self._lost(found[1]):
+            return None
+        self.piece = found[0]
+        return found[1]
+
+    def _try(self, length: float) -> Station | None:
+        try:
+            return self.piece.step(self.station, length)
+        except ProblemError:  # the parameter has left the range that the problem allows
+            return self._at_bound(length)
+
+    def _at_bound(self, length: float) -> Station | None:
+        """The gait at the bound of the parameter, where a step of this length passes it."""
+        ahead = length * self.station.point.tangent[-1]
+        bound = self.limits.upper if ahead > 0 else self.limits.lower
+        return self.piece.at_parameter(self.station, bound) if abs(bound - self.station.value) <= abs(ahead) else None
+
+    def _is_straight(self, station: Station) -> bool:
+        """Whether the tangent has turned little, and the gait lies where it was predicted."""
+        coordinates = self.piece.coordinates
+        before, after = coordinates(self.station.point.tangent), coordinates(station.point.tangent)
+        missed = coordinates(station.point.at.w) - coordinates(self.station.point.at.w) - self.length * before
+        return bool(before @ after > STRAIGHT and np.linalg.norm(missed) < ASIDE * self.length)
+
+    def _adapted(self, station: Station) -> float:
+        """The next step length, from what Newton's method took."""
+        length = self.length
+        if station.point.iterations > MANY_ITERATIONS:
+            return length / 2
+        growth = GROWTH if station.point.iterations <= FEW_ITERATIONS else 1.0
+        return min(growth * length, self.limits.largest_length)
+
+    def _first_event(self, station: Station, length: float) -> Location | None:
+        """The first place on the step at which a monitor falls to zero."""
+        found = [
+            self.locate(partial(Station.monitor, name=name), length, station, name) for name in self._lost(station)
+        ]
+        return min(found, key=lambda location: location.length, default=None)
+
+    def _lost(self, station: Station) -> list[Name]:
+        """Monitors that were positive at the last point and are no longer."""
+        before = self.station
+        return [name for name in station.monitors if station.monitor(name) <= 0 < before.monitor(name)]
+
+    def locate(
+        self, watched: Callable[[Station], float], length: float, station: Station, name: Name | None = None
+    ) -> Location:
+        """The zero of ``watched`` on the step of the given arclength to ``station``."""
+        return locate(self.piece, self.station, station, length, watched, name)

@@ -1,0 +1,215 @@
+"""One branch: the curve of gaits with one mode sequence, evaluated at a point in everything that is watched."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.continuation.bifurcations import test_functions
+from gaitopt.continuation.monitors import Name, Reading, readings
+from gaitopt.gait import Gait
+from gaitopt.mechanics import Cycle, HybridSystem
+from gaitopt.nlp.arclength import Curve, CurvePoint
+from gaitopt.nlp.assembly import assemble_gait
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.refinement import phase_errors, refine
+from gaitopt.nlp.rollout import Rollout, roll_out
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+ERROR_TOLERANCE = 4e-12
+"""Integration error on a branch: a tenth of a gait's, as special points are located to nine digits of the parameter."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metric:
+    """What arclength is measured with; the same along a whole family.
+
+    Attributes
+    ----------
+    state : ndarray, shape (n_z,) - size of every coordinate of the state after impact: its natural unit times the
+        largest coordinate of the first gait in natural units.
+    period : of the first gait [s].
+    span : of the parameter.
+    """
+
+    state: Array
+    period: float
+    span: float
+
+    @staticmethod
+    def of(gait: Gait, period: float, span: float) -> "Metric":
+        """The metric of the family that begins with ``gait``."""
+        unit = gait.system.state_scales(gait.system.scales(gait.p))
+        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=period, span=span)
+
+    def scales(self, section: NDArray[np.intp], n_phases: int) -> Array:
+        """Of section coordinates, durations and parameter; shape (n_xi + n_phases + 1,)."""
+        return np.concatenate([self.state[section], np.full(n_phases, self.period), [self.span]])
+
+    def apart(self, first: Array, second: Array) -> float:
+        """Largest distance of two states after impact, in the sizes of the coordinates."""
+        return float(np.abs((first - second) / self.state).max())
+
+
+@dataclass(frozen=True)
+class Station:
+    """A point of a piece with its gait; what is watched is computed when it is asked for.
+
+    Attributes
+    ----------
+    point : on the curve.
+    gait : the gait there.
+    """
+
+    point: CurvePoint
+    gait: Gait
+
+    @property
+    def value(self) -> float:
+        """The parameter."""
+        return float(self.point.at.w[-1])
+
+    @cached_property
+    def monitors(self) -> dict[Name, Reading]:
+        """What the mode sequence assumes."""
+        return readings(self.gait)
+
+    @cached_property
+    def tests(self) -> dict[str, float]:
+        """Test functions of special points by type."""
+        return test_functions(self.gait.multipliers, float(self.point.tangent[-1]))
+
+    def monitor(self, name: Name) -> float:
+        """Value of one monitor; one that is not read here is far from zero."""
+        return self.monitors[name].value if name in self.monitors else np.inf
+
+    def test(self, kind: str) -> float:
+        """Value of one test function."""
+        return self.tests[kind]
+
+
+class Piece:
+    """Gaits of one mode sequence along one parameter.
+
+    Parameters
+    ----------
+    problem : with this sequence.
+    parameter : dotted key.
+    transcription : with that parameter freed.
+    p : ndarray - values of all parameters, that of ``parameter`` being ignored.
+    metric : what arclength is measured with.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        parameter: str,
+        transcription: Transcription,
+        p: Array,
+        metric: Metric,
+    ) -> None:
+        self.problem, self.parameter, self.p, self.metric = problem, parameter, p, metric
+        self._use(transcription)
+
+    @property
+    def cycle(self) -> Cycle:
+        """The modes of this piece."""
+        return self.transcription.layout.cycle
+
+    def start(self, w: Array, forward: Array) -> Station | None:
+        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; its tangent along ``forward``."""
+        point = self.curve.start(w, forward)
+        if point is None:
+            return None
+        return self.remeshed(self._station(point))
+
+    def step(self, station: Station, length: float) -> Station | None:
+        """The gait at arclength ``length`` from a station."""
+        point = self.curve.step(station.point, length)
+        return None if point is None else self._station(point)
+
+    def at_parameter(self, station: Station, value: float) -> Station | None:
+        """The gait near a station with the given value of the parameter."""
+        point = self.curve.at_parameter(station.point, value)
+        return None if point is None else self._station(point)
+
+    def remeshed(self, station: Station) -> Station | None:
+        """The same gait on a finer mesh where its integration error asks for one; None if that fails."""
+        if phase_errors(self.transcription, station.point.at).max() < ERROR_TOLERANCE:
+            return station
+        refined = refine(self.transcription, station.point.at, ERROR_TOLERANCE)
+        forward = resized(station.point.tangent, self.transcription, refined.transcription)
+        self._use(refined.transcription)
+        point = self.curve.start(refined.at.w, forward)
+        return None if point is None else self._station(point)
+
+    def in_order(self, station: Station) -> bool:
+        """Whether no switch has passed a breakpoint of the control; a phase that has vanished is another matter."""
+        durations = self.transcription.unpack(station.point.at.w)[1]
+        breakpoints = self.transcription.system.control.breakpoints
+        return bool(durations.min() <= 0) or self.transcription.layout.in_order(durations, breakpoints)
+
+    def reordered(self, station: Station) -> "tuple[Piece, Station] | None":
+        """The same branch with arcs in the order that a station's durations ask for; no mode has changed."""
+        old = self.transcription
+        nodes, durations, freed = old.unpack(station.point.at.w)
+        p = old.full_parameters(self.p, freed)
+        rolled = roll_out(old.system, p, self.cycle, nodes[:, 0], durations)
+        piece, w = piece_through(self.problem, old.system, self.parameter, self.metric, rolled, p)
+        found = piece.start(w, resized(station.point.tangent, old, piece.transcription))
+        return None if found is None or not piece.in_order(found) else (piece, found)
+
+    def coordinates(self, w: Array) -> Array:
+        """Scaled section coordinates, durations and parameter, in which arclength is measured."""
+        return self.curve.coordinates(w)
+
+    def _use(self, transcription: Transcription) -> None:
+        section = transcription.system.section(transcription.layout.cycle.impact)
+        scales = self.metric.scales(section, transcription.n_phases)
+        self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
+
+    def _station(self, point: CurvePoint) -> Station:
+        problem = self.problem.replace({self.parameter: float(point.at.w[-1])})
+        gait = assemble_gait(
+            problem,
+            self.transcription,
+            point.at,
+            errors=np.zeros(self.transcription.n_phases),
+            message="continued",
+            solver={"iterations": float(point.iterations)},
+        )
+        return Station(point=point, gait=gait)
+
+
+def piece_through(
+    problem: Problem,
+    system: HybridSystem,
+    parameter: str,
+    metric: Metric,
+    rolled: Rollout,
+    p: Array,
+    intervals: Sequence[int] = (),
+) -> tuple[Piece, Array]:
+    """A branch through a rolled out motion at parameters ``p``, and the unknowns w of that motion."""
+    durations = np.array(rolled.durations)
+    plan = layout(problem.cycle, durations, system.control.breakpoints)
+    plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
+    transcription = Transcription(system, plan, (parameter,))
+    w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))
+    return Piece(problem, parameter, transcription, p, metric), w
+
+
+def resized(tangent: Array, old: Transcription, new: Transcription) -> Array:
+    """A tangent for another mesh, right in those entries that count for arclength; all inner nodes are left zero."""
+    n_z = old.system.n_z
+    result = np.zeros(new.w.numel())
+    result[:n_z] = tangent[:n_z]
+    tail = old.n_phases + 1
+    result[-tail:] = tangent[-tail:]
+    return result

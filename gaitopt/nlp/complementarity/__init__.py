@@ -1,0 +1,1 @@
+"""Gaits with open modes: friction as complementarity constraints, solved by a homotopy."""

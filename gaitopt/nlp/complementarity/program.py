@@ -1,0 +1,264 @@
+"""A step whose mode sequence is open: finite elements with switch detection, solved by a homotopy in IPOPT.
+
+    f_t = -mu (2 a - 1) f_n                          a in [0, 1]
+    v_t = v_forward - v_backward,                    0 <= a _|_ v_backward >= 0,    0 <= 1 - a _|_ v_forward >= 0
+
+at the stages of Radau IIA collocation on elements of free length. The products are summed over an element and over the
+velocities at its start, so that no mode can change inside an element: switches come to lie between elements. They are
+held below sigma, which goes to zero. The impact obeys the same law. Static friction is that of a slip here, and a
+slipping impact has Coulomb's impulse: what else a problem says, the fixed-sequence NLP and the simulator decide.
+
+References
+----------
+A. Nurkanovic, M. Sperl, S. Albrecht, M. Diehl, Finite elements with switch detection for direct optimal control of
+nonsmooth systems, Numerische Mathematik 156 (2024).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from casadi import MX, sum1, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.gait import Status
+from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
+from gaitopt.nlp.complementarity.homotopy import Homotopy
+from gaitopt.nlp.ipopt import Progress
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+
+ELEMENTS = 14
+"""A step of three phases then has about five elements per phase."""
+STAGES = np.array([(4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0])
+"""Nodes of Radau IIA of order 5."""
+DECIDED = 1e-3
+"""a this close to 0 or 1 throughout an element is a slip."""
+SHORTEST, LONGEST = 0.1, 4.0
+"""Length of an element relative to the mean."""
+EVEN = 1e-2
+"""Weight of the unevenness of the elements, the only objective of a walker without free parameters."""
+TIME_RANGE = 5.0
+"""The period is within this factor of the guess."""
+LANDING_RATE = 0.05
+"""Least rate of the guard at touchdown in natural units: feet that stay together are no step."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """A mode sequence with a motion, to about five digits.
+
+    Attributes
+    ----------
+    sequence : of modes.
+    durations : of the phases [s].
+    state : ndarray, shape (n_z,) - just after the impact.
+    freed : values of the free parameters by dotted key.
+    """
+
+    sequence: ModeSequence
+    durations: tuple[float, ...]
+    state: Array
+    freed: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Some unknowns: where they are in the vector, and their bounds."""
+
+    symbol: MX
+    lower: float
+    upper: float
+
+
+class Complementarity:
+    """The NLP of one step of a system with open modes.
+
+    Parameters
+    ----------
+    system : walker, control and ground.
+    p : ndarray, shape (n_p,) - parameters, from which natural units follow.
+    period : typical one [s]; breakpoints of the control before it are ends of elements.
+    free : bounds of the parameters that are unknowns, by dotted key.
+    within : bounds of the state just after the impact by name, where a design asks for some.
+    """
+
+    def __init__(
+        self,
+        system: HybridSystem,
+        p: Array,
+        period: float,
+        free: Mapping[str, Range] | None = None,
+        within: Mapping[str, Range] | None = None,
+        *,
+        progress: Progress | None = None,
+        should_stop: Callable[[], bool] | None = None,
+    ) -> None:
+        self._system, self._p, self._free, self._within = system, p, free or {}, within or {}
+        self._scales = system.scales(p)
+        self._segments, self._fixed = _segments(system.control.breakpoints, period)
+        self._blocks: dict[str, _Block] = {}
+        self._rows: list[tuple[MX, float, float]] = []
+        self._products: list[MX] = []
+        objective = self._build()
+        w = vertcat(*(block.symbol for block in self._blocks.values()))
+        self._solver = Homotopy(
+            w=w,
+            p=vertcat(self._parameters, self._period),
+            sigma=self._sigma,
+            g=vertcat(*(row for row, _, _ in self._rows)),
+            objective=objective,
+            bounds_w=self._bounds([(b.symbol, b.lower, b.upper) for b in self._blocks.values()]),
+            bounds_g=self._bounds(self._rows),
+            progress=progress,
+            should_stop=should_stop,
+        )
+
+    def solve(self, state: Array, end: Array, period: float) -> Proposal | Status:
+        """The step near a linear motion from ``state`` to ``end``, shape (n_z,), in a period [s]; or why not."""
+        w, status = self._solver.solve(self._guess(state, end, period), np.append(self._p, period))
+        return self._read(w) if status is Status.CONVERGED else status
+
+    def _build(self) -> MX:
+        """All unknowns, constraints and products; the objective."""
+        system, velocity = self._system, self._scales.speed
+        self._parameters = MX.sym("p", len(system.parameters))
+        self._period, self._sigma = MX.sym("period"), MX.sym("sigma")
+        freed = {key: self._unknown(key, 1, *bounds) for key, bounds in self._free.items()}
+        p = vertcat(*(freed.get(key, self._parameters[i]) for i, key in enumerate(system.parameters)))
+        start, h = self._unknown("start", system.n_z), self._unknown("h", ELEMENTS, 0.0)
+        for name, span in self._within.items():
+            self._require(start[system.state_names.index(name)], *span)
+        a, forward, backward = self._foot("impact", 1)
+        z, t, before = start, MX(0), (forward, backward)
+        for k, segment in enumerate(self._segments):
+            z, t, before = self._element(k, z, t, h[k], before, p, segment)
+            if k + 1 in self._fixed:
+                self._require(t / self._fixed[k + 1], 1.0, 1.0)
+        z_plus, impulse, slip, lift = system.open_impact(z, 2 * a - 1, p)
+        n = system.n_shape
+        self._require(start - vertcat(z_plus[:n], 0, z_plus[n + 1 :]), 0.0, 0.0)
+        self._require(slip / velocity - forward + backward, 0.0, 0.0)
+        self._require(vertcat(impulse[1], lift), 0.0)
+        self._products += [a * backward, (1 - a) * forward]
+        self._require(vertcat(*self._products) - self._sigma, -np.inf, 0.0)
+        self._require(t / self._period, 1 / TIME_RANGE, TIME_RANGE)
+        self._require(t, max(self._fixed.values(), default=0.0), (*system.control.breakpoints, np.inf)[segment])
+        mean = t / ELEMENTS
+        self._require(h - SHORTEST * mean, 0.0)
+        self._require(LONGEST * mean - h, 0.0)
+        return EVEN * sum1((h / mean - 1) ** 2)
+
+    def _element(
+        self, k: int, z: MX, t: MX, h: MX, before: tuple[MX, MX], p: MX, segment: int
+    ) -> tuple[MX, MX, tuple[MX, MX]]:
+        """Collocation on element ``k`` from state ``z`` at time ``t``; state, time and foot velocities at its end."""
+        system, n = self._system, STAGES.size
+        data = self._system.data(segment)
+        states = [self._unknown(f"z{k}.{i}", system.n_z) for i in range(n)]
+        a, forward, backward = self._foot(f"foot{k}", n)
+        rates: list[MX] = []
+        for i, (c, stage) in enumerate(zip(STAGES, states, strict=True)):
+            rate, force, guard, guard_rate = system.open_flow(t + c * h, stage, 2 * a[i] - 1, p, data)
+            rates.append(rate)
+            self._require(force[1], 0.0)
+            self._require(stage[-1] / self._scales.speed - forward[i] + backward[i], 0.0, 0.0)
+        for stage, row in zip(states, _RADAU, strict=True):
+            step = sum((float(b) * rate for b, rate in zip(row, rates, strict=True)), MX(0))
+            self._require(stage - z - h * step, 0.0, 0.0)
+        if k == ELEMENTS - 1:
+            self._require(guard, 0.0, 0.0)
+            self._require(guard_rate * self._scales.time, LANDING_RATE)
+        self._products += [sum1(a) * (before[1] + sum1(backward)), (n - sum1(a)) * (before[0] + sum1(forward))]
+        return states[-1], t + h, (forward[-1], backward[-1])
+
+    def _foot(self, name: str, n: int) -> tuple[MX, MX, MX]:
+        """The friction multiplier a and the two parts of the slip velocity, at n stages."""
+        return (
+            self._unknown(f"{name}.a", n, 0.0, 1.0),
+            self._unknown(f"{name}.forward", n, 0.0),
+            self._unknown(f"{name}.backward", n, 0.0),
+        )
+
+    def _unknown(self, name: str, size: int, lower: float = -np.inf, upper: float = np.inf) -> MX:
+        self._blocks[name] = _Block(MX.sym(name, size), lower, upper)
+        return self._blocks[name].symbol
+
+    def _require(self, row: MX, lower: float, upper: float = np.inf) -> None:
+        self._rows.append((row, lower, upper))
+
+    @staticmethod
+    def _bounds(parts: Sequence[tuple[MX, float, float]]) -> tuple[Array, Array]:
+        return (
+            np.concatenate([np.full(symbol.numel(), lower) for symbol, lower, _ in parts]),
+            np.concatenate([np.full(symbol.numel(), upper) for symbol, _, upper in parts]),
+        )
+
+    def _guess(self, state: Array, end: Array, period: float) -> Array:
+        """The straight line from ``state`` to ``end``, the foot at rest."""
+        times = _times(self._fixed, period)
+        values = {"start": state, "h": np.diff(times), "impact.a": np.array([0.5])}
+        values |= {key: np.array([self._p[self._system.parameters.index(key)]]) for key in self._free}
+        for k in range(ELEMENTS):
+            values[f"foot{k}.a"] = np.full(STAGES.size, 0.5)
+            for i, c in enumerate(STAGES):
+                part = (times[k] + c * values["h"][k]) / period
+                values[f"z{k}.{i}"] = state + part * (end - state)
+        parts = [values.get(name, np.zeros(block.symbol.numel())) for name, block in self._blocks.items()]
+        return np.concatenate(parts)
+
+    def _read(self, w: Array) -> Proposal:
+        """The mode sequence: one mode per element, like neighbours merged."""
+        ends = np.cumsum([block.symbol.numel() for block in self._blocks.values()])
+        values = dict(zip(self._blocks, np.split(w, ends[:-1]), strict=True))
+        impact = _mode(values["impact.a"])
+        modes = [_mode(values[f"foot{k}.a"]) for k in range(ELEMENTS)]
+        if impact is not Mode.STICK:  # a slip too short to be an element is one all the same
+            modes[0] = impact
+        runs = [(mode, sum(h for _, h in run)) for mode, run in groupby(zip(modes, values["h"], strict=True), _first)]
+        state = values["start"]
+        if impact is Mode.STICK:
+            state[-1] = 0.0
+        return Proposal(
+            sequence=ModeSequence(phases=tuple(mode for mode, _ in runs), impact=impact),
+            durations=tuple(float(duration) for _, duration in runs),
+            state=state,
+            freed={key: float(values[key][0]) for key in self._free},
+        )
+
+
+def _segments(breakpoints: Sequence[float], period: float) -> tuple[list[int], dict[int, float]]:
+    """The control's segment of every element, and the breakpoints at which elements end, by number of the next one."""
+    inside = [b for b in breakpoints if 0 < b < period]
+    counts = np.rint(np.array(inside) / period * ELEMENTS).astype(int)
+    fixed = {int(k): b for k, b in zip(counts, inside, strict=True) if 0 < k < ELEMENTS}
+    times = _times(fixed, period)
+    return [int(k) for k in np.searchsorted(breakpoints, (times[1:] + times[:-1]) / 2)], fixed
+
+
+def _times(fixed: dict[int, float], period: float) -> Array:
+    """Ends of the elements, evenly spaced between breakpoints; shape (ELEMENTS + 1,) [s]."""
+    ends = {0: 0.0, **fixed, ELEMENTS: period}
+    return np.interp(np.arange(ELEMENTS + 1), list(ends), list(ends.values()))
+
+
+def _radau() -> Array:
+    """Coefficients of the collocation: integrals of the Lagrange polynomials on the stages; shape (n, n)."""
+    powers = np.arange(STAGES.size)
+    integrals = STAGES[:, None] ** (powers + 1) / (powers + 1)
+    return integrals @ np.linalg.inv(np.vander(STAGES, increasing=True))
+
+
+_RADAU = _radau()
+
+
+def _mode(a: Array) -> Mode:
+    if np.all(a > 1 - DECIDED):
+        return Mode.SLIP_FORWARD
+    return Mode.SLIP_BACKWARD if np.all(a < DECIDED) else Mode.STICK
+
+
+def _first(pair: tuple[Mode, float]) -> Mode:
+    return pair[0]

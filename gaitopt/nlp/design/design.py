@@ -1,0 +1,208 @@
+"""The gait that a problem asks for; where parameters are unknowns, the best one that meets the constraints.
+
+A design starts from a gait: a given one, or that of the guessed parameters. From there IPOPT looks for the optimum of a
+smoothed problem over nodes, durations and freed parameters (``nlp.design.program``). Sequential quadratic programming in the
+freed parameters alone goes on to that of the exact problem, as the gait is measured (``nlp.reduced``, ``nlp.sqp``).
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Cause, Gait, Status, in_words
+from gaitopt.mechanics import HybridSystem
+from gaitopt.nlp.assembly import assemble_gait
+from gaitopt.nlp.design.infeasibility import conflicts
+from gaitopt.nlp.design.outcome import RADIUS
+from gaitopt.nlp.design.program import Program
+from gaitopt.nlp.design.reduced import Reduced
+from gaitopt.nlp.design.sqp import optimise
+from gaitopt.nlp.design.trust_region import SMALL, freed_sizes
+from gaitopt.nlp.ipopt import Progress
+from gaitopt.nlp.layout import Layout, layout
+from gaitopt.nlp.newton import polish
+from gaitopt.nlp.refinement import refine
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.solve import solve_gait, trouble
+from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_states
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.problem import Problem
+
+Array = NDArray[np.float64]
+
+MAX_ROUNDS = 12
+"""Times that a smoothed search may be taken up again where its reach or a breakpoint of the control has stopped it."""
+MAX_MESHES = 3
+"""Times that an optimum may need a finer mesh than the gait from which it was reached."""
+COALESCED = 1e-3
+"""Distance of two multipliers, relative to their modulus, at which rounding begins to count by its root."""
+CREDITED = 1.2
+"""Ratio of absolute to net cost above which a design is said to live on credited negative work."""
+
+
+def find_gait(
+    problem: Problem,
+    system: HybridSystem,
+    *,
+    start: Gait | None = None,
+    progress: Progress | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Gait:
+    """The gait that ``problem`` asks for: designed where parameters are unknowns, solved otherwise.
+
+    Parameters
+    ----------
+    start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
+    progress : called at every iteration with its number and the largest violation.
+    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+    """
+    if not free_parameters(problem, system):
+        return solve_gait(problem, system, progress=progress, should_stop=should_stop)
+    began = time.perf_counter()
+    first = start or solve_gait(problem, system, progress=progress, should_stop=should_stop)
+    if first.status is Status.INTERRUPTED:
+        return first
+    design = _Design(problem, system, progress, should_stop)
+    gait = design.run(known(first, design.free) if first.steps else guessed(problem, system))
+    return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
+
+
+class _Design:
+    """The searches of one design."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        system: HybridSystem,
+        progress: Progress | None,
+        should_stop: Callable[[], bool] | None,
+    ) -> None:
+        self._problem, self._system = problem, system
+        self._progress, self._should_stop = progress, should_stop
+        free = free_parameters(problem, system)
+        self.free, self._bounds = tuple(free), np.array(list(free.values())).T
+        self._p = system.values(problem.parameters)
+
+    def run(self, start: Start) -> Gait:
+        """Solve the smoothed problem until the search stays where it is, and then the exact one."""
+        iterations = 0
+        for _ in range(MAX_ROUNDS):
+            program = self._program(start)
+            result = program.solve()
+            iterations += result.iterations
+            solver = {"iterations": float(iterations), "kkt": result.kkt, "objective": result.objective}
+            if result.status is Status.INTERRUPTED:
+                return self._failed(result.status, result.words, solver)
+            if result.status is not Status.CONVERGED:
+                why = self._conflicts(start)
+                message = "\n".join(cause.words for cause in why) or result.words
+                return self._failed(Status.INFEASIBLE if why else result.status, message, solver, why)
+            durations = program.transcription.unpack(program.motion(result.w))[1]
+            if not program.at_reach(result.w) and self._layout(durations).same_arcs(program.transcription.layout):
+                return self._optimum(program.transcription, program.motion(result.w), iterations)
+            start = self._moved(program, result.w)
+        return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
+
+    def _optimum(self, transcription: Transcription, w: Array, iterations: int) -> Gait:
+        """The optimum of the exact problem next to a solution of the smoothed one."""
+        reduced = Reduced(self._problem, self.free, self._bounds)
+        refined = refine(transcription, polish(transcription, w, self._p).at)
+        for _ in range(MAX_MESHES):
+            point = reduced.first(refined.transcription, refined.at.w, self._p)
+            if point is None:
+                lost = trouble(refined)
+                message = in_words(lost) or "the gait is lost on a finer mesh"
+                return self._failed(Status.NOT_CONVERGED, message, {}, lost)
+            freed, levels = np.split(point.u, [len(self.free)])
+            sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
+            optimum = optimise(reduced, point, sizes, progress=self._progress, should_stop=self._should_stop)
+            iterations += optimum.iterations
+            s = optimum.point.sensitivity
+            refined = refine(s.transcription, s.at)
+            if refined.transcription is s.transcription or optimum.interrupted:
+                break
+        solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.point.objective}
+        if optimum.interrupted:
+            return self._failed(Status.INTERRUPTED, "interrupted", solver)
+        wrong = trouble(refined)
+        if wrong or optimum.shortcoming:
+            message = in_words(wrong) or str(optimum.shortcoming)
+            return self._failed(Status.NOT_CONVERGED, message, solver, wrong)
+        gait = assemble_gait(
+            self._problem, refined.transcription, refined.at, errors=refined.errors, message="", solver=solver
+        )
+        return replace(gait, message=_verdict(gait))
+
+    def _conflicts(self, start: Start) -> tuple[Cause, ...]:
+        """Which constraints cannot be met, found from the start in as many searches as it takes."""
+        if not self._problem.constraints:
+            return ()
+        for _ in range(MAX_ROUNDS):
+            program = self._program(start, elastic=True)
+            result = program.solve()
+            if result.status is not Status.CONVERGED or not program.at_reach(result.w):
+                break
+            start = self._moved(program, result.w)
+        return conflicts(self._problem, program, result)
+
+    def _program(self, start: Start, *, elastic: bool = False) -> Program:
+        """The smoothed NLP with its nodes on the starting motion, on a coarse mesh."""
+        plan = self._layout(start.durations)
+        transcription = Transcription(self._system, plan, self.free)
+        times = plan.node_times(start.durations)
+        w = transcription.pack(start.states(times), start.durations, np.clip(start.freed, *self._bounds))
+        return Program(
+            self._problem,
+            transcription,
+            bounds=self._bounds,
+            w=w,
+            p=self._p,
+            elastic=elastic,
+            progress=self._progress,
+            should_stop=self._should_stop,
+        )
+
+    def _layout(self, durations: Array) -> Layout:
+        return layout(self._problem.cycle, durations, self._system.control.breakpoints)
+
+    def _moved(self, program: Program, x: Array) -> Start:
+        """A solution whose switches have passed a breakpoint, to be cut into arcs again."""
+        t = program.transcription
+        nodes, durations, freed = t.unpack(program.motion(x))
+        rolled = roll_out(
+            self._system, t.full_parameters(self._p, freed), self._problem.cycle, nodes[:, 0], list(durations)
+        )
+        return Start(durations=durations, states=rolled_states(rolled), freed=freed)
+
+    def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:
+        return Gait(
+            problem=self._problem,
+            system=self._system,
+            p=self._p,
+            status=status,
+            message=words,
+            solver=solver,
+            causes=causes,
+        )
+
+
+def _verdict(gait: Gait) -> str:
+    """That it is solved, and what should be known about the cost and the radius."""
+    words, problem = ["solved"], gait.problem
+    net, absolute = gait.measures["cost_of_transport"], gait.measures["absolute_cost_of_transport"]
+    concerned = {*problem.objective, *problem.constraints}
+    by_net = bool({"cost_of_transport", "work"} & concerned)
+    if by_net and net is not None and absolute is not None and absolute > CREDITED * abs(net):
+        words.append(f"the net cost {net:.4g} credits negative work, the absolute cost is {absolute:.4g}")
+    if RADIUS in concerned and _coalesce(gait.multipliers):
+        words.append("multipliers at the radius coalesce, where it is not a Lipschitz function of the parameters")
+    return "; ".join(words)
+
+
+def _coalesce(multipliers: NDArray[np.complex128]) -> bool:
+    """Whether a multiplier of the largest modulus has another one next to it."""
+    distances = np.sort(np.abs(multipliers - multipliers[0]))
+    return bool(distances.size > 1 and distances[1] < COALESCED * abs(multipliers[0]))

@@ -1,0 +1,232 @@
+"""The scalars of a result with their exact derivatives in the freed parameters.
+
+Extrema are taken where they are, between the nodes too; the derivative of an extremum is that of the curve at its
+place, since there the place does not matter. |power| is integrated between its located zeros.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from casadi import MX, Function, jacobian, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.gait import curves
+from gaitopt.mechanics import Mode, margin_scales
+from gaitopt.nlp.design.sensitivity import ArcCurves, Curve, Sensitivity
+from gaitopt.nlp.transcription import Transcription
+
+Array = NDArray[np.float64]
+Valued = tuple[float, Array]
+"""A number and its derivatives in the freed parameters, shape (n_free,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """One of the values whose largest (or smallest) is an extremum; ``key`` tells it from the others."""
+
+    key: str
+    value: float
+    gradient: Array
+
+
+class Scalars:
+    """Scalars of one gait.
+
+    Parameters
+    ----------
+    sensitivity : the gait's curves with their derivatives.
+    """
+
+    def __init__(self, sensitivity: Sensitivity) -> None:
+        self._s, self._t = sensitivity, sensitivity.transcription
+        self.n_free = len(self._t.free)
+        values, by = at_impact(self._t)(sensitivity.at.w, sensitivity.at.p)
+        self._impact = np.asarray(values).ravel()
+        self._impact_slopes = np.asarray(by.sparse() @ sensitivity.slopes)
+        self._smooth: dict[str, Callable[[], Valued]] = {
+            "period": self._period,
+            "step_length": self._step_length,
+            "speed": lambda: _ratio(self._step_length(), self._period()),
+            "work": lambda: _total(c.integral() for a in sensitivity.arcs for c in a.power),
+            "torque_squared": lambda: _total(_squared(c).integral() for a in sensitivity.arcs for c in a.torque),
+            "slip_distance": self._slip_distance,
+            "cost_of_transport": lambda: _ratio(self._smooth["work"](), self._weighted_length()),
+            "absolute_cost_of_transport": lambda: _ratio(
+                _total(c.absolute_integral() for a in sensitivity.arcs for c in a.power), self._weighted_length()
+            ),
+        }
+        self._known: dict[str, Valued] = {}
+        self._extrema: dict[str, Callable[[], Iterator[Piece]]] = {
+            "peak_torque": self._torques,
+            "required_friction": self._friction,
+            "impulse_ratio": self._impulse,
+            "foot_clearance": self._clearance,
+            "min_normal_force": self._normal_force,
+        }
+
+    def smooth(self, name: str) -> Valued:
+        """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
+        t, s = self._t, self._s
+        if name in t.system.parameters:
+            freed = np.array([float(name == other) for other in t.free])
+            return float(s.p[t.system.parameters.index(name)]), freed
+        if name.startswith("state."):
+            k = t.system.state_names.index(name.removeprefix("state."))
+            return float(s.at.w[k]), s.slopes[k]
+        if name not in self._known:
+            self._known[name] = self._smooth[name]()
+        return self._known[name]
+
+    def curvature(self, name: str) -> Array | None:
+        """What |power| adds to the second derivatives of a scalar, shape (n_free, n_free); None where nothing.
+
+        With P = u w its changes of sign move, 2 P_v P_v' / |dP/dt| at each, and torque and rate change together,
+        the integral of sign(P) (u_v w_v' + w_v u_v'). Where both vanish nearly at once either is large, and only
+        their sum is right. The second derivatives of the motion itself are left out.
+        """
+        return self._power_curvature if name == "absolute_cost_of_transport" else None
+
+    @cached_property
+    def _power_curvature(self) -> Array:
+        total = np.zeros((self.n_free, self.n_free))
+        for arc in self._s.arcs:
+            for u, rate, power in zip(arc.torque, arc.rate, arc.power, strict=True):
+                total += _bent(u, rate, power)
+        return total / self._weighted_length()[0]
+
+    def pieces(self, name: str) -> list[Piece]:
+        """The values whose extremum a scalar is."""
+        return list(self._extrema[name]())
+
+    def margins(self) -> Iterator[tuple[str, float, Piece]]:
+        """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact."""
+        t, scales = self._t, self._t.system.scales(self._s.p)
+        for k, arc in enumerate(self._s.arcs):
+            last, mode = t.layout.arcs[k].intervals, arc.arc.mode
+            for (name, curve), unit in zip(arc.margins.items(), margin_scales(mode, scales), strict=True):
+                if name in ("touchdown", "upright"):
+                    continue
+                ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]
+                for piece in _extremes(curve, f"{name} {k}", ends):
+                    yield name, float(unit), piece
+        for row, (_, label) in enumerate(t.impact_margins(), start=4):
+            value, slope = float(self._impact[row]), self._impact_slopes[row]
+            yield label.name, label.unit(scales), Piece(key=f"impact {label.name}", value=value, gradient=slope)
+
+    def _period(self) -> Valued:
+        t, s = self._t, self._s
+        durations = slice(t.system.n_z * t.n_nodes, t.system.n_z * t.n_nodes + t.n_phases)
+        return float(s.at.w[durations].sum()), s.slopes[durations].sum(axis=0)
+
+    def _step_length(self) -> Valued:
+        return float(self._impact[0]), self._impact_slopes[0]
+
+    def _weighted_length(self) -> Valued:
+        length, slope = self._step_length()
+        return length * self._impact[1], slope * self._impact[1] + length * self._impact_slopes[1]
+
+    def _slip_distance(self) -> Valued:
+        t, s, x = self._t, self._s, self._t.system.n_shape
+        value, slope = 0.0, np.zeros(len(t.free))
+        for arc, first in zip(t.layout.arcs, t.layout.first_nodes, strict=True):
+            start, end = (t.system.n_z * node + x for node in (first, first + arc.intervals))
+            value += arc.mode.direction * float(s.at.w[end] - s.at.w[start])
+            slope += arc.mode.direction * (s.slopes[end] - s.slopes[start])
+        return value, slope
+
+    def _torques(self) -> Iterator[Piece]:
+        for k, arc in enumerate(self._s.arcs):
+            for j, curve in enumerate(arc.torque):
+                yield from _both_signs(_extremes(curve, f"torque {j} {k}"))
+
+    def _friction(self) -> Iterator[Piece]:
+        for k, arc in enumerate(self._s.arcs):
+            if arc.arc.mode is Mode.STICK:
+                yield from _both_signs(_extremes(_quotient(*arc.force), f"friction {k}"))
+
+    def _impulse(self) -> Iterator[Piece]:
+        value, slope = _ratio(*((float(self._impact[k]), self._impact_slopes[k]) for k in (2, 3)))
+        yield from _both_signs(iter([Piece(key="impulse", value=value, gradient=slope)]))
+
+    def _clearance(self) -> Iterator[Piece]:
+        for k, arc in enumerate(self._s.arcs):
+            if arc.ahead.values[-1] > 0:
+                yield from _extremes(arc.height, f"height {k}", [1.0], after=_passing(arc))
+
+    def _normal_force(self) -> Iterator[Piece]:
+        for k, arc in enumerate(self._s.arcs):
+            yield from _extremes(arc.force[1], f"normal force {k}")
+
+
+@lru_cache(maxsize=8)
+def at_impact(t: Transcription) -> Function:
+    """(w, p) -> step length, weight, impulse (F_t, F_n) of a sticking impact, margins; and their Jacobian in w."""
+    landed = t.system.impact(t.layout.cycle.impact)(t.Z[:, -1], t.p)[0]
+    impulse = t.system.impact(Mode.STICK)(t.Z[:, -1], t.p)[1]
+    margins = [expression for expression, _ in t.impact_margins()]
+    values = vertcat(landed[t.system.n_shape], MX(t.system.weight(t.p)), impulse, *margins)
+    return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])
+
+
+def _passing(arc: ArcCurves) -> float:
+    """Where in the arc the legs pass each other for the last time; -1 if they do not."""
+    passing = curves.roots(arc.ahead.values)
+    return float(passing[-1]) if passing.size else -1.0
+
+
+def _extremes(curve: Curve, key: str, ends: list[float] | None = None, after: float = -1.0) -> Iterator[Piece]:
+    """The curve at its extrema and at the given ends of the arc, both unless they are given."""
+    inside = [s for s in curves.critical(curve.values) if s > after]
+    places = [*([-1.0, 1.0] if ends is None else ends), *inside]
+    names = [
+        *(f"{key} end {s:+.0f}" for s in places[: len(places) - len(inside)]),
+        *(f"{key} extremum {k}" for k in range(len(inside))),
+    ]
+    for name, value, slope in zip(names, *curve.at(np.array(places)), strict=True):
+        yield Piece(key=name, value=float(value), gradient=slope)
+
+
+def _both_signs(pieces: Iterator[Piece]) -> Iterator[Piece]:
+    for piece in pieces:
+        yield piece
+        yield Piece(key=f"-{piece.key}", value=-piece.value, gradient=-piece.gradient)
+
+
+def _bent(torque: Curve, rate: Curve, power: Curve) -> Array:
+    """Second derivatives of the integral of |power| as far as they follow from first ones; (n_free, n_free)."""
+    n = power.stretch.size
+    both = np.einsum("mi,mj->mij", torque.slopes, rate.slopes)
+    both = (both + both.transpose(0, 2, 1)).reshape(-1, n * n)
+    bent = curves.signed_integrals(power.values, both, power.duration).reshape(n, n)
+    places = curves.roots(power.values)
+    speeds = curves.slopes(power.values, places)
+    for moved, speed in zip(power.at(places)[1], speeds, strict=True):
+        bent += np.outer(moved, moved) * power.duration / abs(speed)
+    return bent
+
+
+def _total(terms: Iterator[Valued]) -> Valued:
+    values, slopes = zip(*terms, strict=True)
+    return float(sum(values)), np.sum(slopes, axis=0)
+
+
+def _ratio(above: Valued, below: Valued) -> Valued:
+    value = above[0] / below[0]
+    return value, (above[1] - value * below[1]) / below[0]
+
+
+def _squared(curve: Curve) -> Curve:
+    return Curve(
+        values=curve.values**2,
+        slopes=2 * curve.values[:, None] * curve.slopes,
+        duration=curve.duration,
+        stretch=curve.stretch,
+    )
+
+
+def _quotient(above: Curve, below: Curve) -> Curve:
+    values = above.values / below.values
+    slopes = (above.slopes - values[:, None] * below.slopes) / below.values[:, None]
+    return Curve(values=values, slopes=slopes, duration=above.duration, stretch=above.stretch)

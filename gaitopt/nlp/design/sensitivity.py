@@ -1,0 +1,198 @@
+"""A gait as a function of the freed parameters alone: its curves with exact derivatives.
+
+The equalities F(w, v) = 0 leave nodes and durations w as a function of the freed parameters v,
+
+    dw/dv = -F_w^-1 F_v
+
+and every state between the nodes with them, through the derivative of one partial Runge-Kutta step. Derivatives of a
+curve are taken at a fixed fraction of its arc, whose ends move too.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from casadi import SX, Function, cse, jacobian, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.gait import Arc, Step, curves
+from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.nlp.assembly import assemble_steps
+from gaitopt.nlp.newton import Linearisation
+from gaitopt.nlp.shooting_jacobian import step_derivatives
+from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import factorise
+
+Array = NDArray[np.float64]
+
+
+COUNTS = (17, 25, 33, 65, 129, 257)
+"""Chebyshev points tried in turn until an arc is resolved; every point costs a step."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """A quantity along one arc.
+
+    Attributes
+    ----------
+    values : ndarray, shape (m,) - at the arc's Chebyshev points.
+    slopes : ndarray, shape (m, n_free) - derivatives in the freed parameters at fixed fractions of the arc.
+    duration, stretch : length of the arc in time [s], and its derivatives; shape (n_free,).
+    """
+
+    values: Array
+    slopes: Array
+    duration: float
+    stretch: Array
+
+    def integral(self) -> tuple[float, Array]:
+        """Integral over the arc and its derivatives."""
+        value = curves.integral(self.values, self.duration)
+        return value, curves.integrals(self.slopes, self.duration) + value * self.stretch / self.duration
+
+    def absolute_integral(self) -> tuple[float, Array]:
+        """Integral of the absolute value; the changes of sign, where it is zero, add nothing to the derivatives."""
+        value = curves.absolute_integral(self.values, self.duration)
+        change = curves.signed_integrals(self.values, self.slopes, self.duration)
+        return value, change + value * self.stretch / self.duration
+
+    def at(self, s: Array) -> tuple[Array, Array]:
+        """Values (k,) and derivatives (k, n_free) at points (k,) in [-1, 1]."""
+        both = curves.evaluate(curves.coefficients(np.column_stack([self.values, self.slopes])), s)
+        return both[:, 0], both[:, 1:]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArcCurves:
+    """All curves of one arc; ``ahead`` is the swing foot's lead over the stance foot."""
+
+    arc: Arc
+    force: tuple[Curve, ...]
+    torque: tuple[Curve, ...]
+    rate: tuple[Curve, ...]
+    power: tuple[Curve, ...]
+    height: Curve
+    ahead: Curve
+    margins: dict[str, Curve]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensitivity:
+    """One gait and its derivatives in the freed parameters.
+
+    Attributes
+    ----------
+    step : the step.
+    slopes : ndarray, shape (n_w, n_free) - of nodes, durations and freed parameters.
+    arcs : curves of every arc.
+    """
+
+    transcription: Transcription
+    at: Linearisation
+    step: Step
+    slopes: Array
+    arcs: tuple[ArcCurves, ...]
+
+    @property
+    def p(self) -> Array:
+        """All parameters, the freed ones put in; shape (n_p,)."""
+        return self.transcription.full_parameters(self.at.p, self.transcription.unpack(self.at.w)[2])
+
+
+def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
+    """Curves and derivatives at a solution of the equalities.
+
+    Raises
+    ------
+    RuntimeError
+        If the equalities are singular there, so that the gait is no function of the freed parameters.
+    """
+    n = at.residual.size
+    answer = -factorise(at.square).solve(at.jacobian[:, n:].toarray())
+    slopes = np.vstack([answer, np.eye(answer.shape[1])])
+    (step,) = assemble_steps(transcription, at.w, at.p, COUNTS)
+    arcs = tuple(_arc_curves(transcription, at, slopes, k, arc) for k, arc in enumerate(step.arcs))
+    return Sensitivity(transcription=transcription, at=at, step=step, slopes=slopes, arcs=arcs)
+
+
+def _arc_curves(t: Transcription, at: Linearisation, slopes: Array, index: int, arc: Arc) -> ArcCurves:
+    layout, system = t.layout.arcs[index], t.system
+    names = margin_names(arc.mode)
+    starts, ends = _ends(t, slopes, index)
+    stretch = ends - starts
+    dt = starts + np.multiply.outer((curves.points(arc.times.size) + 1) / 2, stretch)
+    dz = _state_slopes(t, at, slopes, index, arc, dt)
+    data, p = system.control.data(layout.segment), t.full_parameters(at.p, t.unpack(at.w)[2])
+    function = _quantities(system, arc.mode, t.free)
+    values, jacobians = (np.asarray(v) for v in function.map(arc.times.size)(arc.times[None], arc.states.T, p, data))
+    n_q, n_in = len(values), 1 + system.n_z + len(t.free)
+    by = jacobians.reshape(n_q, arc.times.size, n_in)
+    total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + system.n_z], dz) + by[:, :, 1 + system.n_z :]
+    every = [
+        Curve(values=value, slopes=slope, duration=arc.duration, stretch=stretch)
+        for value, slope in zip(values, total, strict=True)
+    ]
+    n_u = (n_q - 4 - len(names)) // 3
+    return ArcCurves(
+        arc=arc,
+        force=tuple(every[:2]),
+        height=every[2],
+        ahead=every[3],
+        torque=tuple(every[4 : 4 + n_u]),
+        rate=tuple(every[4 + n_u : 4 + 2 * n_u]),
+        power=tuple(every[4 + 2 * n_u : 4 + 3 * n_u]),
+        margins=dict(zip(names, every[4 + 3 * n_u :], strict=True)),
+    )
+
+
+@lru_cache(maxsize=64)
+def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
+    """(t, z, p, r) -> force, swing foot's height and lead, torques, motor rates, powers, margins; their Jacobian."""
+    t, z = SX.sym("t"), SX.sym("z", system.n_z)
+    p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
+    force, torque, power, foot, _, rate = system.observation(mode)(t, z, p, r)
+    margins = system.margins(mode)(t, z, p, r)
+    values = vertcat(force, foot[1], foot[0] - z[system.n_shape], torque, rate, power, margins)
+    by = vertcat(t, z, *(p[system.parameters.index(name)] for name in free))
+    return Function(f"quantities_{mode}", [t, z, p, r], cse([values, jacobian(values, by)]))
+
+
+def _ends(t: Transcription, slopes: Array, index: int) -> tuple[Array, Array]:
+    """Derivatives of the times at which an arc starts and ends; each of shape (n_free,)."""
+    first = t.system.n_z * t.n_nodes
+    durations = slopes[first : first + t.n_phases]
+    zero, one = (
+        t.layout.arc_times(np.zeros(t.n_phases))[index],
+        [t.layout.arc_times(e)[index] for e in np.eye(t.n_phases)],
+    )
+    by = np.array(one) - np.array(zero)
+    return by[:, 0] @ durations, by[:, 1] @ durations
+
+
+def _state_slopes(t: Transcription, at: Linearisation, slopes: Array, index: int, arc: Arc, dt: Array) -> Array:
+    """Derivatives of the states at the arc's Chebyshev points; shape (m, n_z, n_free)."""
+    layout, n_z = t.layout.arcs[index], t.system.n_z
+    fractions = (curves.points(arc.times.size) + 1) / 2
+    k = np.clip((fractions * layout.intervals).astype(int), 0, layout.intervals - 1)
+    nodes, durations, freed = t.unpack(at.w)
+    begin, end = t.layout.arc_times(durations)[index]
+    times = begin + k * (end - begin) / layout.intervals
+    starts, ends = _ends(t, slopes, index)
+    d_times = starts + np.multiply.outer(k / layout.intervals, ends - starts)
+    at_node = t.layout.first_nodes[index] + k
+    full = t.full_parameters(at.p, freed)
+    by = step_derivatives(
+        t.system,
+        layout.mode,
+        t.free,
+        nodes[:, at_node],
+        times,
+        arc.times - times,
+        full,
+        t.system.control.data(layout.segment),
+    )
+    d_nodes = slopes[: n_z * t.n_nodes].reshape(t.n_nodes, n_z, -1)[at_node]
+    moved = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)
+    moved += by[:, :, n_z, None] * d_times[:, None, :] + by[:, :, n_z + 1, None] * (dt - d_times)[:, None, :]
+    return moved + by[:, :, n_z + 2 :]

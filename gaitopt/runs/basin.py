@@ -1,0 +1,182 @@
+"""Basins of attraction: where does every state go, step after step?
+
+xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot go on.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.mechanics import Mode
+from gaitopt.simulation.batch.steps import ENDINGS, MODES, phase_names
+from gaitopt.study.return_map import StepMap
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.int64]
+Indices = NDArray[np.intp]
+
+UNDECIDED = -1
+"""Ending of a walk that went on for all the steps allowed without settling."""
+MAX_PERIOD = 4
+"""Longest cycle of steps that is recognised as a gait."""
+SETTLED = 1e-6
+"""A state that returns this close to itself [rad, rad/s, m/s] has settled: what is left to go is of the same size."""
+SAME_GAIT = 1e-3
+"""Settled states this close together are on the same gait."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fates:
+    """What became of n states.
+
+    Attributes
+    ----------
+    periods : ndarray, shape (n,) - steps per cycle of the gait that a state settled on; 0 if on none.
+    endings : ndarray, shape (n,) - index in ``Ending`` of how the walk failed, ``UNDECIDED``, or 0 where it settled.
+    steps : ndarray, shape (n,) - completed steps until then.
+    states : ndarray, shape (n, k) - section coordinates there; of a cycle the smallest in lexical order.
+    phases, impacts : ndarray, shape (n,) - codes of the step that led there, see ``Returns``.
+    """
+
+    periods: Codes
+    endings: Codes
+    steps: Codes
+    states: Array
+    phases: Codes
+    impacts: Codes
+
+    @classmethod
+    def joined(cls, parts: "list[Fates]") -> Self:
+        """Several one after the other."""
+        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attractor:
+    """A gait that states settle on.
+
+    Attributes
+    ----------
+    state : ndarray, shape (k,) - section coordinates.
+    period : steps per cycle.
+    phases, impact : modes of the step that leads there.
+    count : how many states of the grid settle on it.
+    """
+
+    state: Array
+    period: int
+    phases: tuple[Mode, ...]
+    impact: Mode
+    count: int
+
+    def __str__(self) -> str:
+        modes = {*self.phases, self.impact}
+        kind = "sticking" if modes == {Mode.STICK} else "slipping" if Mode.STICK not in self.phases else "stick-slip"
+        return f"{kind}{'' if self.period == 1 else f', period {self.period}'}"
+
+
+def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callable[[], bool] | None = None) -> Fates:
+    """Walk from every state until it settles, fails, or has made ``max_steps`` steps.
+
+    Parameters
+    ----------
+    step_map : the return map.
+    xi : ndarray, shape (n, k) - section coordinates just after an impact, ``dx`` included.
+    should_stop : polled before every step.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` became true.
+    """
+    n = len(xi)
+    past = np.full((MAX_PERIOD, *xi.shape), np.nan)  # the last states, the latest first, and the steps that led there
+    past_steps = np.zeros((MAX_PERIOD, n, 2), dtype=np.int64)
+    past[0] = xi
+    periods, steps, endings = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full(n, UNDECIDED)
+    going = np.arange(n)
+    for _ in range(max_steps):
+        if not going.size:
+            break
+        if should_stop is not None and should_stop():
+            raise KeyboardInterrupt
+        walked = step_map(past[0, going])
+        completed = walked.completed
+        back = _returns(np.abs(walked.states - past[:, going]).max(axis=2)) & completed
+        for row in (past, past_steps):
+            row[1:, going] = row[:-1, going]
+        past[0, going] = walked.states
+        past_steps[0, going] = np.column_stack([walked.phases, walked.impacts])
+        steps[going] += completed
+        settled = back.any(axis=0)
+        periods[going] = np.where(settled, np.argmax(back, axis=0) + 1, 0)
+        endings[going] = np.where(settled, 0, np.where(completed, UNDECIDED, walked.endings))
+        going = going[completed & ~settled]
+    first = _first_of_cycle(past, periods)
+    rows = np.arange(n)
+    phases, impacts = past_steps[first, rows].T
+    return Fates(
+        periods=periods, endings=endings, steps=steps, states=past[first, rows], phases=phases, impacts=impacts
+    )
+
+
+def _returns(distances: Array) -> NDArray[np.bool_]:
+    """Whether a state is back where it was 1, 2, ... steps before, from its distances to these; shape (periods, n).
+
+    On its way into a fixed point a walk may come close to earlier states by chance: of a cycle all states differ.
+    """
+    apart = np.vstack([np.full((1, distances.shape[1]), True), distances[:-1] > SAME_GAIT])
+    return (distances < SETTLED) & np.logical_and.accumulate(apart, axis=0)
+
+
+def _first_of_cycle(past: Array, periods: Codes) -> Codes:
+    """How many steps ago the walk was at the state of its cycle that comes first in lexical order; shape (n,)."""
+    first = np.zeros(len(periods), dtype=np.int64)
+    for row in np.flatnonzero(periods > 1):
+        cycle = np.round(past[: periods[row], row], -int(np.log10(SAME_GAIT)))
+        first[row] = min(range(periods[row]), key=lambda k: tuple(cycle[k]))
+    return first
+
+
+class Attractors:
+    """The gaits that states settle on, collected from one part of a grid after the other, always in the same order."""
+
+    def __init__(self) -> None:
+        self._found: list[Attractor] = []
+
+    def add(self, fates: Fates) -> Codes:
+        """Take in some fates; for each the index of its gait, -1 where there is none, shape (n,)."""
+        labels = np.full(len(fates.periods), -1)
+        waiting = np.flatnonzero(fates.periods > 0)
+        for index, known in enumerate(self._found):
+            waiting = self._claim(index, known, fates, waiting, labels)
+        while waiting.size:
+            k = waiting[0]
+            phases, impact = phase_names(int(fates.phases[k])), MODES[fates.impacts[k]]
+            state, period = fates.states[k], int(fates.periods[k])
+            new = Attractor(state=state, period=period, phases=phases, impact=impact, count=0)
+            self._found.append(new)
+            waiting = self._claim(len(self._found) - 1, new, fates, waiting, labels)
+        return labels
+
+    def _claim(self, index: int, gait: Attractor, fates: Fates, rows: Indices, labels: Codes) -> Indices:
+        """Label those rows that are on a gait, and return the others."""
+        near = np.abs(fates.states[rows] - gait.state).max(axis=1) < SAME_GAIT
+        on_it = near & (fates.periods[rows] == gait.period)
+        labels[rows[on_it]] = index
+        self._found[index] = replace(self._found[index], count=self._found[index].count + int(on_it.sum()))
+        return rows[~on_it]
+
+    @property
+    def found(self) -> tuple[Attractor, ...]:
+        """The gaits in the order of their labels."""
+        return tuple(self._found)
+
+
+def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:
+    """How many walks failed in which way, by name; ``undecided`` is one of them."""
+    values, counts = np.unique(endings[endings != 0], return_counts=True)
+    return {"undecided" if v == UNDECIDED else str(ENDINGS[v]): int(c) for v, c in zip(values, counts, strict=True)}

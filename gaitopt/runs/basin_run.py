@@ -1,0 +1,190 @@
+"""A basin on disk: tiles of states, stored as they finish, so that a run that was killed goes on where it was."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from gaitopt.errors import SolveError
+from gaitopt.gait import Gait
+from gaitopt.problem import Problem
+from gaitopt.runs.basin import Fates, follow
+from gaitopt.runs.basin_tiles import BASIN_FILE, NUMBER, STATE_BYTES_MEMORY, Basin, assembled
+from gaitopt.runs.grid import Grid, check_room
+from gaitopt.simulation import Engine, choose_engine
+from gaitopt.store import (
+    begin_run,
+    has_tile,
+    json_text,
+    replacing,
+    write_tile,
+    write_whole,
+    writing,
+)
+from gaitopt.store.files import make_folder
+from gaitopt.store.manifest import MANIFEST_FILE
+from gaitopt.store.tiles import TILE_FILE
+from gaitopt.study.return_map import section_states, step_map
+from gaitopt.workers.jobs import Job, SetAside, Workers, run_jobs
+
+TILE = 4096
+"""States of one tile: some ten seconds of walking, and what is lost by a kill."""
+STATE_BYTES_DISK = 48
+"""Of the fate of one state, compressed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BasinPlan:
+    """What is to be walked, and where it is kept.
+
+    Attributes
+    ----------
+    start : problem or gait; the coordinates that the grid leaves out are those of its state.
+    max_steps : steps after which a state is undecided.
+    folder : of the run; the basin has a folder of its own in it.
+    """
+
+    start: Problem | Gait
+    grid: Grid
+    max_steps: int
+    engine: str
+    folder: Path
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that is walked."""
+        return self.start.problem if isinstance(self.start, Gait) else self.start
+
+    @property
+    def base(self) -> dict[str, float]:
+        """Section coordinates of the state that the grid varies; those of the grid itself left out."""
+        names = self.problem.walker.section_names(slipping=True)
+        if isinstance(self.start, Gait):
+            state = dict(zip(self.start.system.state_names, self.start.state.tolist(), strict=True))
+        else:
+            state = dict(self.start.guess.state)
+        varied = {axis.key for axis in self.grid.axes}
+        return {name: float(state[name]) for name in names if name not in varied}
+
+    @property
+    def key(self) -> str:
+        """Names the basin by all that its tiles depend on."""
+        asked = {"grid": [str(axis) for axis in self.grid.axes], "base": self.base, "steps": self.max_steps}
+        asked |= {"engine": str(choose_engine(self.engine, steps=self.grid.size)), "tile": TILE}
+        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:8]
+
+    @property
+    def place(self) -> Path:
+        """The basin's own folder."""
+        return self.folder / f"basin-{self.key}"
+
+    @property
+    def tiles(self) -> range:
+        """Numbers of the tiles."""
+        return range(-(-self.grid.size // TILE))
+
+
+def check_basin(plan: BasinPlan) -> None:
+    """Refuse a basin that cannot be walked or kept, before it starts.
+
+    Raises
+    ------
+    UnknownNameError
+        If the grid is not over section coordinates, or the engine is not there.
+    StorageError
+        If the grid does not fit in memory or on disk.
+    """
+    plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
+    choose_engine(plan.engine)
+    check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
+
+
+def walk_basin(
+    plan: BasinPlan,
+    workers: Workers,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Basin | None:
+    """Walk what is not yet on disk, and say where every state goes; None if it was stopped.
+
+    Parameters
+    ----------
+    plan : checked by ``check_basin``.
+    workers : where the tiles are walked.
+    progress : called with the number of tiles done and of all tiles.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full; finished tiles are kept.
+    SolveError
+        If a tile kills its workers.
+    """
+    with writing(plan.folder, plan.problem):
+        if not (plan.folder / MANIFEST_FILE).exists():
+            begin_run(plan.folder, plan.problem)
+        make_folder(plan.place, parents=False)
+        if not _walk_tiles(plan, workers, progress, should_stop):
+            return None
+        basin = assembled(plan.place, plan.problem, plan.grid, plan.base)
+        names = [TILE_FILE.format(tile) for tile in plan.tiles]
+        with replacing(plan.folder, *(f"{plan.place.name}/{name}" for name in (*names, BASIN_FILE))):
+            write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
+    return basin
+
+
+def _walk_tiles(
+    plan: BasinPlan,
+    workers: Workers,
+    progress: Callable[[int, int], None] | None,
+    should_stop: Callable[[], bool] | None,
+) -> bool:
+    """Walk the tiles that are not on disk, each written as soon as it is finished; whether all are there."""
+    missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
+    done, total = len(plan.tiles) - len(missing), len(plan.tiles)
+    engine = choose_engine(plan.engine, steps=plan.grid.size)
+    p = tuple(plan.start.p.tolist()) if isinstance(plan.start, Gait) else None
+    task = TileTask(problem=plan.problem, p=p, engine=engine, grid=plan.grid, base=plan.base, max_steps=plan.max_steps)
+    jobs = [Job(key=f"{plan.key}-{tile}", argument=(task, tile)) for tile in missing]
+    for key, fates in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
+        tile = int(key.rpartition("-")[2])
+        if isinstance(fates, SetAside):
+            raise SolveError(f"tile {tile} of the basin was given up: {fates.reason}; the others are kept")
+        write_tile(plan.place, tile, {NUMBER: tile, **{f.name: getattr(fates, f.name) for f in fields(fates)}})
+        done += 1
+        if progress is not None:
+            progress(done, total)
+    return done == total
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TileTask:
+    """What a worker has to know of a basin."""
+
+    problem: Problem
+    p: tuple[float, ...] | None
+    engine: Engine
+    grid: Grid
+    base: dict[str, float]
+    max_steps: int
+
+
+def walk_tile(argument: tuple[TileTask, int], _: None = None, should_stop: Callable[[], bool] | None = None) -> Fates:
+    """Fates of the states of one tile; runs in any process.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` became true.
+    """
+    task, tile = argument
+    numbers = np.arange(tile * TILE, min((tile + 1) * TILE, task.grid.size))
+    values = dict(zip([axis.key for axis in task.grid.axes], task.grid.points(numbers).T, strict=True))
+    names = task.problem.walker.section_names(slipping=True)
+    xi = np.column_stack([values.get(name, np.full(len(numbers), task.base.get(name))) for name in names])
+    walk = step_map(task.problem, task.p, task.engine)
+    return follow(walk, section_states(task.problem, xi), task.max_steps, should_stop=should_stop)

@@ -1,0 +1,130 @@
+"""A basin in its folder: tiles of states, and where every state of the grid goes."""
+
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.errors import StorageError
+from gaitopt.problem import Problem
+from gaitopt.runs.basin import Attractor, Attractors, Fates, outcome_counts
+from gaitopt.runs.grid import Grid, check_room
+from gaitopt.store import read_manifest, read_object, read_problem, read_sealed, read_tile
+from gaitopt.store.records import validated
+from gaitopt.store.tiles import TILE_FILE
+
+Labels = NDArray[np.int32]
+
+STATE_BYTES_MEMORY = 16
+"""Of the labels and step counts that are held of the whole grid at once."""
+BASIN_FILE = "basin.json"
+NUMBER = "number"
+"""Key of a tile's own number in its file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Basin:
+    """Where every state of a grid goes.
+
+    Attributes
+    ----------
+    problem, grid : what was asked.
+    base : the section coordinates that the grid does not vary.
+    attractors : the gaits that were found; ``labels`` counts them.
+    labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
+    endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Fates``.
+    steps : ndarray, grid's shape - steps until it settled or failed.
+    """
+
+    problem: Problem
+    grid: Grid
+    base: dict[str, float]
+    attractors: tuple[Attractor, ...]
+    labels: Labels
+    endings: Labels
+    steps: Labels
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object: the gaits with their shares, and the failures by name."""
+        names = self.problem.walker.section_names(slipping=True)
+        gaits = [
+            {
+                "kind": str(gait),
+                "period": gait.period,
+                "phases": [str(mode) for mode in gait.phases],
+                "impact": str(gait.impact),
+                "state": dict(zip(names, gait.state.tolist(), strict=True)),
+                "states": gait.count,
+                "share": gait.count / self.grid.size,
+            }
+            for gait in self.attractors
+        ]
+        return {
+            "problem": self.problem.name,
+            "over": [asdict(axis) for axis in self.grid.axes],
+            "base": self.base,
+            "states": self.grid.size,
+            "gaits": gaits,
+            "failures": outcome_counts(self.endings),
+        }
+
+
+def read_basin(place: Path) -> Basin:
+    """The basin in its own folder, which lies in the run folder of its problem.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds no finished basin, or is broken.
+    """
+    run, own = place.resolve().parent, place.resolve().name
+    stored = validated(_Stored, read_object(run, f"{own}/{BASIN_FILE}"), place / BASIN_FILE)
+    grid = validated(Grid, {"axes": stored.over}, place / BASIN_FILE)
+    check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
+    return assembled(place, read_problem(run), grid, stored.base)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Stored:
+    """What is read of the file of a basin."""
+
+    over: list[dict[str, Any]]
+    base: dict[str, float]
+
+
+def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
+    """The whole basin from its tiles, one after the other."""
+    attractors = Attractors()
+    labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
+    done, tile = 0, 0
+    while done < grid.size:
+        fates = _fates(place, tile, grid.size - done)
+        rows = slice(done, done + len(fates.steps))
+        labels[rows], endings[rows], steps[rows] = attractors.add(fates), fates.endings, fates.steps
+        done, tile = rows.stop, tile + 1
+    return Basin(
+        problem=problem, grid=grid, base=base, attractors=attractors.found,
+        labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
+    )  # fmt: skip
+
+
+def _fates(place: Path, tile: int, most: int) -> Fates:
+    """The fates of one tile, of no more than ``most`` states.
+
+    Raises
+    ------
+    StorageError
+        If the file holds anything else.
+    """
+    arrays = read_tile(place, tile)
+    run, own = place.resolve().parent, place.resolve().name
+    name = TILE_FILE.format(tile)
+    if f"{own}/{name}" in read_manifest(run).files:
+        read_sealed(run, f"{own}/{name}")
+    number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Fates)}
+    counts = {len(np.atleast_1d(array)) for array in arrays.values()}
+    if number != tile or arrays.keys() != names or len(counts) != 1 or not 0 < min(counts) <= most:
+        raise StorageError(f"{place / name} is not tile {tile}: delete it, and its states are walked again")
+    return Fates(**arrays)

@@ -1,0 +1,73 @@
+"""A search for gaits whose parts are kept line by line, so that the same search goes on where it was."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gaitopt.problem import Problem
+from gaitopt.search.candidates import search_part
+from gaitopt.search.distinct import Gaits, gaits_of
+from gaitopt.search.find import STARTS, Within, opened, search_jobs
+from gaitopt.store import growing, stored_lines
+from gaitopt.store.records import validated
+from gaitopt.workers.jobs import SetAside, Workers, run_jobs
+
+PARTS_FILE = "find.jsonl"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartRecord:
+    """What is read of a line of the file: the candidates of one part of a search, with its key."""
+
+    part: str
+    method: str
+    starts: int
+    candidates: list[dict[str, Any]]
+
+
+def find_durably(
+    problem: Problem,
+    folder: Path,
+    workers: Workers,
+    *,
+    starts: int = STARTS,
+    seed: int = 0,
+    within: Within | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Gaits | None:
+    """As ``find``, with the parts of the search kept in ``folder``, held for writing by the caller; None if stopped.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full, or what the folder holds is broken; finished parts are kept.
+    """
+    asked = opened(problem)
+    jobs = search_jobs(asked, starts=starts, seed=seed, within=within or {})
+    known = _stored(folder)
+    parts = {job.key: known[job.key] for job in jobs if job.key in known}
+    lost: dict[str, SetAside] = {}
+    missing = [job for job in jobs if job.key not in parts]
+    with growing(folder, PARTS_FILE) as log:
+        for key, part in run_jobs(search_part, missing, workers, should_stop=should_stop):
+            if isinstance(part, SetAside):
+                lost[key] = part
+            else:
+                parts[key] = {"part": key, **part}
+                log.append(parts[key])
+            if progress is not None:
+                progress(len(parts) + len(lost), len(jobs))
+    if len(parts) + len(lost) < len(jobs):
+        return None
+    return gaits_of(asked, [parts[job.key] for job in jobs if job.key in parts], should_stop=should_stop)
+
+
+def _stored(folder: Path) -> dict[str, dict[str, Any]]:
+    """The parts that a folder holds, by their keys."""
+    records = {}
+    for number, record in enumerate(stored_lines(folder, PARTS_FILE), start=1):
+        validated(PartRecord, record, folder / PARTS_FILE, number)
+        records[record["part"]] = record
+    return records

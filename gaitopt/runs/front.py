@@ -1,0 +1,138 @@
+"""Trade-offs: a chain of designs along one number of the problem, each started from its neighbour's gait.
+
+The chain is walked in both directions, because a design is a local optimum and depends on where it comes from; of two
+gaits for the same number the better one is kept. Its Pareto front are the points that no other one beats in both aims.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gaitopt.errors import ProblemError
+from gaitopt.gait import Status
+from gaitopt.problem import Problem
+from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Axis, check_room
+from gaitopt.runs.solved import problem_job, solve_all
+from gaitopt.store import begin_run, writing
+from gaitopt.workers.jobs import Workers
+
+Progress = Callable[[int, int], None]
+Record = dict[str, Any]
+TIE = 1e-9
+"""Relative difference of objectives below which a gait does not beat another."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrontPoint:
+    """One design of a front.
+
+    Attributes
+    ----------
+    value : of the number that is varied.
+    gait : record of the better one of both directions, verified if it converged.
+    pareto : whether no other point is better in one aim and no worse in the other.
+    """
+
+    value: float
+    gait: Record
+    pareto: bool
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is a gait."""
+        return bool(self.gait["status"] == Status.CONVERGED)
+
+    def to_record(self) -> Record:
+        """The gait's record with ``value``, ``objective`` and ``pareto``."""
+        objective = _objective(self.gait) if self.converged else None
+        return {"value": self.value, "objective": objective, "pareto": self.pareto, **self.gait}
+
+
+def design_front(
+    problem: Problem,
+    axis: Axis,
+    folder: Path,
+    *,
+    progress: Progress | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> list[FrontPoint] | None:
+    """Designs for every value of an axis, in its order; None if it was stopped.
+
+    Parameters
+    ----------
+    problem : a design with an objective.
+    axis : dotted key of a number of the problem, for instance ``constraints.speed.min``, and its values.
+    folder : that keeps every design as soon as it is found; the same call goes on where it was.
+    progress : called with the number of designs done and their total.
+    should_stop : looked at between designs.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no objective, or a value is wrong for it.
+    StorageError
+        If the designs do not fit in memory or on disk.
+    """
+    if not problem.objective:
+        raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
+    check_room(2 * axis.count, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+    problems = {float(value): problem.replace({axis.key: float(value)}) for value in axis.values}
+    with writing(folder, problem):
+        begin_run(folder, problem)
+        best = _walk(problems, folder, progress, should_stop)
+    if best is None:
+        return None
+    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+
+
+def _walk(
+    problems: dict[float, Problem],
+    folder: Path,
+    progress: Progress | None,
+    should_stop: Callable[[], bool] | None,
+) -> dict[float, Record] | None:
+    """The better gait of both directions for every value; None if it was stopped."""
+    best: dict[float, Record] = {}
+    neighbour: Record | None = None
+    for done, value in enumerate([*problems, *reversed(problems)], start=1):
+        found = _design(problems[value], neighbour, folder, should_stop)
+        if found is None:
+            return None
+        best[value] = found if value not in best or _beats(found, best[value]) else best[value]
+        neighbour = best[value] if best[value]["status"] == Status.CONVERGED else neighbour
+        if progress is not None:
+            progress(done, 2 * len(problems))
+    return best
+
+
+def _design(
+    problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None
+) -> Record | None:
+    """From the neighbour's gait, or from the guess where there is none or it leads nowhere."""
+    job = problem_job(problem, None if neighbour is None else neighbour["job"])
+    known = {} if neighbour is None else {neighbour["job"]: neighbour}
+    found = solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)
+    return None if found is None else found[job.key]
+
+
+def _objective(gait: Record) -> float:
+    return float(gait["solver"]["objective"])
+
+
+def _beats(gait: Record, other: Record) -> bool:
+    if not gait["status"] == other["status"] == Status.CONVERGED:
+        return bool(gait["status"] == Status.CONVERGED)
+    return _objective(gait) < _objective(other) - TIE * abs(_objective(other))
+
+
+def _undominated(value: float, gaits: dict[float, Record], key: str) -> bool:
+    """Whether no other gait costs no more and is stricter in what is varied."""
+    if gaits[value]["status"] != Status.CONVERGED:
+        return False
+    strictness = -1.0 if key.endswith(".max") else 1.0
+    rivals: Iterable[tuple[float, Record]] = (
+        (v, g) for v, g in gaits.items() if v != value and g["status"] == Status.CONVERGED
+    )
+    cost = _objective(gaits[value])
+    return not any(_objective(g) <= cost and strictness * v > strictness * value for v, g in rivals)

@@ -1,0 +1,155 @@
+"""Designs from many sampled guesses: which optima there are, how often each is found, and whether the best is alone.
+
+A start changes every section coordinate of the guess, the guess of every freed number and the control points of a free
+curve at random. The starts depend on the seed alone, not on how many processes work on them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaitopt.gait import Status
+from gaitopt.mechanics import BezierTracking, Mode
+from gaitopt.problem import Problem
+from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, check_room
+from gaitopt.runs.solved import problem_job, solve_all
+from gaitopt.store import begin_run, writing
+from gaitopt.study.system import build_system
+from gaitopt.workers.jobs import Workers
+
+SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
+"""Relative differences of the objective, and of state and freed values, within which two starts have found the same
+optimum: where it is flat, places differ by the root of what objectives do."""
+DECIDING_DIGITS = 6
+"""Objectives that agree to so many digits do not decide between two solutions."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optimum:
+    """One distinct solution.
+
+    Attributes
+    ----------
+    record : of its gait, verified, as ``Gait.to_record``.
+    problem : with the guess that led to it first.
+    starts : numbers of the starts that led to it; start 0 is the problem's own guess.
+    """
+
+    record: dict[str, Any]
+    problem: Problem
+    starts: tuple[int, ...]
+
+    @property
+    def objective(self) -> float:
+        """Its objective; 0 where nothing is minimised."""
+        return float(self.record["solver"].get("objective", 0.0))
+
+    @property
+    def verified(self) -> bool:
+        """Whether the simulator confirms it."""
+        return bool(self.record["verification"]["passed"])
+
+    @property
+    def radius(self) -> float:
+        """Spectral radius; below one the gait is stable."""
+        return float(self.record["spectral_radius"])
+
+    def to_record(self) -> dict[str, Any]:
+        """What tells it from the other solutions."""
+        found = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
+        kkt = self.record["solver"].get("kkt")
+        return {
+            "objective": self.objective,
+            "kkt": kkt,
+            "verified": self.verified,
+            "starts": list(self.starts),
+            **found,
+        }
+
+
+def multistart(
+    problem: Problem,
+    starts: int,
+    folder: Path,
+    *,
+    seed: int = 0,
+    spread: float = 0.3,
+    workers: Workers | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> list[Optimum] | None:
+    """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
+
+    Parameters
+    ----------
+    problem : a design, or a problem without unknowns (then its distinct gaits are found).
+    folder : that keeps what each start has found; the same call goes on where it was.
+    seed : of the samples.
+    spread : how far a sample goes: coordinates and freed numbers by this part of themselves, control points of a curve
+        by this part of the curve's range, all within their bounds.
+    workers : where the starts are worked on; by default all cores.
+    progress : called with the number of starts done and their total.
+    should_stop : looked at all the time; when true, None is returned, and what is finished is kept.
+
+    Raises
+    ------
+    StorageError
+        If the starts do not fit in memory or on disk.
+    """
+    check_room(starts, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+    problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
+    jobs = [problem_job(p) for p in problems]
+    with writing(folder, problem):
+        begin_run(folder, problem)
+        found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
+    return None if found is None else _distinct(problems, [found[job.key] for job in jobs])
+
+
+def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[Problem]:
+    """The problem with ``count`` other guesses."""
+    control = build_system(problem).control
+    curves = control.points if isinstance(control, BezierTracking) else {}
+    names = problem.walker.section_names(slipping=problem.cycle.impact is not Mode.STICK)
+    problems = []
+    for number in range(1, count + 1):
+        rng = np.random.default_rng([seed, number])
+        changes: dict[str, object] = {
+            f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names
+        }
+        for key, free in problem.free.items():
+            size = abs(free.guess) or free.upper - free.lower
+            guess = float(np.clip(free.guess + spread * size * rng.uniform(-1, 1), free.lower, free.upper))
+            changes[key] = {"free": [free.lower, free.upper], "guess": guess}
+        for name, points in curves.items():
+            row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
+            within = control.unknowns[f"reference.{name}.0"]
+            changes[f"control.reference.curve.points.{name}"] = np.clip(row, *within).tolist()
+        problems.append(problem.replace(changes))
+    return problems
+
+
+def _distinct(problems: list[Problem], records: list[dict[str, Any]]) -> list[Optimum]:
+    groups: list[list[int]] = []
+    for k, record in enumerate(records):
+        if record["status"] != Status.CONVERGED:
+            continue
+        group = next((g for g in groups if _same(records[g[0]], record)), None)
+        groups.append([k]) if group is None else group.append(k)
+    optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
+    return sorted(optima, key=_rank)
+
+
+def _rank(optimum: Optimum) -> tuple[bool, float, bool, float]:
+    """Verified ones first, then the better objective; where that does not decide, stable gaits."""
+    objective = float(f"{optimum.objective:.{DECIDING_DIGITS}g}")
+    return not optimum.verified, objective, not optimum.radius < 1, optimum.radius
+
+
+def _same(first: dict[str, Any], second: dict[str, Any]) -> bool:
+    values = [np.array([*record["state"].values(), *record["parameters"].values()]) for record in (first, second)]
+    objectives = [record["solver"].get("objective", 0.0) for record in (first, second)]
+    near = bool(np.all(np.abs(values[0] - values[1]) <= SAME_PLACE * (1 + np.abs(values[0]))))
+    return near and abs(objectives[0] - objectives[1]) <= SAME_OBJECTIVE * abs(objectives[0])

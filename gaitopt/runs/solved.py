@@ -1,0 +1,124 @@
+"""Problems solved and verified, each once: what is found is kept in a file of a run folder, line by line.
+
+A job is named by the hash of its resolved problem. Its result is on disk before the next one is taken in, in a file
+that all sweeps and starts of a problem share, so that nothing is solved twice, whatever happens in between.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gaitopt.errors import SolveError
+from gaitopt.gait import Status
+from gaitopt.problem import Problem
+from gaitopt.search.solve import solve
+from gaitopt.store import growing, stored_lines
+from gaitopt.store.records import validated
+from gaitopt.study.verify import verify
+from gaitopt.study.warm import guessed_from
+from gaitopt.workers.jobs import Job, SetAside, Workers, run_jobs
+
+JOBS_FILE = "jobs.jsonl"
+SET_ASIDE = "set_aside"
+"""Status of a job that has no result."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobRecord:
+    """What is read of a line of the file: a gait or a failed attempt, with the key of its job."""
+
+    job: str
+    status: str
+    start: str = ""
+    message: str = ""
+    phases: list[dict[str, Any]] = field(default_factory=list)
+    impact: str = ""
+    state: dict[str, float | None] = field(default_factory=dict)
+    parameters: dict[str, float | None] = field(default_factory=dict)
+    verification: dict[str, Any] | None = None
+    solver: dict[str, Any] = field(default_factory=dict)
+
+
+def problem_job(problem: Problem, parent: str | None = None) -> Job:
+    """The job of a problem that starts cold, or from the gait of the job ``parent``."""
+    key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
+    return Job(key=key, argument=problem, parent=parent)
+
+
+def solve_all(
+    jobs: list[Job],
+    folder: Path,
+    workers: Workers,
+    *,
+    known: Mapping[str, Any] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> dict[str, dict[str, Any]] | None:
+    """Records of the gaits of all jobs by their keys, those on disk included; None if it was stopped.
+
+    Parameters
+    ----------
+    jobs : with a ``Problem`` as argument; the gait of the parent is the guess that is tried first.
+    folder : of the run that keeps the results, held for writing by the caller.
+    known : records of parents that are not among the jobs.
+    progress : called with the number of jobs done and their total.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full, or what the folder holds is broken; finished jobs are kept.
+    """
+    unsolved = {job.key: job for job in jobs}
+    records = {key: record for key, record in _stored(folder) if key in unsolved}
+    total, missing = len(unsolved), [job for key, job in unsolved.items() if key not in records]
+    with growing(folder, JOBS_FILE) as log:
+        done = {**(known or {}), **records}
+        for key, result in run_jobs(solve_job, missing, workers, done=done, should_stop=should_stop):
+            if isinstance(result, SetAside):
+                records[key] = {"status": SET_ASIDE, "message": result.reason}
+            else:
+                records[key] = {"job": key, **result}
+                log.append(records[key])
+            if progress is not None:
+                progress(len(records), total)
+    return records if len(records) == total else None
+
+
+def _stored(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for number, record in enumerate(stored_lines(folder, JOBS_FILE), start=1):
+        validated(JobRecord, record, folder / JOBS_FILE, number)
+        yield record["job"], record
+
+
+def solve_job(
+    problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Callable[[], bool] | None = None
+) -> dict[str, Any]:
+    """The record of a problem's gait with its verification; runs in any process.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If Ctrl-C was pressed here, or ``should_stop`` became true.
+    """
+    for start, candidate in _starts(problem, neighbour):
+        try:
+            gait = solve(candidate, should_stop=should_stop)
+        except SolveError as error:
+            if should_stop is not None and should_stop():  # a reference whose solution was interrupted
+                raise KeyboardInterrupt from None
+            return {"status": str(Status.NOT_CONVERGED), "message": str(error), "start": start}
+        if gait.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if gait.converged:
+            gait = gait.verified(verify(gait).to_record())
+            break
+    return {**gait.to_record(), "start": start}
+
+
+def _starts(problem: Problem, neighbour: Mapping[str, Any] | None) -> Iterable[tuple[str, Problem]]:
+    """The problem with the neighbour's gait as its guess, if there is one; then as it is."""
+    if neighbour is not None and neighbour["status"] == Status.CONVERGED:
+        yield "warm", guessed_from(problem, neighbour, neighbour["parameters"])
+    yield "cold", problem

@@ -1,0 +1,214 @@
+"""A grid of problems, each solved and verified: what a gait becomes over one or several parameters."""
+
+import csv
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaitopt.errors import ProblemError, StorageError
+from gaitopt.problem import Problem
+from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Grid, check_room
+from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
+from gaitopt.store import (
+    Table,
+    begin_run,
+    csv_text,
+    json_text,
+    read_object,
+    read_sealed,
+    replacing,
+    write_whole,
+    writing,
+)
+from gaitopt.store.files import make_folder, parsed
+from gaitopt.store.records import validated
+from gaitopt.store.text import parse_cell
+from gaitopt.workers.jobs import Job, Workers
+
+TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
+SCALARS = (
+    "period", "step_length", "speed", "work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared",
+    "peak_torque", "slip_distance", "foot_clearance", "spectral_radius", "required_friction", "impulse_ratio",
+    "min_normal_force",
+)  # fmt: skip
+"""Columns of the table, after the grid's own."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What is to be solved, and where it is kept.
+
+    Attributes
+    ----------
+    problem : the problem of which the grid changes some numbers.
+    grid : over dotted keys of parameters.
+    warm : whether a job starts from the gait of its neighbour towards the grid's first point; else, and where that
+        fails, from the problem's guess.
+    folder : of the problem's run.
+    """
+
+    problem: Problem
+    grid: Grid
+    warm: bool
+    folder: Path
+
+    @cached_property
+    def jobs(self) -> list[Job]:
+        """One job per point of the grid, in its order.
+
+        Raises
+        ------
+        ProblemError
+            If a point of the grid is no valid problem.
+        """
+        jobs: list[Job] = []
+        for number in range(self.grid.size):
+            problem = self._at(number)
+            neighbour = self._neighbour(number) if self.warm else None
+            jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key))
+        return jobs
+
+    @cached_property
+    def place(self) -> Path:
+        """Folder of the sweep's table and figures."""
+        asked = json.dumps([*(str(axis) for axis in self.grid.axes), self.warm])
+        return self.folder / f"sweep-{hashlib.sha256(asked.encode()).hexdigest()[:8]}"
+
+    def point(self, number: int) -> dict[str, float]:
+        """Values by dotted key at one point of the grid."""
+        values = self.grid.points(np.array([number]))[0]
+        return dict(zip([axis.key for axis in self.grid.axes], values.tolist(), strict=True))
+
+    def _at(self, number: int) -> Problem:
+        try:
+            return self.problem.replace(self.point(number))
+        except ProblemError as error:
+            raise ProblemError(str(error).replace("--set ", "--over ")) from error
+
+    def _neighbour(self, number: int) -> int | None:
+        """The point one step towards the first along the first axis that allows it; None for the first point."""
+        index = [int(k) for k in np.unravel_index(number, self.grid.shape)]
+        axis = next((k for k, value in enumerate(index) if value > 0), None)
+        if axis is None:
+            return None
+        index[axis] -= 1
+        return int(np.ravel_multi_index(index, self.grid.shape))
+
+
+def check_sweep(sweep: Sweep) -> None:
+    """Refuse a sweep that cannot be made or kept, before it starts.
+
+    Raises
+    ------
+    UnknownNameError
+        If the grid is over something that is not a parameter.
+    ProblemError
+        If a point of the grid is no valid problem.
+    StorageError
+        If the grid does not fit in memory or on disk.
+    """
+    sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
+    check_room(sweep.grid.size, sweep.folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+    _ = sweep.jobs
+
+
+def run_sweep(
+    sweep: Sweep,
+    workers: Workers,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> list[dict[str, Any]] | None:
+    """Solve and verify what is not on disk yet; the records of all points in order, None if it was stopped.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full, or another process sweeps the same problem; finished jobs are kept.
+    """
+    with writing(sweep.folder, sweep.problem):
+        begin_run(sweep.folder, sweep.problem)
+        solved = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
+        if solved is None:
+            return None
+        records = [{**solved[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
+        make_folder(sweep.place, parents=False)
+        with replacing(sweep.folder, *(f"{sweep.place.name}/{name}" for name in (TABLE_FILE, SWEEP_FILE))):
+            write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, records)))
+            write_whole(sweep.place / SWEEP_FILE, json_text(sweep_record(sweep, records), indent=2) + "\n")
+    return records
+
+
+def read_sweep(place: Path) -> tuple[Grid, list[dict[str, Any]]]:
+    """Grid, and the status and the scalars of every point in its order, of the sweep in its own folder.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds no finished sweep, or is broken.
+    """
+    run, own = place.resolve().parent, place.resolve().name
+    path = place / TABLE_FILE
+    grid = validated(Grid, {"axes": read_object(run, f"{own}/{SWEEP_FILE}").get("over")}, place / SWEEP_FILE)
+    rows = parsed(_parse_rows, read_sealed(run, f"{own}/{TABLE_FILE}"), path)
+    if len(rows) != grid.size:
+        raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was left alone")
+    return grid, rows
+
+
+def _parse_rows(text: str) -> list[dict[str, Any]]:
+    """Status and scalars of every row of the table.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing or a cell is no number; the message names the line.
+    """
+    reader, rows = csv.DictReader(text.splitlines()), list[dict[str, Any]]()
+    known = [name for name in SCALARS if name in (reader.fieldnames or ())]
+    for row in reader:
+        try:
+            rows.append({"status": row["status"], **{name: parse_cell(row[name]) for name in known}})
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"line {reader.line_num}: {error!r}") from error
+    return rows
+
+
+def sweep_table(grid: Grid, records: list[dict[str, Any]]) -> Table:
+    """One row per point: the grid's values, status, whether it was verified, start, modes and the scalars."""
+    keys = [axis.key for axis in grid.axes]
+    scalars = [name for name in SCALARS if name not in keys]
+
+    def row(record: Mapping[str, Any]) -> list[Any]:
+        verification, phases = record.get("verification"), record.get("phases") or ()
+        passed = "" if verification is None else str(verification["passed"]).lower()
+        modes = " ".join([*(phase["mode"] for phase in phases), *(["/", record["impact"]] if phases else [])])
+        values = [record.get(name) for name in scalars]
+        texts = [record["status"], passed, record.get("start", ""), modes]
+        return [*record["at"].values(), *texts, *(float("nan") if v is None else v for v in values)]
+
+    header = (*keys, "status", "verified", "start", "modes", *scalars)
+    return Table(header=header, rows=[row(record) for record in records])
+
+
+def sweep_record(sweep: Sweep, records: list[dict[str, Any]]) -> dict[str, Any]:
+    """One JSON object about a whole sweep."""
+    statuses = [record["status"] for record in records]
+    verified = [(record.get("verification") or {}).get("passed") for record in records]
+    return {
+        "problem": sweep.problem.name,
+        "over": [asdict(axis) for axis in sweep.grid.axes],
+        "jobs": len(records),
+        "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
+        "verified": verified.count(True),
+        "refuted": verified.count(False),
+        "set_aside": [
+            {"at": record["at"], "reason": record["message"]} for record in records if record["status"] == SET_ASIDE
+        ],
+    }

@@ -1,0 +1,234 @@
+"""Candidates of a search for gaits: a mode sequence with a motion, not yet solved nor verified.
+
+Two searches propose them. Walks of the simulator, which chooses its own modes, end near gaits or are led to them by
+Newton's method on the return map. A program with complementarity conditions in place of a mode sequence finds motions
+of any sequence, also where parameters are free and where no walk leads.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Status, Step
+from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.nlp import free_parameters
+from gaitopt.nlp.complementarity.program import Complementarity, Proposal
+from gaitopt.nlp.complementarity.swing import shapes_before, swing
+from gaitopt.orbit import ReturnMap, damped_fixed_point
+from gaitopt.problem import OpenSequence, Problem
+from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
+from gaitopt.simulation.batch.functions import Rowwise
+from gaitopt.study.return_map import step_map
+from gaitopt.study.system import build_system
+
+Array = NDArray[np.float64]
+Record = dict[str, Any]
+
+ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
+"""Half widths of the default box of start states, in rad and natural units."""
+SMALLEST_SCALE = 0.3
+"""Samples of the default box lie in boxes from this part of it to its whole: walkers make small steps too."""
+STANDING = 0.05
+"""A period shorter than this in natural units is no step: feet that stay together solve all equations."""
+SAME = 1e-3
+"""States whose difference is less than this part of their size are one."""
+PERIODS = (0.7, 3.0)
+"""Range of the guessed periods in natural units."""
+TYPICAL_PERIOD = 1.7
+WALK = 8
+"""Steps of a walk on which a near-return is looked for."""
+TRIES = 40
+"""Walks of one job from which Newton's method starts, those that come closest to themselves first."""
+WALKS, GUESSES = 250, 4
+"""Start states of one job of walks, and guesses of one job of complementarity."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """Range of the start states by section coordinate; ``given`` where it is not the walker's default."""
+
+    lower: Array
+    upper: Array
+    given: bool
+
+    @property
+    def sizes(self) -> Array:
+        """Widths, shape (n_xi,)."""
+        return self.upper - self.lower
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchJob:
+    """A part of a search: ``number`` distinguishes the samples of its parts."""
+
+    problem: Problem
+    method: str
+    number: int
+    seed: int
+    within: Mapping[str, tuple[float, float]]
+
+    @property
+    def n_steps(self) -> int:
+        """Length of the longest cycle that is looked for."""
+        modes = self.problem.modes
+        return modes.steps if isinstance(modes, OpenSequence) else 1
+
+
+def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
+    """Candidates of one part of a search, and how many starts it has made.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If Ctrl-C was pressed here, or ``should_stop`` became true.
+    """
+    stop = should_stop or (lambda: False)
+    system = build_system(job.problem, should_stop=should_stop)
+    p = system.values(job.problem.parameters)
+    box, rng = start_box(job.problem, system, p, job.within), np.random.default_rng([job.seed, job.number])
+    search = _walks if job.method == "simulation" else _guesses
+    candidates, starts = search(job, system, p, box, rng, stop)
+    return {"method": job.method, "starts": starts, "candidates": candidates}
+
+
+def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[str, tuple[float, float]]) -> Box:
+    """The box of start states: that of the walker, changed by ``within``."""
+    scales, n_section = system.scales(p), len(problem.walker.section)
+    names = problem.walker.section_names(slipping=True)
+    half = np.array([ANGLE] * n_section + [RATE / scales.time] * system.n_shape + [SLIP * scales.speed])
+    lower, upper = -half, half.copy()
+    for name, span in within.items():
+        lower[names.index(name)], upper[names.index(name)] = span
+    return Box(lower=lower, upper=upper, given=bool(within))
+
+
+def _walks(
+    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
+) -> tuple[list[Record], int]:
+    """Fixed points of the return map and of its powers next to the walks from sampled states."""
+    xi, standing = _samples(system, p, box, rng), STANDING * system.scales(p).time
+    if job.problem.start is not None and job.number == 0:
+        xi[0] = [job.problem.start.state[name] for name in job.problem.walker.section_names(slipping=True)]
+    engine = choose_engine(Engine.AUTO, steps=WALKS * WALK)
+    history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
+    simulator = Simulator(system, p, stepper=make_stepper(system, p, engine))
+    candidates = []
+    for n_steps in range(1, job.n_steps + 1):
+        maps = {mode: ReturnMap(simulator, mode, n_steps) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
+        for row, state in _near_returns(history, n_steps, box):
+            if should_stop():
+                raise KeyboardInterrupt
+            mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
+            n = state.size if state[-1] else state.size - 1
+            steps = damped_fixed_point(maps[mode], state[:n], box.sizes[:n])
+            if steps is not None and steps[0].period > standing:
+                candidates.append(_cycle_record(system, steps, f"{job.method} {job.number}.{row}"))
+    return candidates, len(xi)
+
+
+def _samples(system: HybridSystem, p: Array, box: Box, rng: np.random.Generator) -> Array:
+    """Start states, every other one at rest, in boxes of all sizes unless a box is given; shape (WALKS, n_xi)."""
+    xi = rng.uniform(box.lower, box.upper, (WALKS, box.lower.size))
+    if not box.given:
+        xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
+        _turn_forward(system, p, xi)
+    if box.lower[-1] <= 0 <= box.upper[-1]:
+        xi[::2, -1] = 0.0
+    return xi
+
+
+def _turn_forward(system: HybridSystem, p: Array, xi: Array) -> None:
+    """Mirror postures (n, n_xi) to which a step backward would lead."""
+    n, n_section = system.n_shape, len(system.walker.section)
+    (lifted,) = Rowwise(system.lift)(xi, p)
+    before = np.zeros_like(lifted)
+    before[:, :n] = shapes_before(system, p, lifted[:, :n])
+    step_lengths = Rowwise(system.impact(Mode.STICK))(before, p)[0][:, n]
+    xi[step_lengths < 0, :n_section] *= -1
+
+
+def _walk(problem: Problem, engine: Engine, xi: Array, steps: int) -> Array:
+    """Section states of walks from ``xi``, shape (steps + 1, n, n_xi); NaN where a walk has ended."""
+    history = np.full((steps + 1, *xi.shape), np.nan)
+    history[0], going, step = xi, np.arange(len(xi)), step_map(problem, None, engine)
+    for k in range(steps):
+        walked = step(history[k, going])
+        going = going[walked.completed]
+        history[k + 1, going] = walked.states[walked.completed]
+        if not going.size:
+            break
+    return history
+
+
+def _near_returns(history: Array, n_steps: int, box: Box) -> Iterator[tuple[int, Array]]:
+    """The walks that come closest to where they were ``n_steps`` before, and the states there, the closest first."""
+    distances = np.abs((history[n_steps:] - history[:-n_steps]) / box.sizes).max(axis=2)
+    distances = np.where(np.isnan(distances), np.inf, distances)
+    nearest = np.argmin(distances, axis=0)
+    best = distances[nearest, np.arange(nearest.size)]
+    for row in np.argsort(best)[: min(TRIES, int(np.isfinite(best).sum()))]:
+        yield int(row), history[n_steps + nearest[row], row]
+
+
+def _guesses(
+    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
+) -> tuple[list[Record], int]:
+    """Motions of open mode sequence near steps in which all joints move at constant rates."""
+    time, n = system.scales(p).time, len(job.problem.walker.section)
+    within = {
+        name.removeprefix("state."): (span.minimum, span.maximum)
+        for name, span in job.problem.constraints.items()
+        if name.startswith("state.")
+    }
+    program = Complementarity(
+        system, p, TYPICAL_PERIOD * time, free_parameters(job.problem, system), within, should_stop=should_stop
+    )
+    xi = rng.uniform(box.lower, box.upper, (GUESSES, box.lower.size))
+    if not box.given:
+        _turn_forward(system, p, xi)
+    candidates = []
+    for number, shape in enumerate(xi[:, :n]):
+        period = float(time * np.exp(rng.uniform(*np.log(PERIODS))))
+        result = program.solve(*swing(system, p, shape, period), period)
+        if result is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if isinstance(result, Proposal):
+            candidates.append(_proposal_record(system, result, f"{job.method} {job.number}.{number}"))
+    return candidates, GUESSES
+
+
+def _cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
+    """A simulated cycle, without repetitions, from the smallest of its states in lexical order."""
+    starts = [step.arcs[0].states[0] for step in steps]
+    n = next(k for k in range(1, len(steps) + 1) if len(steps) % k == 0 and _repeats(starts, k))
+    first = min(range(n), key=lambda k: tuple(starts[k]))
+    turned = [*steps[first:n], *steps[:first]]
+    records = [_step_record(step.phases, step.impact.mode) for step in turned if step.impact is not None]
+    return {"steps": records, "state": _state_record(system, starts[first]), "parameters": {}, "start": start}
+
+
+def _repeats(states: Sequence[Array], n: int) -> bool:
+    """Whether a cycle of states is one of ``n`` states several times over."""
+    size = np.abs(states[0]).max()
+    return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
+
+
+def _proposal_record(system: HybridSystem, proposal: Proposal, start: str) -> Record:
+    phases = tuple(zip(proposal.sequence.phases, proposal.durations, strict=True))
+    return {
+        "steps": [_step_record(phases, proposal.sequence.impact)],
+        "state": _state_record(system, proposal.state),
+        "parameters": dict(proposal.freed),
+        "start": start,
+    }
+
+
+def _step_record(phases: Sequence[tuple[Mode, float]], impact: Mode) -> Record:
+    return {"phases": [{"mode": str(mode), "duration": t} for mode, t in phases], "impact": str(impact)}
+
+
+def _state_record(system: HybridSystem, state: Array) -> Record:
+    return dict(zip(system.state_names, map(float, state), strict=True))

@@ -1,0 +1,135 @@
+"""Why a problem has no gait with its mode sequence, what there is instead, and what would have to change."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from gaitopt.errors import SolveError
+from gaitopt.gait import Cause, Gait, Status
+from gaitopt.problem import Problem
+from gaitopt.search.distinct import Gaits
+from gaitopt.search.find import STARTS, find
+from gaitopt.search.nearest import Nearest, nearest_values, own_gait
+from gaitopt.search.solve import solve
+from gaitopt.study.simulate import Walk, simulate
+from gaitopt.study.verify import verify
+
+INDIRECT = ("search", "motion", "event", "periodicity", "duration", "touchdown", "slip_velocity", "equations")
+"""Causes that tell where a search has ended; the end of a family of gaits tells more."""
+WALK = 20
+"""Steps of the walk from the guess."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """Why there is no gait.
+
+    Attributes
+    ----------
+    problem : what was asked.
+    gait : the attempt, where ``exists`` the gait; None where the reference of a PD law already failed.
+    exists : whether the gait exists after all.
+    causes : violated conditions, the decisive one first.
+    instead : gaits of any mode sequence at these parameters.
+    walk : what the simulator does from the guess, None where there is no guess.
+    nearest : values of single parameters at which the mode sequence begins to exist.
+    """
+
+    problem: Problem
+    gait: Gait | None
+    exists: bool
+    causes: tuple[Cause, ...] = ()
+    instead: Gaits | None = None
+    walk: Walk | None = None
+    nearest: tuple[Nearest, ...] = ()
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object with the keys of the command line."""
+        return {
+            "problem": self.problem.name,
+            "exists": self.exists,
+            "causes": [cause.to_record() for cause in self.causes],
+            "instead": [] if self.instead is None else self.instead.to_record()["gaits"],
+            "simulated": None if self.walk is None else self.walk.to_record(),
+            "nearest": [nearest.to_record() for nearest in self.nearest],
+        }
+
+
+def explain(
+    problem: Problem,
+    *,
+    starts: int = STARTS,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Callable[[str], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Explanation:
+    """Why a problem has no gait: the violated conditions, what happens instead, and where the gait begins to exist.
+
+    Parameters
+    ----------
+    starts, seed, workers : of the search for gaits of other mode sequences, see ``find``.
+    progress : called with what is done next.
+    should_stop : polled at every iteration.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` said so.
+    """
+    say = progress or (lambda _: None)
+    say(f"solving {problem.name}")
+    try:
+        gait = solve(problem, should_stop=should_stop)
+    except SolveError as error:
+        cause = Cause(what="reference", words=str(error))
+        return Explanation(problem=problem, gait=None, exists=False, causes=(cause,))
+    if gait.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    refuted = _refuted(gait)
+    if gait.converged and not refuted:
+        return Explanation(problem=problem, gait=gait, exists=True)
+    say("searching for gaits of any mode sequence")
+    instead = find(problem, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
+    walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
+    nearest: list[Nearest] = []
+    if not problem.is_open and not problem.free:
+        say("following families of gaits to where the mode sequence begins")
+        nearest = nearest_values(problem, own_gait(problem, should_stop), instead, should_stop)
+    return Explanation(
+        problem=problem,
+        gait=gait,
+        exists=False,
+        causes=_causes(problem, gait, refuted or gait.causes, nearest),
+        instead=instead,
+        walk=walk,
+        nearest=tuple(nearest),
+    )
+
+
+def _refuted(gait: Gait) -> tuple[Cause, ...]:
+    """The claims about a gait that the simulator does not confirm."""
+    if not gait.converged:
+        return ()
+    claims = [claim for claim in verify(gait).claims if not claim.passed]
+    return tuple(
+        Cause(
+            what=claim.name,
+            words=f"the simulator disagrees: {claim.name}, {claim.note}",
+            needed=claim.tolerance,
+            available=claim.figure,
+        )
+        for claim in claims
+    )
+
+
+def _causes(problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest]) -> tuple[Cause, ...]:
+    """The conditions that the attempt violates; before those that only tell where it ended, the end of the family."""
+    causes = direct or (Cause(what="search", words=gait.message),)
+    if causes[0].what not in INDIRECT or not nearest:
+        return causes
+    values = problem.parameters
+    first = min(nearest, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
+    words = f"{first.reason} at {first.parameter} = {first.value:.6g}; here it is {values[first.parameter]:.6g}"
+    cause = Cause(what=first.type, words=words, needed=first.value, available=values[first.parameter])
+    return (cause, *causes)

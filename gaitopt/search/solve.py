@@ -1,0 +1,41 @@
+"""The gait of a problem, whether its mode sequence is given or open."""
+
+from collections.abc import Callable
+
+from gaitopt.gait import Gait
+from gaitopt.problem import Problem
+from gaitopt.search.find import find_best
+from gaitopt.study.solve import solve_sequence
+
+
+def solve(
+    problem: Problem,
+    *,
+    start: Gait | None = None,
+    progress: Callable[[int, float], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Gait:
+    """Solve a problem for its gait; the reference of a PD law is solved first.
+
+    Where the mode sequence is open, the gait is the stable one of those that ``find`` lists (the one nearest to the
+    guess if there is one), else the least unstable; of a design the one with the best objective.
+
+    Parameters
+    ----------
+    problem : from ``load_problem``; where parameters are free it is a design, the best gait that meets its constraints.
+    start : a gait of the same walker, control law and mode sequence from which a design starts instead of the guess.
+    progress : called at every iteration of IPOPT with its number and the largest violation of a constraint.
+    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+
+    Returns
+    -------
+    gait : ``gait.status`` says whether it may be trusted; a failure to converge is not an error.
+
+    Raises
+    ------
+    SolveError
+        If the reference of a PD law is not a gait.
+    """
+    if problem.is_open:
+        return find_best(problem, progress=progress, should_stop=should_stop)
+    return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)

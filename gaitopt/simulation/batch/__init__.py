@@ -1,0 +1,1 @@
+"""Many steps at a time, by heyoka in batches."""

@@ -1,0 +1,122 @@
+"""What the feet of many states do, at rest and at an impact.
+
+The rules are those of ``decisions``. What is plain is decided for all states at once; where anything is out of the
+ordinary (an edge, a lost contact, no candidate or several) the state is handed to ``Decisions`` by itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import ImpactRecord
+from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode
+from gaitopt.simulation.batch.steps import ENDINGS, MODES, NONE
+from gaitopt.simulation.contact_resolver import Decisions, Refusal
+from gaitopt.simulation.events import EDGE, INSTANT
+from gaitopt.simulation.heyoka.functions import CompiledRows
+from gaitopt.simulation.natural import natural_system, units
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Codes = NDArray[np.int64]
+
+CONE_EDGE = 1e-9
+"""Relative distance from the edge of the cone within which an impact is looked at by itself."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Landing:
+    """Impacts of n states.
+
+    Attributes
+    ----------
+    modes, endings : ndarray, shape (n,) - codes; where the ending is not ``completed``, there was no impact.
+    states : ndarray, shape (n, n_z) - state after the impact, x = 0.
+    step_lengths : ndarray, shape (n,) [m].
+    """
+
+    modes: Codes
+    endings: Codes
+    states: Array
+    step_lengths: Array
+
+
+class BatchDecisions:
+    """Decisions about the feet of many states of one system at fixed parameters."""
+
+    def __init__(self, system: HybridSystem, p: Array) -> None:
+        self._n_x = system.n_shape
+        self._friction = float(system.static_friction(p))
+        self._stick_first = system.law is ImpactLaw.FRICTIONLESS or system.friction_drops(p)
+        self._one_by_one = Decisions(system, p)
+        self._units = units(system, p)
+        self._events = [
+            CompiledRows(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in MODES
+        ]
+        self._approach = CompiledRows(system.approach, {1: p})
+        self._impacts = [CompiledRows(system.impact(mode), {1: p}) for mode in MODES]
+
+    def at_rest(self, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
+        """Modes of feet at rest and, where there is none, endings; both of shape (n,).
+
+        Parameters
+        ----------
+        times : ndarray, shape (n,) - times since the last impact [s].
+        states : ndarray, shape (n, n_z).
+        data : ndarray, shape (n, n_r) - segment data of the control.
+        """
+        if not times.size:
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        taus, zetas = times / self._units.time, states / self._units.state
+        (stick, rates), *slips = (events(taus[:, None], zetas, data) for events in self._events)
+        cones = stick[:, 3:]
+        clear = np.abs(cones) > EDGE + INSTANT * np.abs(rates[:, 3:])
+        carries = [margins[:, 2] > 0 for margins in (stick, *(margins for margins, _ in slips))]
+        unique = [margins[:, 4] > 0 for margins, _ in slips]
+        plain = np.all([*carries, *unique, *clear.T], axis=0)
+        modes = np.select([cones[:, 0] < 0, cones[:, 1] < 0], _SLIPS, default=MODES.index(Mode.STICK))
+        endings = np.zeros_like(modes)
+        for k in np.flatnonzero(~plain):
+            decision = self._one_by_one.at_rest(float(times[k]), states[k], data[k])
+            if isinstance(decision, Refusal):
+                modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
+            else:
+                modes[k] = MODES.index(decision)
+        return modes, endings
+
+    def land(self, states: Array) -> Landing:
+        """Impacts at touchdown in the given states, shape (n, n_z)."""
+        candidates = [impact(states) for impact in self._impacts]
+        consistent = np.column_stack([self._consistent(*pair) for pair in zip(MODES, candidates, strict=True)])
+        if self._stick_first:
+            consistent[:, 1:] &= ~consistent[:, :1]
+        modes, rows = np.argmax(consistent, axis=1), np.arange(len(states))
+        after = np.stack([candidate[0] for candidate in candidates])[modes, rows]
+        lift_velocities = np.column_stack([candidate[3] for candidate in candidates])[rows, modes]
+        step_lengths, endings = after[:, self._n_x].copy(), np.zeros_like(modes)
+        after[:, self._n_x] = 0.0
+        comes_down = self._approach(states)[0][:, 0] < -EDGE * self._units.speed
+        plain = comes_down & (consistent.sum(axis=1) == 1) & (lift_velocities > 0) & ~self._at_edge(candidates[0][1])
+        for k in np.flatnonzero(~plain):
+            decision = self._one_by_one.impact(states[k])
+            if isinstance(decision, ImpactRecord):
+                modes[k], after[k], step_lengths[k] = MODES.index(decision.mode), decision.state, decision.step_length
+            else:
+                modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
+                after[k], step_lengths[k] = states[k], np.nan
+        return Landing(modes=modes, endings=endings, states=after, step_lengths=step_lengths)
+
+    def _consistent(self, mode: Mode, candidate: list[Array]) -> Flags:
+        _, impulse, slip_velocity, _, _ = candidate
+        f_t, f_n = impulse.T
+        if mode is Mode.STICK:
+            return (f_n > 0) & (np.abs(f_t) <= self._friction * f_n)
+        return (f_n > 0) & (mode.direction * slip_velocity[:, 0] > 0)
+
+    def _at_edge(self, impulse: Array) -> Flags:
+        f_t, f_n = impulse.T
+        return np.abs(np.abs(f_t) - self._friction * f_n) <= CONE_EDGE * np.abs(self._friction * f_n)
+
+
+_SLIPS = [MODES.index(Mode.SLIP_FORWARD), MODES.index(Mode.SLIP_BACKWARD)]

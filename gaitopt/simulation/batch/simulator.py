@@ -1,0 +1,143 @@
+"""One step of thousands of states: the hybrid simulator with arrays in place of numbers.
+
+The rules are those of ``Simulator``. All states that are in the same mode go through their next arc together, then
+all with the same event through what follows, until every step has ended.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Ending
+from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.simulation.batch.resolver import BatchDecisions, Landing
+from gaitopt.simulation.batch.stepper import Arrivals, HeyokaBatch
+from gaitopt.simulation.batch.steps import BASE, ENDINGS, MAX_PHASES, MODES, BatchSteps
+from gaitopt.simulation.events import EDGE
+from gaitopt.simulation.natural import units
+from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES, ONSETS
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.int64]
+Indices = NDArray[np.intp]
+
+
+class BatchSimulator:
+    """Simulates steps of many states of one system at fixed parameters.
+
+    Parameters
+    ----------
+    system : the walker under its control law.
+    p : ndarray, shape (n_p,) - parameters.
+    max_step_time, max_switches : as in ``Simulator``.
+    """
+
+    def __init__(
+        self,
+        system: HybridSystem,
+        p: Array,
+        *,
+        max_step_time: float | None = None,
+        max_switches: int = MAX_SWITCHES,
+    ) -> None:
+        self.system, self.p = system, np.array(p)
+        self._max_switches = max_switches
+        self._stepper, self._decisions = HeyokaBatch(system, p), BatchDecisions(system, p)
+        self._units = units(system, p)
+        longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
+        limit = min(longest, system.control.horizon)
+        self._ends = np.array([*(t for t in system.control.breakpoints if t < limit), limit])
+
+    def step(self, states: Array) -> BatchSteps:
+        """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
+        motion = _Motion(states, self.system.n_shape, EDGE * self._units.speed)
+        self._choose_at_rest(motion, np.flatnonzero(motion.states[:, -1] == 0))
+        while (going := np.flatnonzero(motion.endings < 0)).size:
+            modes = motion.modes[going]
+            for code in np.unique(modes):
+                self._advance(motion, code, going[modes == code])
+        return BatchSteps(
+            states=motion.states,
+            endings=motion.endings,
+            times=motion.times,
+            step_lengths=motion.step_lengths,
+            phases=motion.phases,
+            impacts=motion.impacts,
+        )
+
+    def _advance(self, motion: "_Motion", code: int, rows: Indices) -> None:
+        """One arc of the given rows, all in the mode with this code, and what follows."""
+        mode, segments = MODES[code], motion.segments[rows]
+        arrivals = self._stepper.advance(mode, segments, motion.times[rows], motion.states[rows], self._ends[segments])
+        motion.arrive(rows, code, arrivals)
+        names = np.array([*margin_names(mode), "failure", "limit"])[arrivals.events]
+        for name in np.unique(names):
+            self._follow(motion, name, rows[names == name])
+
+    def _follow(self, motion: "_Motion", event: str, rows: Indices) -> None:
+        """What comes after the same event in the given rows."""
+        if event == "failure":
+            motion.end(rows, Ending.NUMERICAL)
+        elif event == "limit":
+            self._pass_breakpoint(motion, rows)
+        elif event in FATAL:
+            motion.end(rows, FATAL[event].ending)
+        elif event == "touchdown":
+            motion.land(rows, self._decisions.land(motion.states[rows]))
+        else:
+            self._switch(motion, event, rows)
+
+    def _switch(self, motion: "_Motion", event: str, rows: Indices) -> None:
+        motion.switches[rows] += 1
+        chattering = motion.switches[rows] > self._max_switches
+        motion.end(rows[chattering], Ending.CHATTERING)
+        rows = rows[~chattering]
+        if event in ONSETS:
+            motion.modes[rows] = MODES.index(ONSETS[event])
+        else:
+            motion.states[rows, -1] = 0.0
+            self._choose_at_rest(motion, rows)
+
+    def _pass_breakpoint(self, motion: "_Motion", rows: Indices) -> None:
+        last = motion.segments[rows] == len(self._ends) - 1
+        motion.end(rows[last], Ending.NO_TOUCHDOWN)
+        rows = rows[~last]
+        motion.segments[rows] += 1
+        self._choose_at_rest(motion, rows[motion.modes[rows] == MODES.index(Mode.STICK)])
+
+    def _choose_at_rest(self, motion: "_Motion", rows: Indices) -> None:
+        data = self._stepper.data[motion.segments[rows]]
+        modes, endings = self._decisions.at_rest(motion.times[rows], motion.states[rows], data)
+        motion.modes[rows] = modes
+        motion.endings[rows[endings > 0]] = endings[endings > 0]
+
+
+class _Motion:
+    """Where all the states have got to; an ending of -1 means that the motion goes on."""
+
+    def __init__(self, states: Array, n_x: int, at_rest: float) -> None:
+        n = len(states)
+        self._n_x = n_x
+        self.states = np.array(states, dtype=float)
+        self.states[:, n_x] = 0.0
+        self.states[np.abs(self.states[:, -1]) <= at_rest, -1] = 0.0
+        self.times, self.step_lengths = np.zeros(n), np.full(n, np.nan)
+        self.segments, self.switches = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
+        self.modes = np.where(self.states[:, -1] > 0, MODES.index(Mode.SLIP_FORWARD), MODES.index(Mode.SLIP_BACKWARD))
+        self.endings, self.impacts = np.full(n, -1), np.full(n, -1)
+        self.phases, self._n_phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.intp)
+
+    def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
+        """Record arcs in one mode; an arc across a breakpoint continues its phase, one without duration is none."""
+        new = rows[(arrivals.times > self.times[rows]) & (self.phases[rows] % BASE != code + 1)]
+        self._n_phases[new] += 1
+        self.phases[new] = np.where(self._n_phases[new] > MAX_PHASES, 0, self.phases[new] * BASE + code + 1)
+        self.times[rows], self.states[rows] = arrivals.times, arrivals.states
+
+    def end(self, rows: Indices, ending: Ending) -> None:
+        """End the motion of the given rows."""
+        self.endings[rows] = ENDINGS.index(ending)
+
+    def land(self, rows: Indices, landing: Landing) -> None:
+        """End steps by their impacts."""
+        self.endings[rows], self.impacts[rows] = landing.endings, landing.modes
+        self.states[rows], self.step_lengths[rows] = landing.states, landing.step_lengths

@@ -1,0 +1,1 @@
+"""Taylor integration and compiled functions by heyoka."""

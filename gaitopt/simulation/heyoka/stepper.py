@@ -1,0 +1,150 @@
+"""Arcs by heyoka's Taylor series: some ten steps to a phase, events at roots of the series, both to rounding.
+
+heyoka reports every simple root of a margin in a step, in order of time. Margins that start at their edge (the level
+feet, a slip at its onset, which is a double root) are lifted off it, see ``events.lift``; Newton's method leads from
+the root of the lifted margin to that of the margin itself. Inside, all is in natural units.
+"""
+
+from functools import partial
+from typing import Any
+
+import heyoka as hy
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation.events import (
+    EDGE,
+    INSTANT,
+    LIFTS,
+    LOOK,
+    PRIORITY,
+    Point,
+    coincides,
+    fallen,
+    is_armed,
+    lift,
+    refine,
+)
+from gaitopt.simulation.heyoka.integrators import (
+    Integrator,
+    event_integrator,
+    flow_integrator,
+    variational_integrator,
+)
+from gaitopt.simulation.natural import natural_system, units
+from gaitopt.simulation.stepper import Arrival
+
+Array = NDArray[np.float64]
+
+MAX_TAYLOR_STEPS = 20_000
+"""Bound on the work for one arc: walking takes ten, only a very stiff control law takes more."""
+NOT_FINITE = "the equations of motion are not finite"
+TOO_MANY = f"more than {MAX_TAYLOR_STEPS} integration steps in one arc"
+
+
+class HeyokaStepper:
+    """A ``Stepper`` by heyoka.
+
+    Parameters
+    ----------
+    system : the walker under its control law.
+    p : ndarray, shape (n_p,) - parameters.
+    precision : ``float``, or ``numpy.longdouble`` for an oracle; states are returned in double precision.
+    """
+
+    def __init__(self, system: HybridSystem, p: Array, *, precision: type = float) -> None:
+        self._system, self._units, self._precision = system, units(system, p), precision
+        self._points = {mode: Buffered(natural_system(system).point(mode)) for mode in Mode}
+        for mode, function in self._points.items():
+            function.inputs[2][:] = self._units.parameters[mode]
+        self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
+        self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
+
+    def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
+        """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
+        unit, names = self._units, margin_names(mode)
+        start = self._point(mode, data, time / unit.time, state / unit.state)
+        event = fallen(names, start.margins, start.rates, partial(self._look, mode, data, start))
+        if event is not None or limit <= time:
+            return Arrival(time=time, state=state, event=event)
+        taylor = self._loaded("events", mode, data, start.time, start.state)
+        taylor.pars[-len(names) :] = [
+            LIFTS[name] if margin > EDGE else lift(name, margin, rate)
+            for name, margin, rate in zip(names, start.margins, start.rates, strict=True)
+        ]
+        taylor.reset_cooldowns()
+        outcome = taylor.propagate_until(self._precision(limit / unit.time), max_steps=MAX_TAYLOR_STEPS)[0]
+        end, zeta = float(taylor.time), np.array(taylor.state, dtype=float)
+        k = -int(outcome) - 1
+        if 0 <= k < len(names):
+            name, end, zeta = self._located(mode, data, start, k, self._point(mode, data, end, zeta))
+            return Arrival(time=max(end * unit.time, time), state=zeta * unit.state, event=name)
+        if outcome == hy.taylor_outcome.time_limit:
+            return Arrival(time=limit, state=zeta * unit.state)
+        if outcome == hy.taylor_outcome.step_limit:
+            return Arrival(time=end * unit.time, state=zeta * unit.state, failure=TOO_MANY)
+        return Arrival(time=time, state=state, failure=NOT_FINITE)  # nothing is known beyond the start
+
+    def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
+        """States at ascending ``times`` of an arc that starts with ``state`` at the first; see ``Stepper``."""
+        unit, taus = self._units, times / self._units.time
+        taylor = self._loaded("flow", mode, data, taus[0], state / unit.state)
+        return np.asarray(taylor.propagate_grid(taus.astype(self._precision))[-1], dtype=float) * unit.state
+
+    def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
+        """Deviations at the end of an arc from those at its start; see ``Stepper``."""
+        unit, (start, end) = self._units, times / self._units.time
+        y, sizes = unit.pack(state, deviations)
+        taylor = self._loaded("variational", mode, data, start, y, sizes.size)
+        taylor.propagate_until(end)
+        return unit.unpack(taylor.state, sizes)
+
+    def _loaded(self, kind: str, mode: Mode, data: Array, time: float, state: Array, columns: int = 0) -> Any:
+        """The integrator for one purpose, its parameters, time and state set."""
+        key = (kind, mode, columns)
+        if key not in self._integrators:
+            self._integrators[key] = self._compile(kind, mode, columns)
+        integrator = self._integrators[key]
+        place = (*key, data.tobytes())
+        if place not in self._constants:
+            self._constants[place] = integrator.values(self._units.parameters[mode], data)
+        taylor = integrator.taylor
+        constants = self._constants[place]
+        taylor.pars[: constants.size], taylor.time, taylor.state[:] = constants, self._precision(time), state
+        return taylor
+
+    def _compile(self, kind: str, mode: Mode, columns: int) -> Integrator:
+        if kind == "variational":
+            return variational_integrator(self._system, mode, columns)
+        build = event_integrator if kind == "events" else flow_integrator
+        return build(self._system, mode, precision=self._precision)
+
+    def _located(self, mode: Mode, data: Array, start: Point, k: int, near: Point) -> tuple[str, float, Array]:
+        """The event that counts at the root of the k-th margin, of which ``near`` is the lifted one; time and state."""
+        end, zeta = refine(k, near, partial(self._reach, mode, data))
+        names, shift = margin_names(mode), end - near.time
+        together = [
+            name
+            for name, m, r, first in zip(names, near.margins, near.rates, start.margins, strict=True)
+            if r < 0 and coincides(m + shift * r, r) and (is_armed(name, first) or end > start.time + INSTANT)
+        ]
+        return min((names[k], *together), key=PRIORITY.index), end, zeta
+
+    def _reach(self, mode: Mode, data: Array, point: Point, duration: float) -> Point:
+        taylor = self._loaded("flow", mode, data, point.time, point.state)
+        taylor.propagate_for(self._precision(duration))
+        return self._point(mode, data, float(taylor.time), np.array(taylor.state, dtype=float))
+
+    def _look(self, mode: Mode, data: Array, point: Point) -> list[float]:
+        """Rates of the margins a little later, from which their bends follow."""
+        return list(self._point(mode, data, *point.shifted(LOOK)).rates)
+
+    def _point(self, mode: Mode, data: Array, tau: float, zeta: Array) -> Point:
+        function = self._points[mode]
+        time, state, _, segment = function.inputs  # the parameters stay
+        time[0], state[:], segment[:] = tau, zeta, data
+        function.evaluate()
+        flow, margins, rates = function.outputs
+        return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())

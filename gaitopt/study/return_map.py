@@ -1,0 +1,188 @@
+"""The return map of thousands of states at once: arrays in, arrays and named outcomes out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Gait
+from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.problem import Problem
+from gaitopt.simulation import Engine, Simulator, choose_engine
+from gaitopt.simulation.batch.functions import Rowwise
+from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, phase_names, stack_outcomes
+from gaitopt.study.system import build_system
+from gaitopt.workers.jobs import Job, SetAside, Workers, run_jobs
+
+if TYPE_CHECKING:
+    from gaitopt.simulation.batch.simulator import BatchSimulator
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.int64]
+
+CHUNK = 4096
+"""States of one job: a tenth of a second of work, a third of a megabyte."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Returns:
+    """One step of each of n states.
+
+    Attributes
+    ----------
+    names : section coordinates, the columns of ``states``; ``dx`` is the last.
+    states : ndarray, shape (n, k) - section coordinates after the step; where it was not completed, at its end.
+    endings : ndarray, shape (n,) - index of the outcome in ``Ending``; 0 is ``completed``.
+    times : ndarray, shape (n,) - period, or the time at which the motion ended [s].
+    step_lengths : ndarray, shape (n,) - NaN where the step was not completed [m].
+    phases : ndarray, shape (n,) - the modes gone through as base-4 digits, 1 + index in ``Mode``.
+    impacts : ndarray, shape (n,) - index of the impact's mode in ``Mode``; -1 where the step was not completed.
+    """
+
+    names: tuple[str, ...]
+    states: Array
+    endings: Codes
+    times: Array
+    step_lengths: Array
+    phases: Codes
+    impacts: Codes
+
+    @property
+    def completed(self) -> NDArray[np.bool_]:
+        """Which steps were completed; shape (n,)."""
+        return self.endings == 0
+
+    @property
+    def outcomes(self) -> NDArray[np.str_]:
+        """The named outcomes; shape (n,)."""
+        return np.array([str(ending) for ending in ENDINGS])[self.endings]
+
+    def sequence(self, row: int) -> tuple[Mode, ...]:
+        """The modes gone through by one state."""
+        return phase_names(int(self.phases[row]))
+
+
+def return_map(
+    start: Problem | Gait,
+    states: Array,
+    *,
+    engine: str = Engine.AUTO,
+    workers: int = 1,
+    should_stop: Callable[[], bool] | None = None,
+) -> Returns:
+    """Walk one step from each of many states just after an impact.
+
+    The result of a state does not depend on the others, nor on their number, order or distribution over processes.
+
+    Parameters
+    ----------
+    start : problem or gait whose walker, control and friction are used.
+    states : ndarray, shape (n, k) - section coordinates, with ``dx`` as the last column or without it (at rest).
+    engine : ``auto``, ``scipy`` or ``heyoka``.
+    workers : processes.
+
+    Raises
+    ------
+    ValueError
+        If ``states`` is not of such a shape, or not finite.
+    UnknownNameError
+        If the engine is unknown or not installed.
+    """
+    problem = start.problem if isinstance(start, Gait) else start
+    xi = section_states(problem, states)
+    chosen = choose_engine(engine, steps=len(xi))
+    p = tuple(start.p.tolist()) if isinstance(start, Gait) else None
+    chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
+    arguments = [(problem, p, chosen, chunk) for chunk in chunks]
+    if workers == 1:
+        return _joined([map_chunk(argument) for argument in arguments])
+    jobs = [Job(key=f"chunk-{k}-{id(xi)}", argument=argument) for k, argument in enumerate(arguments)]
+    results = dict(run_jobs(map_chunk, jobs, Workers(count=workers), should_stop=should_stop))
+    for result in results.values():
+        if isinstance(result, SetAside):
+            raise RuntimeError(f"a chunk of states was not mapped: {result.reason}")
+    return _joined([results[job.key] for job in jobs])
+
+
+def section_states(problem: Problem, states: Array) -> Array:
+    """The states as a float array with all section coordinates, ``dx`` included; shape (n, k).
+
+    Raises
+    ------
+    ValueError
+        If they are not of a shape that fits, or not finite.
+    """
+    names = problem.walker.section_names(slipping=True)
+    xi = np.asarray(states, dtype=float)
+    if xi.ndim != 2 or xi.shape[1] not in (len(names) - 1, len(names)):
+        raise ValueError(f"states of shape {xi.shape}: one row per state is needed, columns {', '.join(names)}")
+    if not np.isfinite(xi).all():
+        raise ValueError(f"states must be finite; row {np.flatnonzero(~np.isfinite(xi).all(axis=1))[0]} is not")
+    return np.hstack([xi, np.zeros((len(xi), len(names) - xi.shape[1]))])
+
+
+def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array], _: None = None) -> Returns:
+    """One chunk of ``return_map``; runs in any process."""
+    problem, p, engine, xi = argument
+    return step_map(problem, p, engine)(xi)
+
+
+class StepMap:
+    """The return map of one system at fixed parameters for arrays of section coordinates (n, k)."""
+
+    def __init__(self, system: HybridSystem, p: Array, engine: Engine) -> None:
+        self.system, self.p, self._engine = system, p, engine
+        self.names = system.walker.section_names(slipping=True)
+        self._indices = system.section(Mode.SLIP_FORWARD)
+        self._lift = Rowwise(system.lift)
+
+    def __call__(self, xi: Array) -> Returns:
+        """One step of every state; checked as ``section_states`` does."""
+        (states,) = self._lift(xi, self.p)
+        found = self._batch.step(states) if self._engine is Engine.HEYOKA else self._one_by_one(states)
+        fields = {name: getattr(found, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
+        return Returns(names=self.names, states=found.states[:, self._indices], **fields)
+
+    @cached_property
+    def _batch(self) -> "BatchSimulator":
+        from gaitopt.simulation.batch.simulator import BatchSimulator  # needs heyoka, which is optional
+
+        return BatchSimulator(self.system, self.p)
+
+    def _one_by_one(self, states: Array) -> BatchSteps:
+        simulator = Simulator(self.system, self.p)
+        return stack_outcomes([simulator.step(state) for state in states], states)
+
+
+@lru_cache(maxsize=8)
+def _step_map(key: "_ByDigest", p: tuple[float, ...] | None, engine: Engine) -> StepMap:
+    system = build_system(key.problem)
+    return StepMap(system, np.array(p) if p else system.values(key.problem.parameters), engine)
+
+
+def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
+    """The map of a problem, built once in every process; ``p`` if the parameters are not those of the problem."""
+    return _step_map(_ByDigest(problem), p, engine)
+
+
+class _ByDigest:
+    """A problem that is equal to another if its digest is."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self._digest = problem, problem.digest
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByDigest) and self._digest == other._digest
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
+
+
+def _joined(parts: list[Returns]) -> Returns:
+    fields = ("states", "endings", "times", "step_lengths", "phases", "impacts")
+    return Returns(
+        names=parts[0].names, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in fields}
+    )
