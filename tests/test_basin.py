@@ -123,8 +123,8 @@ def rotation(angle, factor):
 
 
 def test_spiral_into_a_fixed_point_is_no_cycle():
-    fates = follow(Map(rotation(2 * np.pi / 3, 0.8)), np.array([[1.0, 0.0], [0.3, 0.4]]), 200)
-    assert fates.periods.tolist() == [1, 1]
+    outcomes = follow(Map(rotation(2 * np.pi / 3, 0.8)), np.array([[1.0, 0.0], [0.3, 0.4]]), 200)
+    assert outcomes.periods.tolist() == [1, 1]
 
 
 @pytest.mark.parametrize("period", range(1, MAX_PERIOD + 1))
@@ -133,17 +133,17 @@ def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     cycle = (
         np.array([[np.cos(k * angle), np.sin(k * angle)] for k in range(period)]) if period > 1 else np.zeros((1, 2))
     )
-    fates = follow(Map(rotation(angle, 1.0) if period > 1 else rotation(0, 0.5)), cycle, 200)
-    assert set(fates.periods) == {period}
+    outcomes = follow(Map(rotation(angle, 1.0) if period > 1 else rotation(0, 0.5)), cycle, 200)
+    assert set(outcomes.periods) == {period}
     attractors = Attractors()
-    assert set(attractors.add(fates)) == {0}
+    assert set(attractors.add(outcomes)) == {0}
     assert attractors.found[0].count == len(cycle)
 
 
 def test_walk_that_never_settles_is_undecided_and_one_that_falls_is_not():
-    fates = follow(Map(rotation(1.0, 1.0)), np.array([[1.0, 0.0], [9.0, 0.0]]), 30)
-    assert fates.endings.tolist() == [UNDECIDED, ENDINGS.index(Ending.FALL)]
-    assert fates.steps.tolist() == [30, 0]
+    outcomes = follow(Map(rotation(1.0, 1.0)), np.array([[1.0, 0.0], [9.0, 0.0]]), 30)
+    assert outcomes.endings.tolist() == [UNDECIDED, ENDINGS.index(Ending.FALL)]
+    assert outcomes.steps.tolist() == [30, 0]
 
 
 @pytest.mark.parametrize(("slope", "period"), [("3 deg", 1), ("4.6 deg", 2), ("4.95 deg", 4)])
@@ -154,10 +154,10 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
     problem = load_problem("compass-passive-stick").replace({"friction": 3, **walker})
     rates = np.linspace(1.0, 1.3, 12)
     xi = np.column_stack([np.full(12, -0.31), rates, np.full(12, -0.15), np.zeros(12)])
-    fates = follow(step_map(problem, None, Engine.HEYOKA), xi, 400)
-    assert set(fates.periods) <= {0, period}
+    outcomes = follow(step_map(problem, None, Engine.HEYOKA), xi, 400)
+    assert set(outcomes.periods) <= {0, period}
     attractors = Attractors()
-    attractors.add(fates)
+    attractors.add(outcomes)
     (gait,) = attractors.found
     assert str(gait).startswith("sticking")
 

@@ -15,8 +15,8 @@ from gaitopt.gait import Ending
 from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, NoControl
 from gaitopt.problem import load_problem
 from gaitopt.simulation import Simulator
-from gaitopt.simulation.batch.functions import WIDTH, Rowwise
-from gaitopt.simulation.batch.resolver import BatchDecisions
+from gaitopt.simulation.batch.functions import WIDTH, RowMap
+from gaitopt.simulation.batch.resolver import BatchResolver
 from gaitopt.simulation.batch.simulator import BatchSimulator
 from gaitopt.simulation.batch.steps import ENDINGS, MAX_PHASES, phase_code, phase_names
 from gaitopt.simulation.heyoka.stepper import HeyokaStepper
@@ -136,8 +136,8 @@ def test_foot_that_comes_from_below_has_no_impact_in_a_batch():
         p = np.array([1.6, 4, 0.8, 2, 9.8, 0.02, friction])
         theta, rates = rng.uniform(-0.6, 0.6, (n, 1)), rng.uniform(-1, 1, (n, 2))
         states = np.hstack([theta, theta, np.zeros((n, 1)), rates, rng.normal(size=(n, 1))])
-        (velocities,) = Rowwise(system.approach)(states, p)
-        endings = BatchDecisions(system, p).land(states).endings
+        (velocities,) = RowMap(system.approach)(states, p)
+        endings = BatchResolver(system, p).land(states).endings
         refused = ENDINGS.index(Ending.IMPACT_INCONSISTENT)
         assert (endings[velocities[:, 0] >= 0] == refused).all()
         assert (endings[velocities[:, 0] < 0] != refused).all()
@@ -203,7 +203,7 @@ def test_rowwise_function_is_that_of_every_row():
     p = system.values(problem.parameters)
     states = rng.uniform(-0.3, 0.3, (WIDTH + 3, system.n_z))
     function = system.impact(Mode.STICK)
-    (after, *_) = Rowwise(function)(states, p)
+    (after, *_) = RowMap(function)(states, p)
     for row, found in zip(states, after, strict=True):
         np.testing.assert_array_equal(found, np.asarray(function(row, p)[0]).ravel())
 

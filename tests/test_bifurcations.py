@@ -19,13 +19,13 @@ def test_a_complex_pair_that_leaves_the_circle_is_a_neimark_sacker_point() -> No
     pair = np.exp(1.1j)
     before, after = (values(r * pair, r * pair.conjugate(), 0.2) for r in (0.99, 1.01))
     assert [kind for kind in before if before[kind] * after[kind] < 0] == ["neimark_sacker"]
-    assert bifurcations.is_genuine("neimark_sacker", np.array([pair, pair.conjugate(), 0.2]))
+    assert bifurcations.is_bifurcation("neimark_sacker", np.array([pair, pair.conjugate(), 0.2]))
 
 
 @pytest.mark.parametrize("third", [0.2, 0.3 + 0.1j])
 def test_a_neutral_saddle_is_none(third: complex) -> None:
     rest = [third] if isinstance(third, float) else [third, third.conjugate()]
-    assert not bifurcations.is_genuine("neimark_sacker", np.array([2.0, 0.5, *rest], dtype=complex))
+    assert not bifurcations.is_bifurcation("neimark_sacker", np.array([2.0, 0.5, *rest], dtype=complex))
 
 
 def test_a_fold_is_where_the_parameter_turns() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt.continuation.continuer import Follower
+from gaitopt.continuation.continuer import Continuer
 from gaitopt.errors import StorageError
 from gaitopt.store import BRANCH_FILE, LineWriter, read_lines
 
@@ -69,7 +69,7 @@ def test_branch_cut_short_goes_on_and_is_the_same(run, kept):
 
 def test_finished_branch_is_not_computed_again(run, monkeypatch):
     _, first, _ = run(*COMMAND, "--json")
-    monkeypatch.setattr(Follower, "records", lambda *_, **__: pytest.fail("walked again"))
+    monkeypatch.setattr(Continuer, "records", lambda *_, **__: pytest.fail("walked again"))
     _, second, _ = run(*COMMAND, "--json")
     assert first == second
 

@@ -9,8 +9,8 @@ import pytest
 
 import gaitopt as go
 from gaitopt.continuation import continuation
-from gaitopt.continuation.continuer import Follower, Limits
-from gaitopt.continuation.segment import Metric, Piece, Station
+from gaitopt.continuation.continuer import Continuer, Limits
+from gaitopt.continuation.segment import Metric, Point, Segment
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
 from gaitopt.mechanics import Cycle, Mode
@@ -85,13 +85,13 @@ def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | Spe
     plan = layout(sequence, durations, ()).refined([intervals] * len(durations))
     transcription = Transcription(system, plan, ("friction",))
     value = float(gait.p[system.parameters.index("friction")])
-    piece = Piece(gait.problem, "friction", transcription, gait.p, Metric.of(gait, gait.period, abs(to - value)))
+    segment = Segment(gait.problem, "friction", transcription, gait.p, Metric.of(gait, gait.period, abs(to - value)))
     nodes = roll_out(system, gait.p, sequence, gait.state, durations).nodes(plan)
     w = transcription.pack(nodes, np.array(durations), (value,))
-    station = piece.start(w, np.append(np.zeros(w.size - 1), to - value))
-    assert isinstance(station, Station)
+    point = segment.start(w, np.append(np.zeros(w.size - 1), to - value))
+    assert isinstance(point, Point)
     limits = Limits(lower=min(to, value), upper=max(to, 2 * value - to))
-    return Follower(piece, station, limits).records()
+    return Continuer(segment, point, limits).records()
 
 
 def test_neighbours_on_a_family_are_neighbours() -> None:

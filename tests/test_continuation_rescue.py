@@ -4,7 +4,7 @@ import pytest
 from named import named
 
 from gaitopt.continuation import continuation
-from gaitopt.continuation.segment import Piece
+from gaitopt.continuation.segment import Segment
 
 
 @pytest.fixture(scope="module")
@@ -13,14 +13,14 @@ def wheel():
 
 
 def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
-    step = Piece.step
+    step = Segment.step
 
-    def failing(self, station, length):
-        found = step(self, station, length)
-        crosses = found is not None and min(found.value, station.value) < 0.45 < max(found.value, station.value)
+    def failing(self, point, length):
+        found = step(self, point, length)
+        crosses = found is not None and min(found.value, point.value) < 0.45 < max(found.value, point.value)
         return None if crosses else found
 
-    monkeypatch.setattr(Piece, "step", failing)
+    monkeypatch.setattr(Segment, "step", failing)
     branch = continuation(wheel, "friction", 0.5)
     assert branch.special("end")[0].value == pytest.approx(0.5)
     assert {point.branch for point in branch} == {0}
@@ -30,8 +30,8 @@ def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
 
 
 def test_branch_ends_with_a_reason_where_ipopt_fails_too(wheel, monkeypatch):
-    step = Piece.step
-    monkeypatch.setattr(Piece, "step", lambda self, s, length: None if s.value > 0.42 else step(self, s, length))
+    step = Segment.step
+    monkeypatch.setattr(Segment, "step", lambda self, s, length: None if s.value > 0.42 else step(self, s, length))
     monkeypatch.setattr("gaitopt.continuation.rescue.DISTANCES", ())
     branch = continuation(wheel, "friction", 0.5)
     assert "IPOPT" in branch.special("end")[0].reason

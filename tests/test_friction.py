@@ -10,7 +10,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait import ImpactRecord
 from gaitopt.mechanics import CompassBiped, HybridSystem, ImpactLaw, Mode, NoControl, StaticKineticFriction
 from gaitopt.simulation import Simulator
-from gaitopt.simulation.contact_resolver import Decisions
+from gaitopt.simulation.contact_resolver import ContactResolver
 from tests.oracles import CASES
 
 STATIC, KINETIC, VISCOUS = 0.15, 0.12, 20.0
@@ -101,7 +101,7 @@ def test_an_impact_sticks_where_sticking_and_slipping_are_both_consistent():
     ratio = abs(stick[0]) / stick[1]
 
     def impact(static, kinetic):
-        record = Decisions(system, np.array([*numbers, static, kinetic, 0])).impact(z)
+        record = ContactResolver(system, np.array([*numbers, static, kinetic, 0])).impact(z)
         assert isinstance(record, ImpactRecord)
         return record.mode
 

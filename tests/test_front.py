@@ -82,13 +82,13 @@ def curve_file(points):
 
 
 @pytest.mark.parametrize(
-    ("points", "complaint"),
+    ("points", "violation"),
     [
         ("{theta1: [0, 0, 0, 0, 0]}", "the tracked joints are theta1, theta2"),
         ("{theta1: [0, 0, 0, 0, 0], theta2: [0, 0]}", "2 control points, but a curve of degree 4 has 5"),
         ("{theta1: [0, 0, 0, 0, 0], theta2: [0, 0, 0.7, 0, 0]}", "0.7 is outside of within = 0.6"),
     ],
 )
-def test_control_points_that_do_not_fit_are_named(points, complaint):
-    with pytest.raises(ProblemError, match=complaint):
+def test_control_points_that_do_not_fit_are_named(points, violation):
+    with pytest.raises(ProblemError, match=violation):
         parse_problem(curve_file(points))

@@ -8,7 +8,7 @@ import pytest
 from named import named
 
 import gaitopt as go
-from gaitopt.continuation.monitors import Name, readings
+from gaitopt.continuation.monitors import MonitorKey, monitor_values
 from gaitopt.gait import Arc, Gait
 from gaitopt.mechanics import Mode
 
@@ -37,8 +37,8 @@ def with_slip_velocity(gait: Gait, index: int, factor: float, offset: float = 0.
     return replace(gait, steps=(replace(gait.steps[0], arcs=tuple(arcs)),))
 
 
-def lost(gait: Gait) -> set[Name]:
-    return {name for name, reading in readings(gait).items() if reading.value <= 0}
+def lost(gait: Gait) -> set[MonitorKey]:
+    return {name for name, monitor in monitor_values(gait).items() if monitor.value <= 0}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -48,12 +48,12 @@ def test_everything_holds_on_a_gait(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_places_lie_within_their_phases(name: str) -> None:
-    assert all(0 <= reading.where <= 1 for reading in readings(solved(name)).values())
+    assert all(0 <= monitor.where <= 1 for monitor in monitor_values(solved(name)).values())
 
 
 def test_durations_are_parts_of_the_period() -> None:
-    found = readings(solved("compass-passive-a"))
-    assert sum(found[Name("duration", phase)].value for phase in range(3)) == pytest.approx(1, abs=1e-12)
+    found = monitor_values(solved("compass-passive-a"))
+    assert sum(found[MonitorKey("duration", phase)].value for phase in range(3)) == pytest.approx(1, abs=1e-12)
 
 
 def test_less_friction_than_sticking_needs_is_seen_at_the_start_of_the_step() -> None:
@@ -61,18 +61,18 @@ def test_less_friction_than_sticking_needs_is_seen_at_the_start_of_the_step() ->
     needed = gait.measures["required_friction"]
     assert lost(with_parameter(gait, "friction", needed + 1e-9)) == set()
     spoilt = with_parameter(gait, "friction", needed - 1e-9)
-    assert lost(spoilt) == {Name("cone_forward", 0)}
-    assert readings(spoilt)[Name("cone_forward", 0)].where == 0
+    assert lost(spoilt) == {MonitorKey("cone_forward", 0)}
+    assert monitor_values(spoilt)[MonitorKey("cone_forward", 0)].where == 0
 
 
 def test_less_friction_than_the_impact_needs_is_seen() -> None:
     gait = solved("compass-passive-stick")
     ratio = abs(gait.measures["impulse_ratio"])
-    assert readings(with_parameter(gait, "friction", ratio))[Name("impulse_cone_forward")].value == pytest.approx(
-        0, abs=1e-12
-    )
-    assert Name("impulse_cone_forward") in lost(with_parameter(gait, "friction", ratio - 1e-9))
-    assert Name("impulse_cone_forward") not in lost(with_parameter(gait, "friction", ratio + 1e-9))
+    assert monitor_values(with_parameter(gait, "friction", ratio))[
+        MonitorKey("impulse_cone_forward")
+    ].value == pytest.approx(0, abs=1e-12)
+    assert MonitorKey("impulse_cone_forward") in lost(with_parameter(gait, "friction", ratio - 1e-9))
+    assert MonitorKey("impulse_cone_forward") not in lost(with_parameter(gait, "friction", ratio + 1e-9))
 
 
 @pytest.mark.parametrize(
@@ -80,26 +80,26 @@ def test_less_friction_than_the_impact_needs_is_seen() -> None:
 )
 def test_a_slip_against_its_mode_is_seen(name: str, phase: int) -> None:
     gait = solved(name)
-    assert Name("slip_velocity", phase) in lost(with_slip_velocity(gait, phase, -1.0))
+    assert MonitorKey("slip_velocity", phase) in lost(with_slip_velocity(gait, phase, -1.0))
 
 
 def test_a_slip_that_dips_below_zero_within_its_phase_is_seen() -> None:
     gait = solved("compass-passive-b")
     assert gait.arcs[0].mode is Mode.SLIP_FORWARD
-    assert Name("slip_velocity", 0) in lost(with_slip_velocity(gait, 0, 1.0, -0.01 * gait.state[-1]))
+    assert MonitorKey("slip_velocity", 0) in lost(with_slip_velocity(gait, 0, 1.0, -0.01 * gait.state[-1]))
 
 
 def test_a_walker_that_is_pulled_up_has_no_normal_force() -> None:
     gait = solved("compass-passive-stick")
-    assert Name("normal_force", 0) in lost(with_parameter(gait, "walker.gravity", -1.0))
+    assert MonitorKey("normal_force", 0) in lost(with_parameter(gait, "walker.gravity", -1.0))
 
 
 def test_a_slip_after_the_impact_that_fades_is_seen_before_it_is_gone() -> None:
     values = []
     for friction in (0.28, 0.30, 0.304):
         gait = go.solve(go.load_problem("compass-passive-b").replace({"friction": friction}))
-        found = readings(gait)
-        values.append((found[Name("impact_slip")].value, found[Name("duration", 0)].value))
+        found = monitor_values(gait)
+        values.append((found[MonitorKey("impact_slip")].value, found[MonitorKey("duration", 0)].value))
     assert np.all(np.diff(values, axis=0) < 0)
     assert np.all(np.array(values) > 0)
     assert values[-1][0] < 0.05 * values[0][0]
@@ -114,4 +114,4 @@ def test_a_foot_that_lands_between_is_seen() -> None:
     states = arc.states.copy()
     states[:, 1] -= 1.5 * apart * np.exp(-(((where - 0.7) / 0.1) ** 2))
     step = replace(gait.steps[0], arcs=(Arc(mode=arc.mode, segment=arc.segment, times=arc.times, states=states),))
-    assert lost(replace(gait, steps=(step,))) >= {Name("touchdown", 0)}
+    assert lost(replace(gait, steps=(step,))) >= {MonitorKey("touchdown", 0)}

@@ -11,7 +11,7 @@ from gaitopt.problem.source import MAX_BYTES, MAX_DEPTH, MAX_VALUES, parse_sourc
 BOMB = "a: &a [x, x]\n" + "".join(f"{name}: &{name} [*{of}, *{of}]\n" for of, name in ("ab", "bc", "cd", "de"))
 
 
-def refusal(text):
+def termination(text):
     with pytest.raises(ProblemError) as caught:
         parse_problem(text, Path("gait.yaml"))
     assert "\n" not in str(caught.value)
@@ -68,7 +68,7 @@ def test_every_key_and_entry_has_its_line_and_column():
     ],
 )
 def test_text_that_is_no_plain_mapping_is_refused_with_its_place(text, place, words):
-    message = refusal(text)
+    message = termination(text)
     assert message.startswith(f"gait.yaml:{place}")
     assert words in message
 

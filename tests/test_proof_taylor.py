@@ -49,7 +49,7 @@ def travel(field, start, duration, steps=40):
         step = search._step(field, [value.mid() for value in y], float(h.mid()))
         wide = tuple((lo - 1e-3, hi + 1e-3) for lo, hi in step.speeds)
         expansion = expand(field, y, Step(None, wide), h)
-        variation = expansion.variation()
+        variation = expansion.shooting_jacobian()
         middle, y = follow(expansion, middle, h, variation), expansion.end
         phi = variation if phi is None else variation * phi
     return middle, y, phi

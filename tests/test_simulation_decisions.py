@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import CompassBiped, HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
-from gaitopt.simulation.contact_resolver import Decisions, Refusal
+from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 
 Array = NDArray[np.float64]
 
@@ -56,8 +56,8 @@ def test_the_foot_at_rest_does_the_only_thing_that_is_possible() -> None:
     for _ in range(1500):
         p = wheel_parameters(10 ** rng.uniform(-2, 1.2), rng.uniform(0.05, 1), rng.uniform(-1, 1))
         z = np.array([rng.uniform(-0.39, 0.39), 0, rng.normal(), 0])
-        decision = Decisions(wheel(), p).at_rest(0.0, z, NO_DATA)
-        outcome = str(decision.ending if isinstance(decision, Refusal) else decision)
+        decision = ContactResolver(wheel(), p).at_rest(0.0, z, NO_DATA)
+        outcome = str(decision.ending if isinstance(decision, Termination) else decision)
         possible = everything_possible(p, z)
         assert outcome == (possible[0] if len(possible) == 1 else "painleve"), (p, z)
         seen.add(outcome)
@@ -66,9 +66,9 @@ def test_the_foot_at_rest_does_the_only_thing_that_is_possible() -> None:
 
 @pytest.mark.parametrize(("slope", "mode"), [(0.2, Mode.SLIP_FORWARD), (-0.2, Mode.SLIP_BACKWARD)])
 def test_an_upright_wheel_slides_downhill_without_friction(slope: float, mode: Mode) -> None:
-    assert Decisions(wheel(), wheel_parameters(0.0, slope=slope)).at_rest(0.0, np.zeros(4), NO_DATA) is mode
+    assert ContactResolver(wheel(), wheel_parameters(0.0, slope=slope)).at_rest(0.0, np.zeros(4), NO_DATA) is mode
     assert (
-        Decisions(wheel(), wheel_parameters(np.tan(0.201), slope=slope)).at_rest(0.0, np.zeros(4), NO_DATA)
+        ContactResolver(wheel(), wheel_parameters(np.tan(0.201), slope=slope)).at_rest(0.0, np.zeros(4), NO_DATA)
         is Mode.STICK
     )
 
@@ -81,14 +81,14 @@ def test_at_the_edge_of_the_cone_the_rate_of_the_margin_decides() -> None:
         p = wheel_parameters(abs(f_t) / f_n)
         _, rates = wheel().events(Mode.STICK)(0, z, p, [])
         falling = float(rates[3 if f_t < 0 else 4]) < 0
-        assert Decisions(wheel(), p).at_rest(0.0, z, NO_DATA) is (Mode.slip(-f_t) if falling else Mode.STICK)
+        assert ContactResolver(wheel(), p).at_rest(0.0, z, NO_DATA) is (Mode.slip(-f_t) if falling else Mode.STICK)
         assert falling == (mode is not Mode.STICK)
 
 
 def test_forces_that_are_not_finite_are_a_numerical_ending() -> None:
-    refusal = Decisions(wheel(), wheel_parameters(1)).at_rest(0.0, np.array([0, 0, 1e200, 0]), NO_DATA)
-    assert isinstance(refusal, Refusal)
-    assert refusal.ending is Ending.NUMERICAL
+    termination = ContactResolver(wheel(), wheel_parameters(1)).at_rest(0.0, np.array([0, 0, 1e200, 0]), NO_DATA)
+    assert isinstance(termination, Termination)
+    assert termination.ending is Ending.NUMERICAL
 
 
 # impacts
@@ -104,8 +104,8 @@ def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
     for _ in range(1000):
         p = compass_parameters(10 ** rng.uniform(-2, 1))
         z = touchdown(rng.uniform(0.05, 0.6), rng.uniform(0.3, 2), rng.uniform(-2, 0.3), rng.choice([0, rng.normal()]))
-        record = Decisions(compass(), p).impact(z)
-        if isinstance(record, Refusal):
+        record = ContactResolver(compass(), p).impact(z)
+        if isinstance(record, Termination):
             assert record.ending is Ending.DOUBLE_SUPPORT
             continue
         f_t, f_n = record.impulse
@@ -122,7 +122,7 @@ def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
 
 
 def test_the_record_counts_the_foot_from_zero_and_keeps_the_step() -> None:
-    record = Decisions(compass(), compass_parameters(0.5)).impact(touchdown(0.15, 0.9, -0.3))
+    record = ContactResolver(compass(), compass_parameters(0.5)).impact(touchdown(0.15, 0.9, -0.3))
     assert isinstance(record, ImpactRecord)
     assert record.state[2] == 0
     assert record.step_length == pytest.approx(0.1 + 2 * 1.6 * np.sin(0.15), rel=1e-14)
@@ -132,10 +132,10 @@ def test_the_record_counts_the_foot_from_zero_and_keeps_the_step() -> None:
 @pytest.mark.parametrize("law", list(ImpactLaw))
 def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) -> None:
     z = touchdown(0.15, 0.9, -0.3)
-    sticking = Decisions(compass(law), compass_parameters(1)).impact(z)
+    sticking = ContactResolver(compass(law), compass_parameters(1)).impact(z)
     assert isinstance(sticking, ImpactRecord)
     for factor, slips in ((1 + 1e-9, False), (1.0, False), (1 - 1e-9, True), (0.5, True)):
-        record = Decisions(compass(law), compass_parameters(sticking.impulse_ratio * factor)).impact(z)
+        record = ContactResolver(compass(law), compass_parameters(sticking.impulse_ratio * factor)).impact(z)
         assert isinstance(record, ImpactRecord)
         assert (record.mode is not Mode.STICK) == slips
         if slips and law is ImpactLaw.FRICTIONLESS:
@@ -147,11 +147,11 @@ def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) ->
 def test_a_foot_that_comes_from_below_the_ground_has_no_impact(law: ImpactLaw, friction: float) -> None:
     """For theta < 0 the legs also pass each other, but there the foot rises."""
     for z in (touchdown(-0.15, 0.9, -0.3), touchdown(0.15, -0.9, 0.3), touchdown(-0.15, 0.9, -0.3, dx=0.4)):
-        refusal = Decisions(compass(law), compass_parameters(friction)).impact(z)
-        assert isinstance(refusal, Refusal)
-        assert refusal.ending is Ending.IMPACT_INCONSISTENT
-        assert "the swing foot does not come down: its normal velocity is" in refusal.reason
-        assert "from below" in refusal.reason
+        termination = ContactResolver(compass(law), compass_parameters(friction)).impact(z)
+        assert isinstance(termination, Termination)
+        assert termination.ending is Ending.IMPACT_INCONSISTENT
+        assert "the swing foot does not come down: its normal velocity is" in termination.reason
+        assert "from below" in termination.reason
 
 
 def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
@@ -160,7 +160,7 @@ def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
     for _ in range(300):
         p = wheel_parameters(10 ** rng.uniform(-1, 1.5), rng.uniform(0.01, 0.3))
         z = np.array([np.pi / 8, 0, rng.uniform(0.1, 2), rng.normal()])
-        record = Decisions(wheel(), p).impact(z)
+        record = ContactResolver(wheel(), p).impact(z)
         for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD):
             _, impulse, slip, _, painleve = (np.asarray(output).ravel() for output in wheel().impact(mode)(z, p))
             assert np.sign(impulse[1]) == np.sign(painleve[0])
@@ -178,8 +178,8 @@ def test_an_impact_at_the_very_edge_of_the_cone_sticks() -> None:
         z = touchdown(rng.uniform(0.05, 0.3), rng.uniform(0.3, 1.5), rng.uniform(-1, 0.2), rng.normal() * 0.1)
         _, (f_t, f_n), *_ = (np.asarray(output).ravel() for output in compass().impact(Mode.STICK)(z, [*COMPASS, 1]))
         for rounding in (-2e-16, 0.0, 2e-16):
-            record = Decisions(compass(), compass_parameters(abs(f_t / f_n) * (1 + rounding))).impact(z)
-            if isinstance(record, Refusal):
+            record = ContactResolver(compass(), compass_parameters(abs(f_t / f_n) * (1 + rounding))).impact(z)
+            if isinstance(record, Termination):
                 assert record.ending is Ending.DOUBLE_SUPPORT
             else:
                 assert record.mode is Mode.STICK
@@ -195,8 +195,10 @@ class TwoImpacts(HybridSystem):
 
 
 def test_two_consistent_impacts_are_a_named_ending() -> None:
-    refusal = Decisions(TwoImpacts(CompassBiped, NoControl()), compass_parameters(0.5)).impact(touchdown(0.1, 1, 0))
-    assert isinstance(refusal, Refusal)
-    assert refusal.ending is Ending.IMPACT_AMBIGUOUS
-    assert "stick and slip_forward are consistent at mu = 0.5" in refusal.reason
-    assert "v_t = 0.3" in refusal.reason
+    termination = ContactResolver(TwoImpacts(CompassBiped, NoControl()), compass_parameters(0.5)).impact(
+        touchdown(0.1, 1, 0)
+    )
+    assert isinstance(termination, Termination)
+    assert termination.ending is Ending.IMPACT_AMBIGUOUS
+    assert "stick and slip_forward are consistent at mu = 0.5" in termination.reason
+    assert "v_t = 0.3" in termination.reason

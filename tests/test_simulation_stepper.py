@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from gaitopt.gait import Ending
 from gaitopt.mechanics import HybridSystem, Mechanism, Mode, NoControl, RimlessWheel
 from gaitopt.simulation import Arrival, ScipyStepper, Simulator, scipy_stepper
-from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation.buffered import BufferedFunction
 
 Array = NDArray[np.float64]
 
@@ -135,6 +135,6 @@ def test_a_buffered_function_gives_what_the_function_gives() -> None:
     x, y = SX.sym("x", 2), SX.sym("y")
     function = Function("f", [x, y], [vertcat(x[0] * y, SX(1, 1), x[1]), x.T @ x])
     assert function.nnz_out(0) < function.numel_out(0)
-    first, second = Buffered(function)([2.0, 3.0], 5.0)
+    first, second = BufferedFunction(function)([2.0, 3.0], 5.0)
     assert first.tolist() == [10.0, 0.0, 3.0]
     assert second.tolist() == [13.0]

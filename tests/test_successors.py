@@ -2,7 +2,7 @@
 
 import pytest
 
-from gaitopt.continuation.monitors import Name, Reading
+from gaitopt.continuation.monitors import MonitorKey, MonitorValue
 from gaitopt.continuation.successors import successors
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
 
@@ -10,7 +10,7 @@ T, F, B = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
 
 
 def proposed(phases: tuple[Mode, ...], impact: Mode, kind: str, phase: int | None, where: float) -> list[Cycle]:
-    return successors(Cycle.of_one_step(phases, impact), [(Name(kind, phase), Reading(0.0, where))])
+    return successors(Cycle.of_one_step(phases, impact), [(MonitorKey(kind, phase), MonitorValue(0.0, where))])
 
 
 @pytest.mark.parametrize(
@@ -60,13 +60,13 @@ def test_a_slipping_impact_is_followed_by_its_slip() -> None:
 
 def test_an_impact_that_slips_changes_the_step_that_it_ends_and_the_one_that_follows() -> None:
     cycle = Cycle((ModeSequence((T,), T), ModeSequence((F, T), T)))
-    first, *_ = successors(cycle, [(Name("impulse_cone_backward", step=0), Reading(0.0))])
+    first, *_ = successors(cycle, [(MonitorKey("impulse_cone_backward", step=0), MonitorValue(0.0))])
     assert first == Cycle((ModeSequence((T,), B), ModeSequence((B, F, T), T)))
-    last, *_ = successors(cycle, [(Name("impulse_cone_forward", step=1), Reading(0.0))])
+    last, *_ = successors(cycle, [(MonitorKey("impulse_cone_forward", step=1), MonitorValue(0.0))])
     assert last == Cycle((ModeSequence((F, T), T), ModeSequence((F, T), F)))
 
 
 def test_a_phase_is_edited_within_its_own_step() -> None:
     cycle = Cycle((ModeSequence((T, B), T), ModeSequence((F, T), T)))
-    first, *_ = successors(cycle, [(Name("duration", 2), Reading(0.0))])
+    first, *_ = successors(cycle, [(MonitorKey("duration", 2), MonitorValue(0.0))])
     assert first == Cycle((ModeSequence((T, B), T), ModeSequence((T,), T)))

@@ -19,7 +19,7 @@ from gaitopt.runs.solved import JOBS_FILE
 from gaitopt.runs.sweep import TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
 from gaitopt.store import read_lines
 from gaitopt.store.manifest import seal
-from gaitopt.workers.jobs import SetAside, Workers
+from gaitopt.workers.jobs import FailedJob, Workers
 
 HERE = Workers(count=1)
 FRICTIONS = Axis(key="friction", lower=0.36, upper=0.44, count=3)
@@ -97,7 +97,7 @@ def test_point_without_a_gait_is_a_row_of_the_table(tmp_path):
 def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     monkeypatch.setattr(
-        study, "run_jobs", lambda task, jobs, *_, **__: ((j.key, SetAside(reason="dead")) for j in jobs)
+        study, "run_jobs", lambda task, jobs, *_, **__: ((j.key, FailedJob(reason="dead")) for j in jobs)
     )
     record = sweep_record(sweep, run_sweep(sweep, HERE))
     assert record["statuses"] == {"set_aside": 3}
@@ -165,7 +165,7 @@ def test_front_and_starts_that_do_not_fit_are_refused_before_they_start(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("over", "complaint"),
+    ("over", "violation"),
     [
         ("friction", "write --over friction=VALUE"),
         ("friction=0.1:0.2", "write --over friction=LO:HI:N"),
@@ -175,9 +175,9 @@ def test_front_and_starts_that_do_not_fit_are_refused_before_they_start(tmp_path
         ("friction=a:b:5", "write an angle as a number"),
     ],
 )
-def test_range_that_is_none_is_refused_by_the_command(capsys, over, complaint):
+def test_range_that_is_none_is_refused_by_the_command(capsys, over, violation):
     assert main(["sweep", "rimless-wheel-slip", "--over", over]) == 2
-    assert complaint in capsys.readouterr().err
+    assert violation in capsys.readouterr().err
 
 
 def test_angles_of_a_range_take_degrees(tmp_path):

@@ -20,7 +20,7 @@ from gaitopt.runs.solved import JOBS_FILE
 from gaitopt.runs.sweep import TABLE_FILE, Sweep, run_sweep
 from gaitopt.store import read_lines
 from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
-from gaitopt.workers.jobs import Job, SetAside, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kills processes by signals")
 
@@ -175,14 +175,14 @@ def test_job_that_kills_its_workers_is_set_aside_and_the_others_are_done(tmp_pat
     diary = tmp_path / "diary"
     jobs = [Job(key=f"job-{k}", argument=(k, str(diary), k == 3)) for k in range(8)]
     results = dict(run_jobs(work, jobs, Workers(count=2)))
-    assert isinstance(results.pop("job-3"), SetAside)
+    assert isinstance(results.pop("job-3"), FailedJob)
     assert results == {f"job-{k}": k**2 for k in range(8) if k != 3}
     assert Counter(number for number, _ in diary_entries(diary))[3] == ALLOWED_DEATHS + 1
 
 
 def test_job_that_raises_is_set_aside_with_the_error(tmp_path):
     results = dict(run_jobs(refuse, [Job(key="a", argument=-1), Job(key="b", argument=-2)], Workers(count=2)))
-    assert results["a"] == SetAside(reason="ArithmeticError: no root of -1")
+    assert results["a"] == FailedJob(reason="ArithmeticError: no root of -1")
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -6,7 +6,7 @@ from casadi import Function, jacobian
 from named import named
 
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.shooting_jacobian import Variation
+from gaitopt.nlp.shooting_jacobian import ShootingJacobian
 from gaitopt.nlp.transcription import Transcription
 
 
@@ -29,6 +29,6 @@ def test_it_agrees_with_that_of_the_symbols_away_from_solutions_too(name: str, f
     w *= 1 + 1e-3 * np.random.default_rng(0).uniform(-1, 1, w.size)
     derivative = jacobian(transcription.equalities, transcription.w)
     symbolic = np.asarray(Function("J", [transcription.w, transcription.parameters], [derivative])(w, gait.p))
-    found = Variation(transcription).jacobian(w, gait.p)
+    found = ShootingJacobian(transcription).jacobian(w, gait.p)
     assert found.shape == symbolic.shape
     assert found.toarray() == pytest.approx(symbolic, rel=0, abs=1e-12 * np.abs(symbolic).max())

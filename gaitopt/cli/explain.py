@@ -24,6 +24,7 @@ def explain(
     debug: DebugOption = False,
 ) -> int:
     """Say why a problem has no gait: the conditions that it violates, the gaits that there are, the nearest values."""
+    from gaitopt import search
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible

@@ -28,7 +28,7 @@ def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[st
     }
 
 
-def is_genuine(kind: str, multipliers: NDArray[np.complex128]) -> bool:
+def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
     """Whether a zero of a test function is the special point that it is named for."""
     if kind != "neimark_sacker":
         return True

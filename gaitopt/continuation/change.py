@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.continuation.locate import Location, locate
-from gaitopt.continuation.monitors import Name, Reading
-from gaitopt.continuation.segment import Piece, Station, piece_through
+from gaitopt.continuation.monitors import MonitorKey, MonitorValue
+from gaitopt.continuation.segment import Point, Segment, segment_through
 from gaitopt.continuation.successors import successors
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics import Cycle, HybridSystem, Mode
@@ -47,96 +47,96 @@ class Change:
     ``length`` is a first arclength step on it; ``at`` is the gait at the event where the successor knows it better.
     """
 
-    piece: Piece | None
-    station: Station | None
+    segment: Segment | None
+    point: Point | None
     reason: str
     length: float = 0.0
-    at: Station | None = None
+    at: Point | None = None
 
 
-def find_change(piece: Piece, event: Location) -> Change:
+def find_change(segment: Segment, event: Location) -> Change:
     """The branch that goes on from an event."""
     assert event.name is not None
-    ahead = np.sign(event.station.point.tangent[-1]) or 1.0
-    candidates = successors(piece.cycle, _active(event))
-    words = _words(event.name, piece.cycle)
+    ahead = np.sign(event.point.curve_point.tangent[-1]) or 1.0
+    candidates = successors(segment.cycle, _active(event))
+    words = _words(event.name, segment.cycle)
     for side in (ahead, -ahead):
         for cycle in candidates:
             for distance in DISTANCES:
-                found = _attempt(piece, event.station, cycle, side * distance * piece.metric.span)
-                if found is not None and _is_continuous(piece, event.station, *found, side * distance):
-                    vanished = len(cycle.phases) < len(piece.cycle.phases)
+                found = _attempt(segment, event.point, cycle, side * distance * segment.metric.span)
+                if found is not None and _is_continuous(segment, event.point, *found, side * distance):
+                    vanished = len(cycle.phases) < len(segment.cycle.phases)
                     at = _seen_from_behind(*found, event) if vanished else None
                     length = FIRST_STEPS * distance
-                    return Change(piece=found[0], station=found[1], reason=words, length=length, at=at)
-    if piece.transcription.system.friction_drops(event.station.gait.p) and candidates:
+                    return Change(segment=found[0], point=found[1], reason=words, length=length, at=at)
+    if segment.transcription.system.friction_drops(event.point.gait.p) and candidates:
         words = f"{words}, and the return map jumps: static friction is above kinetic friction"
     tried = " or ".join(map(str, candidates)) or "none"
-    return Change(piece=None, station=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
+    return Change(segment=None, point=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
 
 
-def _is_continuous(piece: Piece, station: Station, successor: Piece, found: Station, offset: float) -> bool:
+def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Point, offset: float) -> bool:
     """Whether a successor comes closer to the gait at the event as the parameter does.
 
     Where friction drops at the onset of slip, the return map may jump at an event; a gait beyond the jump is none of
     this family, however near it lies.
     """
-    if not station.gait.system.friction_drops(station.gait.p):
+    if not point.gait.system.friction_drops(point.gait.p):
         return True
-    closer = _attempt(piece, station, successor.cycle, offset * CLOSER * piece.metric.span)
+    closer = _attempt(segment, point, successor.cycle, offset * CLOSER * segment.metric.span)
     if closer is None:
         return False
-    near, far = (piece.metric.apart(s.gait.state, station.gait.state) for s in (closer[1], found))
+    near, far = (segment.metric.apart(s.gait.state, point.gait.state) for s in (closer[1], found))
     return bool(near < max(APPROACH * far, SAME))
 
 
-def _active(event: Location) -> list[tuple[Name, Reading]]:
+def _active(event: Location) -> list[tuple[MonitorKey, MonitorValue]]:
     """The located monitor, and those that vanish with it; the impact's first."""
     active = [
-        (name, reading)
-        for name, reading in event.station.monitors.items()
-        if name == event.name or abs(reading.value) < ACTIVE
+        (name, monitor)
+        for name, monitor in event.point.monitors.items()
+        if name == event.name or abs(monitor.value) < ACTIVE
     ]
     return sorted(active, key=lambda pair: pair[0].phase is not None)
 
 
 @overflow_allowed()
-def _attempt(piece: Piece, station: Station, cycle: Cycle, offset: float) -> tuple[Piece, Station] | None:
+def _attempt(segment: Segment, point: Point, cycle: Cycle, offset: float) -> tuple[Segment, Point] | None:
     """The successor at a distance past the event, if it holds there."""
-    value = station.value + offset
-    p = piece.p.copy()
-    p[station.gait.system.parameters.index(piece.parameter)] = value
-    state = _start_state(station, cycle, offset, p)
+    value = point.value + offset
+    p = segment.p.copy()
+    p[point.gait.system.parameters.index(segment.parameter)] = value
+    state = _start_state(point, cycle, offset, p)
     try:
-        problem = with_cycle(piece.problem, station.gait.system, cycle, state)
+        problem = with_cycle(segment.problem, point.gait.system, cycle, state)
     except ProblemError:  # the state contradicts the impact
         return None
-    system, period = station.gait.system, float(station.point.at.w[-1 - piece.transcription.n_phases : -1].sum())
+    system, period = point.gait.system, float(point.curve_point.at.w[-1 - segment.transcription.n_phases : -1].sum())
     rolled = roll_out(system, p, cycle, state, longest=(1 + NEARBY) * period)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
-    successor, w = piece_through(problem, system, piece.parameter, piece.metric, rolled, p)
-    found = successor.start(w, _forward(station, state, offset, w.size))
-    if found is None or not _holds(successor, found, station):
+    successor, w = segment_through(problem, system, segment.parameter, segment.metric, rolled, p)
+    found = successor.start(w, _forward(point, state, offset, w.size))
+    if found is None or not _holds(successor, found, point):
         return None
     return successor, found
 
 
-def _seen_from_behind(piece: Piece, station: Station, event: Location) -> Station | None:
+def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point | None:
     """The gait at which the successor begins, where the phase has vanished on the other side.
 
     A slip from rest is over when v / t = 0, which rounding decides in a phase of no duration: of the duration only half
     the digits are left there. The margin of the phase that takes its place has them all.
     """
-    slope = station.point.tangent[-1]
-    length = 2 * (event.station.value - station.value) / slope if slope else 0.0
-    behind = piece.step(station, length) if length else None
+    slope = point.curve_point.tangent[-1]
+    length = 2 * (event.point.value - point.value) / slope if slope else 0.0
+    behind = segment.step(point, length) if length else None
     if behind is None:
         return None
-    lost = [name for name in behind.monitors if behind.monitor(name) <= 0 < station.monitor(name)]
-    found = [locate(piece, station, behind, length, partial(Station.monitor, name=name), name) for name in lost]
+    lost = [name for name in behind.monitors if behind.monitor(name) <= 0 < point.monitor(name)]
+    found = [locate(segment, point, behind, length, partial(Point.monitor, name=name), name) for name in lost]
     nearest = min(found, key=lambda location: abs(location.length), default=None)
-    return nearest.station if nearest is not None and nearest.status == "converged" else None
+    return nearest.point if nearest is not None and nearest.status == "converged" else None
 
 
 def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Array) -> Problem:
@@ -146,14 +146,14 @@ def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Arra
     return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})
 
 
-def _start_state(station: Station, cycle: Cycle, offset: float, p: Array) -> Array:
+def _start_state(point: Point, cycle: Cycle, offset: float, p: Array) -> Array:
     """State after impact of the successor: along the old branch, and through the new impact."""
-    system = station.gait.system
-    slope = station.point.tangent[-1]
-    w = station.point.at.w + station.point.tangent * (offset / slope if slope else 0.0)
-    if cycle.impact is station.gait.problem.cycle.impact:
+    system = point.gait.system
+    slope = point.curve_point.tangent[-1]
+    w = point.curve_point.at.w + point.curve_point.tangent * (offset / slope if slope else 0.0)
+    if cycle.impact is point.gait.problem.cycle.impact:
         return w[: system.n_z]
-    n_w = station.gait.shooting.states.size if station.gait.shooting else 0
+    n_w = point.gait.shooting.states.size if point.gait.shooting else 0
     z_minus = w[n_w - system.n_z : n_w]
     state = after_impact(system, p, cycle.impact, z_minus)
     if cycle.impact is Mode.STICK:
@@ -161,22 +161,22 @@ def _start_state(station: Station, cycle: Cycle, offset: float, p: Array) -> Arr
     return state
 
 
-def _forward(station: Station, state: Array, offset: float, n_w: int) -> Array:
+def _forward(point: Point, state: Array, offset: float, n_w: int) -> Array:
     """From the event towards the successor, as far as the two can be compared: state after impact and parameter."""
     forward = np.zeros(n_w)
-    forward[: state.size] = state - station.gait.state
+    forward[: state.size] = state - point.gait.state
     forward[-1] = offset
     return forward
 
 
-def _holds(successor: Piece, found: Station, station: Station) -> bool:
+def _holds(successor: Segment, found: Point, point: Point) -> bool:
     """All monitors hold, the gait is next to the one at the event, and the simulator walks it."""
-    if any(reading.value <= 0 for reading in found.monitors.values()):
+    if any(monitor.value <= 0 for monitor in found.monitors.values()):
         return False
-    return successor.metric.apart(found.gait.state, station.gait.state) < NEARBY and confirm(found.gait).passed
+    return successor.metric.apart(found.gait.state, point.gait.state) < NEARBY and confirm(found.gait).passed
 
 
-def _words(name: Name, cycle: Cycle) -> str:
+def _words(name: MonitorKey, cycle: Cycle) -> str:
     if name.phase is None:
         return {
             "impact_slip": "the slip after the impact fades",

@@ -12,13 +12,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.continuation.bifurcations import is_genuine
+from gaitopt.continuation.bifurcations import is_bifurcation
 from gaitopt.continuation.change import Change, find_change
 from gaitopt.continuation.limits import Limits
 from gaitopt.continuation.locate import Location
 from gaitopt.continuation.position import Position
 from gaitopt.continuation.rescue import rescue
-from gaitopt.continuation.segment import Piece, Station
+from gaitopt.continuation.segment import Point, Segment
 from gaitopt.continuation.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
 from gaitopt.gait import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.study.claims import Claim
@@ -40,12 +40,12 @@ ENDS = {
 """Monitors whose loss no other mode sequence can mend."""
 
 
-class Follower:
+class Continuer:
     """Walks along a family and yields its points and special points in order.
 
     Parameters
     ----------
-    piece, station : the branch to start on, and its first gait.
+    segment, point : the branch to start on, and its first gait.
     limits : where to stop.
     number, index, length : of the first point, and ``count`` the points before it; others than zero when a branch is
         taken up again.
@@ -54,8 +54,8 @@ class Follower:
 
     def __init__(
         self,
-        piece: Piece,
-        station: Station,
+        segment: Segment,
+        point: Point,
         limits: Limits,
         *,
         number: int = 0,
@@ -64,7 +64,7 @@ class Follower:
         count: int = 0,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
-        self._state = Position(piece, station, number, index, min(length, limits.largest_length), limits)
+        self._state = Position(segment, point, number, index, min(length, limits.largest_length), limits)
         self._limits, self._should_stop = limits, should_stop
         self._count, self._began = count, time.monotonic()
 
@@ -76,7 +76,7 @@ class Follower:
         while not ended and not (self._should_stop is not None and self._should_stop()):
             reason = self._limit_reached()
             if reason is not None:
-                yield self._special("end", self._state.station, reason=reason)
+                yield self._special("end", self._state.point, reason=reason)
                 return
             for record in self._advance():
                 yield record
@@ -87,87 +87,87 @@ class Follower:
         state = self._state
         following = self._state.next()
         if following is None:
-            if stride(state.station.gait) < VANISHED:
-                yield self._special("vanishing", state.station, "guess", REASON)
+            if stride(state.point.gait) < VANISHED:
+                yield self._special("vanishing", state.point, "guess", REASON)
                 return
-            rescued = rescue(state.piece, state.station)
+            rescued = rescue(state.segment, state.point)
             if rescued is None:
                 reason = "neither Newton's method nor IPOPT finds a gait further on"
-                yield self._special("end", state.station, "guess", reason)
+                yield self._special("end", state.point, "guess", reason)
                 return
             self._state = Position(*rescued, state.number, state.index + 1, FIRST_LENGTH, self._limits)
             yield from self._emit()
             return
-        length, station, event = following
+        length, point, event = following
         if event is not None:
-            station, length = event.station, event.length
-        bound = self._bound_crossed(station)
+            point, length = event.point, event.length
+        bound = self._bound_crossed(point)
         if bound is not None:
-            reached = state.piece.at_parameter(state.station, bound)
-            station, event = (station if reached is None else reached), None
-        yield from self._bifurcations(station, length)
+            reached = state.segment.at_parameter(state.point, bound)
+            point, event = (point if reached is None else reached), None
+        yield from self._bifurcations(point, length)
         if event is not None:
             yield from self._change(event)
             return
-        self._move(station)
+        self._move(point)
         yield from self._emit()
         if bound is not None:
-            yield self._special("end", station, reason=f"reached {self._state.piece.parameter} = {bound:.12g}")
+            yield self._special("end", point, reason=f"reached {self._state.segment.parameter} = {bound:.12g}")
 
-    def _bifurcations(self, station: Station, length: float) -> Iterator[SpecialPoint]:
-        """Folds and losses of stability between the last point and ``station``, in order."""
-        before = self._state.station.tests
-        kinds = [kind for kind, value in station.tests.items() if value * before[kind] < 0]
-        found = [(self._state.locate(partial(Station.test, kind=kind), length, station), kind) for kind in kinds]
+    def _bifurcations(self, point: Point, length: float) -> Iterator[SpecialPoint]:
+        """Folds and losses of stability between the last point and ``point``, in order."""
+        before = self._state.point.tests
+        kinds = [kind for kind, value in point.tests.items() if value * before[kind] < 0]
+        found = [(self._state.locate(partial(Point.test, kind=kind), length, point), kind) for kind in kinds]
         for location, kind in sorted(found, key=lambda pair: pair[0].length):
-            gait = location.station.gait
-            if is_genuine(kind, gait.multipliers) and stride(gait) > VANISHED:
-                special = self._special(kind, location.station, location.status)
+            gait = location.point.gait
+            if is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED:
+                special = self._special(kind, location.point, location.status)
                 yield replace(special, gait=gait.verified(confirm(gait).to_record()))
 
-    def _bound_crossed(self, station: Station) -> float | None:
+    def _bound_crossed(self, point: Point) -> float | None:
         lower, upper = self._limits.lower, self._limits.upper
-        if station.value >= upper > self._state.station.value:
+        if point.value >= upper > self._state.point.value:
             return upper
-        return lower if station.value <= lower < self._state.station.value else None
+        return lower if point.value <= lower < self._state.point.value else None
 
     def _change(self, event: Location) -> Iterator[Record]:
         """The end of a mode sequence: a special point, and the branch that goes on from it if there is one."""
         state = self._state
-        if stride(event.station.gait) < VANISHED:
-            yield self._special("vanishing", event.station, event.status, REASON)
+        if stride(event.point.gait) < VANISHED:
+            yield self._special("vanishing", event.point, event.status, REASON)
             return
         if event.name is None:
             raise ValueError("only a monitor that vanishes changes the mode sequence")
         if event.name.kind in ENDS:
             kind, reason = ENDS[event.name.kind]
-            yield self._special(kind, event.station, event.status, reason)
+            yield self._special(kind, event.point, event.status, reason)
             return
-        change = find_change(state.piece, event)
-        if change.piece is None or change.station is None:
-            yield self._special("end", event.station, event.status, change.reason)
+        change = find_change(state.segment, event)
+        if change.segment is None or change.point is None:
+            yield self._special("end", event.point, event.status, change.reason)
             return
         yield self._joint(event, change)
         length = min(FIRST_LENGTH, change.length)
-        self._state = Position(change.piece, change.station, state.number + 1, 0, length, self._limits)
+        self._state = Position(change.segment, change.point, state.number + 1, 0, length, self._limits)
         yield from self._emit()
 
     def _joint(self, event: Location, change: Change) -> SpecialPoint:
-        assert change.piece is not None
-        before, after = self._state.piece.cycle, change.piece.cycle
+        assert change.segment is not None
+        before, after = self._state.segment.cycle, change.segment.cycle
         kind = "mode_change" if before.impacts == after.impacts else "impact_change"
-        special = self._special(kind, change.at or event.station, event.status, change.reason)
+        special = self._special(kind, change.at or event.point, event.status, change.reason)
         return replace(special, before=before, after=after, next=(self._state.number + 1,))
 
-    def _move(self, station: Station) -> None:
+    def _move(self, point: Point) -> None:
         state = self._state
-        remeshed = state.piece.remeshed(station)
-        state.station = station if remeshed is None else remeshed
+        remeshed = state.segment.remeshed(point)
+        state.point = point if remeshed is None else remeshed
         state.index += 1
 
     def _emit(self) -> Iterator[Record]:
         """The present point; confirmed by the simulator when it is its turn."""
-        state, gait = self._state, self._state.station.gait
+        state, gait = self._state, self._state.point.gait
         every = self._limits.verify_every
         if every and self._count % every == 0:
             check = confirm(gait)
@@ -179,9 +179,9 @@ class Follower:
         yield BranchPoint(
             branch=state.number,
             index=state.index,
-            value=state.station.value,
+            value=state.point.value,
             gait=gait,
-            tangent=state.piece.coordinates(state.station.point.tangent),
+            tangent=state.segment.coordinates(state.point.curve_point.tangent),
             length=state.length,
         )
 
@@ -189,31 +189,31 @@ class Follower:
         """The end of a family at a gait that the simulator does not confirm, unless the gait vanishes just ahead."""
         state = self._state
         reason = f"the simulator disagrees: {worst.name} {worst.figure:.3g}, {worst.note}"
-        end, before, last = self._special("end", state.station, "guess", reason), state.station, state.station
+        end, before, last = self._special("end", state.point, "guess", reason), state.point, state.point
         while stride(last.gait) < FADING:
             following = self._state.next()
             if following is None:
                 break
-            _, station, event = following
+            _, point, event = following
             if event is not None:
-                vanished = stride(event.station.gait) < VANISHED
-                return self._special("vanishing", event.station, event.status, REASON) if vanished else end
-            if self._bound_crossed(station) is not None:
+                vanished = stride(event.point.gait) < VANISHED
+                return self._special("vanishing", event.point, event.status, REASON) if vanished else end
+            if self._bound_crossed(point) is not None:
                 return end
-            before, last = last, station
-            self._move(station)
+            before, last = last, point
+            self._move(point)
         if stride(last.gait) > VANISHED:
             return end
         return replace(self._special("vanishing", last, "guess", REASON), value=vanishing_value(before, last))
 
-    def _special(self, kind: str, station: Station, status: str = "converged", reason: str = "") -> SpecialPoint:
+    def _special(self, kind: str, point: Point, status: str = "converged", reason: str = "") -> SpecialPoint:
         return SpecialPoint(
             branch=self._state.number,
             type=kind,
-            value=station.value,
+            value=point.value,
             status=status,
             reason=reason,
-            gait=station.gait,
+            gait=point.gait,
         )
 
     def _limit_reached(self) -> str | None:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from gaitopt.continuation.change import with_cycle
 from gaitopt.continuation.coefficients import coefficient_bounds, with_friction
-from gaitopt.continuation.continuer import FIRST_LENGTH, Follower, Record
+from gaitopt.continuation.continuer import FIRST_LENGTH, Continuer, Record
 from gaitopt.continuation.limits import Limits
-from gaitopt.continuation.segment import Metric, Piece, Station, piece_through
+from gaitopt.continuation.segment import Metric, Point, Segment, segment_through
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import TERMINAL, Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
@@ -117,8 +117,8 @@ def follow_family(
     for to, made in zip(request.to, sweeps, strict=True):
         if made and made[-1].get("type") in TERMINAL:
             continue
-        follower = _follower(gait, request, to, made, highest + 1, should_stop)
-        for record in follower.records(with_first=not made):
+        continuer = _continuer(gait, request, to, made, highest + 1, should_stop)
+        for record in continuer.records(with_first=not made):
             highest = max(highest, record.branch)
             yield record
         if should_stop is not None and should_stop():
@@ -176,14 +176,14 @@ def _sweeps(done: Sequence[Mapping[str, Any]]) -> list[Sequence[Mapping[str, Any
     return list(sweeps)
 
 
-def _follower(
+def _continuer(
     gait: Gait,
     request: Request,
     to: float,
     made: Sequence[Mapping[str, Any]],
     number: int,
     should_stop: Callable[[], bool] | None,
-) -> Follower:
+) -> Continuer:
     """The walk towards one target, from the gait or from the last point that was made."""
     value = float(gait.p[gait.system.parameters.index(request.parameter)])
     span, ahead = abs(to - value), 1.0 if to > value else -1.0
@@ -201,10 +201,10 @@ def _follower(
     points = [record for record in made if record["record"] == "point"]
     if points:
         last = points[-1]
-        piece, station = _restored(gait, request.parameter, metric, last)
-        return Follower(
-            piece,
-            station,
+        segment, point = _restored(gait, request.parameter, metric, last)
+        return Continuer(
+            segment,
+            point,
             limits,
             number=last["branch"],
             index=last["index"],
@@ -212,21 +212,21 @@ def _follower(
             count=len(points),
             should_stop=should_stop,
         )
-    piece, station = _first(gait, request.parameter, metric, ahead)
-    return Follower(piece, station, limits, number=number, length=FIRST_LENGTH, should_stop=should_stop)
+    segment, point = _first(gait, request.parameter, metric, ahead)
+    return Continuer(segment, point, limits, number=number, length=FIRST_LENGTH, should_stop=should_stop)
 
 
-def _first(gait: Gait, parameter: str, metric: Metric, ahead: float) -> tuple[Piece, Station]:
+def _first(gait: Gait, parameter: str, metric: Metric, ahead: float) -> tuple[Segment, Point]:
     """The branch of a gait, and its first point with the tangent in the wanted direction."""
     durations = np.array([duration for _, duration in gait.phases])
     rolled = roll_out(gait.system, gait.p, gait.problem.cycle, gait.state, durations)
-    piece, w = piece_through(gait.problem, gait.system, parameter, metric, rolled, gait.p)
+    segment, w = segment_through(gait.problem, gait.system, parameter, metric, rolled, gait.p)
     forward = np.zeros(w.size)
     forward[-1] = ahead
-    return piece, _started(piece, w, forward)
+    return segment, _started(segment, w, forward)
 
 
-def _restored(gait: Gait, parameter: str, metric: Metric, record: Mapping[str, Any]) -> tuple[Piece, Station]:
+def _restored(gait: Gait, parameter: str, metric: Metric, record: Mapping[str, Any]) -> tuple[Segment, Point]:
     """The branch and the point that a record holds, on the mesh that it had."""
     system = gait.system
     durations = np.array([phase["duration"] for phase in record["phases"]])
@@ -235,8 +235,8 @@ def _restored(gait: Gait, parameter: str, metric: Metric, record: Mapping[str, A
     p[system.parameters.index(parameter)] = record["value"]
     problem = with_cycle(gait.problem, system, _recorded_cycle(record), state)
     rolled = roll_out(system, p, problem.cycle, state, durations)
-    piece, w = piece_through(problem, system, parameter, metric, rolled, p, record["intervals"])
-    return piece, _started(piece, w, piece.curve.direction(np.array(record["tangent"])))
+    segment, w = segment_through(problem, system, parameter, metric, rolled, p, record["intervals"])
+    return segment, _started(segment, w, segment.curve.direction(np.array(record["tangent"])))
 
 
 def _recorded_cycle(record: Mapping[str, Any]) -> Cycle:
@@ -245,10 +245,10 @@ def _recorded_cycle(record: Mapping[str, Any]) -> Cycle:
     return Cycle(tuple(ModeSequence(own, Mode(step["impact"])) for own, step in zip(modes, steps, strict=True)))
 
 
-def _started(piece: Piece, w: Array, forward: Array) -> Station:
-    station = piece.start(w, forward)
-    if station is None:
+def _started(segment: Segment, w: Array, forward: Array) -> Point:
+    point = segment.start(w, forward)
+    if point is None:
         raise SolveError(
-            f"{piece.problem.name}: the gait cannot be continued in {piece.parameter}: Newton's method fails at it"
+            f"{segment.problem.name}: the gait cannot be continued in {segment.parameter}: Newton's method fails at it"
         )
-    return station
+    return point

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from scipy.optimize import brentq
 
-from gaitopt.continuation.monitors import Name
-from gaitopt.continuation.segment import Piece, Station
+from gaitopt.continuation.monitors import MonitorKey
+from gaitopt.continuation.segment import Point, Segment
 
 LENGTH_TOLERANCE = 1e-13
 """In arclength; the parameter is then right to more than ten digits of its range."""
@@ -19,15 +19,15 @@ class Location:
     Attributes
     ----------
     length : arclength from the start of the step.
-    station : the gait there.
+    point : the gait there.
     status : ``converged``, or ``guess`` where Newton's method failed on the way and only the step is known.
     name : the monitor that vanishes, None for a test function.
     """
 
     length: float
-    station: Station
+    point: Point
     status: str
-    name: Name | None
+    name: MonitorKey | None
 
 
 class _LostError(Exception):
@@ -35,27 +35,27 @@ class _LostError(Exception):
 
 
 def locate(
-    piece: Piece,
-    before: Station,
-    after: Station,
+    segment: Segment,
+    before: Point,
+    after: Point,
     length: float,
-    watched: Callable[[Station], float],
-    name: Name | None = None,
+    watched: Callable[[Point], float],
+    name: MonitorKey | None = None,
 ) -> Location:
     """The zero of ``watched`` on the step of the given arclength from ``before`` to ``after``."""
-    seen: dict[float, Station] = {0.0: before, length: after}
+    seen: dict[float, Point] = {0.0: before, length: after}
 
     def value(at: float) -> float:
         if at not in seen:
-            station = piece.step(before, at)
-            if station is None:
+            point = segment.step(before, at)
+            if point is None:
                 raise _LostError
-            seen[at] = station
+            seen[at] = point
         return watched(seen[at])
 
     try:
         root = float(brentq(value, 0.0, length, xtol=LENGTH_TOLERANCE, rtol=1e-14))
     except _LostError:
-        return Location(length=length, station=after, status="guess", name=name)
+        return Location(length=length, point=after, status="guess", name=name)
     value(root)
-    return Location(length=root, station=seen[root], status="converged", name=name)
+    return Location(length=root, point=seen[root], status="converged", name=name)

@@ -32,7 +32,7 @@ OPEN = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Name:
+class MonitorKey:
     """What is watched.
 
     Attributes
@@ -51,25 +51,25 @@ class Name:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class MonitorValue:
     """Value of a monitor, and where in its phase, from 0 (start) to 1 (end), it is taken."""
 
     value: float
     where: float = 1.0
 
 
-def readings(gait: Gait) -> dict[Name, Reading]:
+def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     """All monitors of a solution, whether or not they hold."""
-    return {**dict(_phase_readings(gait)), **dict(_impact_readings(gait))}
+    return {**dict(_phase_values(gait)), **dict(_impact_values(gait))}
 
 
-def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
+def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
     modes = gait.problem.cycle.phases
     arcs = _arcs_by_phase(gait)
     period = abs(gait.period)
     for phase, whole in enumerate(arcs):
         duration = sum(arc.duration for arc in whole)
-        yield Name("duration", phase), Reading(duration / period)
+        yield MonitorKey("duration", phase), MonitorValue(duration / period)
         if duration < SHORT * period:
             continue
         group = [arc for arc in whole if arc.duration > SHORT * period]
@@ -78,12 +78,12 @@ def _phase_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
             if kind not in ("touchdown", "upright"):
                 zeros = _zeros(gait, phase, kind)
                 found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
-                yield Name(kind, phase), _combine(found, group, whole)
+                yield MonitorKey(kind, phase), _combine(found, group, whole)
         if gait.problem.cycle.starts_from_rest(phase) and gait.system.friction_drops(gait.p):
-            yield Name("onset", phase), Reading(_beyond_cone(gait, whole[0]), 0.0)
+            yield MonitorKey("onset", phase), MonitorValue(_beyond_cone(gait, whole[0]), 0.0)
     last_phases = (phase - 1 for phase in (*gait.problem.cycle.first_phases[1:], len(arcs)))
     for phase, step in zip(last_phases, gait.steps, strict=True):
-        yield Name("touchdown", phase), Reading(_second_touchdown(gait, step))
+        yield MonitorKey("touchdown", phase), MonitorValue(_second_touchdown(gait, step))
 
 
 def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
@@ -130,12 +130,12 @@ def _deflation(count: int, start: int, end: int) -> Array:
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
-def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc]) -> Reading:
+def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc]) -> MonitorValue:
     index = int(np.argmin([value for _, value in found]))
     at, value = found[index]
     arc = group[index]
     time = arc.start + arc.duration * (at + 1) / 2
-    return Reading(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))
+    return MonitorValue(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))
 
 
 def _second_touchdown(gait: Gait, step: Step) -> float:
@@ -176,10 +176,10 @@ def _margins(gait: Gait, arc: Arc) -> Array:
     return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data)) / unit
 
 
-def _impact_readings(gait: Gait) -> Iterator[tuple[Name, Reading]]:
+def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
     for index, step in enumerate(gait.steps):
         for kind, value in _impact_monitors(gait, step):
-            yield Name(kind, step=index), Reading(float(value))
+            yield MonitorKey(kind, step=index), MonitorValue(float(value))
 
 
 def _impact_monitors(gait: Gait, step: Step) -> Iterator[tuple[str, float]]:

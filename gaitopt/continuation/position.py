@@ -8,8 +8,8 @@ import numpy as np
 
 from gaitopt.continuation.limits import Limits
 from gaitopt.continuation.locate import Location, locate
-from gaitopt.continuation.monitors import Name
-from gaitopt.continuation.segment import Piece, Station
+from gaitopt.continuation.monitors import MonitorKey
+from gaitopt.continuation.segment import Point, Segment
 from gaitopt.errors import ProblemError
 
 SMALLEST_LENGTH = 1e-9
@@ -28,89 +28,87 @@ class Position:
 
     Attributes
     ----------
-    piece, station : the branch, and the gait on it.
+    segment, point : the branch, and the gait on it.
     number, index : of the branch, and of the gait on it.
     length : arclength of the next step.
     limits : of the parameter and of the step.
     """
 
-    piece: Piece
-    station: Station
+    segment: Segment
+    point: Point
     number: int
     index: int
     length: float
     limits: Limits
 
-    def next(self) -> tuple[float, Station, Location | None] | None:
+    def next(self) -> tuple[float, Point, Location | None] | None:
         """The next gait, its arclength and the first event on the way.
 
         The step is halved until Newton's method converges near the prediction, the curve is straight, and the event
         can be located.
         """
         while self.length > SMALLEST_LENGTH:
-            station, length = self._try(self.length), self.length
-            if station is not None and self._is_straight(station):
-                if not self.piece.in_order(station):
-                    reordered = self._reordered(station)
+            point, length = self._try(self.length), self.length
+            if point is not None and self._is_straight(point):
+                if not self.segment.in_order(point):
+                    reordered = self._reordered(point)
                     if reordered is not None:
                         return length, reordered, None
                 else:
-                    event = self._first_event(station, length)
+                    event = self._first_event(point, length)
                     if event is None or event.status == "converged":
-                        self.length = self._adapted(station)
-                        return length, station, event
+                        self.length = self._adapted(point)
+                        return length, point, event
             self.length /= 2
         return None
 
-    def _reordered(self, station: Station) -> Station | None:
+    def _reordered(self, point: Point) -> Point | None:
         """A gait at which a switch has just passed a breakpoint of the control, unless something else happens too."""
-        found = self.piece.reordered(station)
+        found = self.segment.reordered(point)
         if found is None or self._lost(found[1]):
             return None
-        self.piece = found[0]
+        self.segment = found[0]
         return found[1]
 
-    def _try(self, length: float) -> Station | None:
+    def _try(self, length: float) -> Point | None:
         try:
-            return self.piece.step(self.station, length)
+            return self.segment.step(self.point, length)
         except ProblemError:  # the parameter has left the range that the problem allows
             return self._at_bound(length)
 
-    def _at_bound(self, length: float) -> Station | None:
+    def _at_bound(self, length: float) -> Point | None:
         """The gait at the bound of the parameter, where a step of this length passes it."""
-        ahead = length * self.station.point.tangent[-1]
+        ahead = length * self.point.curve_point.tangent[-1]
         bound = self.limits.upper if ahead > 0 else self.limits.lower
-        return self.piece.at_parameter(self.station, bound) if abs(bound - self.station.value) <= abs(ahead) else None
+        return self.segment.at_parameter(self.point, bound) if abs(bound - self.point.value) <= abs(ahead) else None
 
-    def _is_straight(self, station: Station) -> bool:
+    def _is_straight(self, point: Point) -> bool:
         """Whether the tangent has turned little, and the gait lies where it was predicted."""
-        coordinates = self.piece.coordinates
-        before, after = coordinates(self.station.point.tangent), coordinates(station.point.tangent)
-        missed = coordinates(station.point.at.w) - coordinates(self.station.point.at.w) - self.length * before
+        coordinates = self.segment.coordinates
+        before, after = coordinates(self.point.curve_point.tangent), coordinates(point.curve_point.tangent)
+        missed = coordinates(point.curve_point.at.w) - coordinates(self.point.curve_point.at.w) - self.length * before
         return bool(before @ after > STRAIGHT and np.linalg.norm(missed) < ASIDE * self.length)
 
-    def _adapted(self, station: Station) -> float:
+    def _adapted(self, point: Point) -> float:
         """The next step length, from what Newton's method took."""
         length = self.length
-        if station.point.iterations > MANY_ITERATIONS:
+        if point.curve_point.iterations > MANY_ITERATIONS:
             return length / 2
-        growth = GROWTH if station.point.iterations <= FEW_ITERATIONS else 1.0
+        growth = GROWTH if point.curve_point.iterations <= FEW_ITERATIONS else 1.0
         return min(growth * length, self.limits.largest_length)
 
-    def _first_event(self, station: Station, length: float) -> Location | None:
+    def _first_event(self, point: Point, length: float) -> Location | None:
         """The first place on the step at which a monitor falls to zero."""
-        found = [
-            self.locate(partial(Station.monitor, name=name), length, station, name) for name in self._lost(station)
-        ]
+        found = [self.locate(partial(Point.monitor, name=name), length, point, name) for name in self._lost(point)]
         return min(found, key=lambda location: location.length, default=None)
 
-    def _lost(self, station: Station) -> list[Name]:
+    def _lost(self, point: Point) -> list[MonitorKey]:
         """Monitors that were positive at the last point and are no longer."""
-        before = self.station
-        return [name for name in station.monitors if station.monitor(name) <= 0 < before.monitor(name)]
+        before = self.point
+        return [name for name in point.monitors if point.monitor(name) <= 0 < before.monitor(name)]
 
     def locate(
-        self, watched: Callable[[Station], float], length: float, station: Station, name: Name | None = None
+        self, watched: Callable[[Point], float], length: float, point: Point, name: MonitorKey | None = None
     ) -> Location:
-        """The zero of ``watched`` on the step of the given arclength to ``station``."""
-        return locate(self.piece, self.station, station, length, watched, name)
+        """The zero of ``watched`` on the step of the given arclength to ``point``."""
+        return locate(self.segment, self.point, point, length, watched, name)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.continuation.bifurcations import test_functions
-from gaitopt.continuation.monitors import Name, Reading, readings
+from gaitopt.continuation.monitors import MonitorKey, MonitorValue, monitor_values
 from gaitopt.gait import Gait
 from gaitopt.mechanics import Cycle, HybridSystem
 from gaitopt.nlp.arclength import Curve, CurvePoint
@@ -58,34 +58,34 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Station:
-    """A point of a piece with its gait; what is watched is computed when it is asked for.
+class Point:
+    """A point of a segment with its gait; what is watched is computed when it is asked for.
 
     Attributes
     ----------
-    point : on the curve.
+    curve_point : on the curve of solutions.
     gait : the gait there.
     """
 
-    point: CurvePoint
+    curve_point: CurvePoint
     gait: Gait
 
     @property
     def value(self) -> float:
         """The parameter."""
-        return float(self.point.at.w[-1])
+        return float(self.curve_point.at.w[-1])
 
     @cached_property
-    def monitors(self) -> dict[Name, Reading]:
+    def monitors(self) -> dict[MonitorKey, MonitorValue]:
         """What the mode sequence assumes."""
-        return readings(self.gait)
+        return monitor_values(self.gait)
 
     @cached_property
     def tests(self) -> dict[str, float]:
         """Test functions of special points by type."""
-        return test_functions(self.gait.multipliers, float(self.point.tangent[-1]))
+        return test_functions(self.gait.multipliers, float(self.curve_point.tangent[-1]))
 
-    def monitor(self, name: Name) -> float:
+    def monitor(self, name: MonitorKey) -> float:
         """Value of one monitor; one that is not read here is far from zero."""
         return self.monitors[name].value if name in self.monitors else np.inf
 
@@ -94,7 +94,7 @@ class Station:
         return self.tests[kind]
 
 
-class Piece:
+class Segment:
     """Gaits of one mode sequence along one parameter.
 
     Parameters
@@ -119,51 +119,51 @@ class Piece:
 
     @property
     def cycle(self) -> Cycle:
-        """The modes of this piece."""
+        """The modes of this segment."""
         return self.transcription.layout.cycle
 
-    def start(self, w: Array, forward: Array) -> Station | None:
+    def start(self, w: Array, forward: Array) -> Point | None:
         """The gait next to ``w`` at its parameter, on a mesh that is fine enough; its tangent along ``forward``."""
-        point = self.curve.start(w, forward)
-        if point is None:
+        curve_point = self.curve.start(w, forward)
+        if curve_point is None:
             return None
-        return self.remeshed(self._station(point))
+        return self.remeshed(self._point(curve_point))
 
-    def step(self, station: Station, length: float) -> Station | None:
-        """The gait at arclength ``length`` from a station."""
-        point = self.curve.step(station.point, length)
-        return None if point is None else self._station(point)
+    def step(self, point: Point, length: float) -> Point | None:
+        """The gait at arclength ``length`` from a point."""
+        curve_point = self.curve.step(point.curve_point, length)
+        return None if curve_point is None else self._point(curve_point)
 
-    def at_parameter(self, station: Station, value: float) -> Station | None:
-        """The gait near a station with the given value of the parameter."""
-        point = self.curve.at_parameter(station.point, value)
-        return None if point is None else self._station(point)
+    def at_parameter(self, point: Point, value: float) -> Point | None:
+        """The gait near a point with the given value of the parameter."""
+        curve_point = self.curve.at_parameter(point.curve_point, value)
+        return None if curve_point is None else self._point(curve_point)
 
-    def remeshed(self, station: Station) -> Station | None:
+    def remeshed(self, point: Point) -> Point | None:
         """The same gait on a finer mesh where its integration error asks for one; None if that fails."""
-        if phase_errors(self.transcription, station.point.at).max() < ERROR_TOLERANCE:
-            return station
-        refined = refine(self.transcription, station.point.at, ERROR_TOLERANCE)
-        forward = resized(station.point.tangent, self.transcription, refined.transcription)
+        if phase_errors(self.transcription, point.curve_point.at).max() < ERROR_TOLERANCE:
+            return point
+        refined = refine(self.transcription, point.curve_point.at, ERROR_TOLERANCE)
+        forward = resized(point.curve_point.tangent, self.transcription, refined.transcription)
         self._use(refined.transcription)
-        point = self.curve.start(refined.at.w, forward)
-        return None if point is None else self._station(point)
+        curve_point = self.curve.start(refined.at.w, forward)
+        return None if curve_point is None else self._point(curve_point)
 
-    def in_order(self, station: Station) -> bool:
+    def in_order(self, point: Point) -> bool:
         """Whether no switch has passed a breakpoint of the control; a phase that has vanished is another matter."""
-        durations = self.transcription.unpack(station.point.at.w)[1]
+        durations = self.transcription.unpack(point.curve_point.at.w)[1]
         breakpoints = self.transcription.system.control.breakpoints
         return bool(durations.min() <= 0) or self.transcription.layout.in_order(durations, breakpoints)
 
-    def reordered(self, station: Station) -> "tuple[Piece, Station] | None":
-        """The same branch with arcs in the order that a station's durations ask for; no mode has changed."""
+    def reordered(self, point: Point) -> "tuple[Segment, Point] | None":
+        """The same branch with arcs in the order that a point's durations ask for; no mode has changed."""
         old = self.transcription
-        nodes, durations, freed = old.unpack(station.point.at.w)
+        nodes, durations, freed = old.unpack(point.curve_point.at.w)
         p = old.full_parameters(self.p, freed)
         rolled = roll_out(old.system, p, self.cycle, nodes[:, 0], durations)
-        piece, w = piece_through(self.problem, old.system, self.parameter, self.metric, rolled, p)
-        found = piece.start(w, resized(station.point.tangent, old, piece.transcription))
-        return None if found is None or not piece.in_order(found) else (piece, found)
+        segment, w = segment_through(self.problem, old.system, self.parameter, self.metric, rolled, p)
+        found = segment.start(w, resized(point.curve_point.tangent, old, segment.transcription))
+        return None if found is None or not segment.in_order(found) else (segment, found)
 
     def coordinates(self, w: Array) -> Array:
         """Scaled section coordinates, durations and parameter, in which arclength is measured."""
@@ -174,20 +174,20 @@ class Piece:
         scales = self.metric.scales(section, transcription.n_phases)
         self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
 
-    def _station(self, point: CurvePoint) -> Station:
-        problem = self.problem.replace({self.parameter: float(point.at.w[-1])})
+    def _point(self, curve_point: CurvePoint) -> Point:
+        problem = self.problem.replace({self.parameter: float(curve_point.at.w[-1])})
         gait = assemble_gait(
             problem,
             self.transcription,
-            point.at,
+            curve_point.at,
             errors=np.zeros(self.transcription.n_phases),
             message="continued",
-            solver={"iterations": float(point.iterations)},
+            solver={"iterations": float(curve_point.iterations)},
         )
-        return Station(point=point, gait=gait)
+        return Point(curve_point=curve_point, gait=gait)
 
 
-def piece_through(
+def segment_through(
     problem: Problem,
     system: HybridSystem,
     parameter: str,
@@ -195,14 +195,14 @@ def piece_through(
     rolled: Rollout,
     p: Array,
     intervals: Sequence[int] = (),
-) -> tuple[Piece, Array]:
+) -> tuple[Segment, Array]:
     """A branch through a rolled out motion at parameters ``p``, and the unknowns w of that motion."""
     durations = np.array(rolled.durations)
     plan = layout(problem.cycle, durations, system.control.breakpoints)
     plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
     transcription = Transcription(system, plan, (parameter,))
     w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))
-    return Piece(problem, parameter, transcription, p, metric), w
+    return Segment(problem, parameter, transcription, p, metric), w
 
 
 def resized(tangent: Array, old: Transcription, new: Transcription) -> Array:

@@ -14,7 +14,7 @@ They are proposals, the most plausible first; solving and simulating decides.
 
 from collections.abc import Iterable, Iterator
 
-from gaitopt.continuation.monitors import Name, Reading
+from gaitopt.continuation.monitors import MonitorKey, MonitorValue
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
 
 EDGE = 0.02
@@ -24,11 +24,11 @@ Phases = tuple[Mode, ...]
 Steps = list[tuple[Phases, Mode]]
 
 
-def successors(cycle: Cycle, active: Iterable[tuple[Name, Reading]]) -> list[Cycle]:
+def successors(cycle: Cycle, active: Iterable[tuple[MonitorKey, MonitorValue]]) -> list[Cycle]:
     """Cycles that may follow ``cycle`` where the ``active`` monitors vanish, the most plausible first."""
     candidates: dict[Cycle, None] = {}
-    for name, reading in active:
-        for steps in _edits(cycle, name, reading.where):
+    for name, monitor in active:
+        for steps in _edits(cycle, name, monitor.where):
             try:
                 edited = Cycle(tuple(ModeSequence(_merge(phases), impact) for phases, impact in steps))
             except ValueError:  # the edit contradicts itself
@@ -38,7 +38,7 @@ def successors(cycle: Cycle, active: Iterable[tuple[Name, Reading]]) -> list[Cyc
     return list(candidates)
 
 
-def _edits(cycle: Cycle, name: Name, where: float) -> Iterator[Steps]:
+def _edits(cycle: Cycle, name: MonitorKey, where: float) -> Iterator[Steps]:
     """Phases and impact of every step after an edit where the monitor ``name`` vanishes."""
     steps: Steps = [(step.phases, step.impact) for step in cycle.steps]
     if name.phase is None:

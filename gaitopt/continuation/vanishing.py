@@ -6,7 +6,7 @@ The durations of phases, the rate of touchdown, and the impulse of the impact va
 that any of them may be the monitor that is lost first. Close to that point no simulation resolves the step.
 """
 
-from gaitopt.continuation.segment import Station
+from gaitopt.continuation.segment import Point
 from gaitopt.gait import Gait
 
 VANISHED = 1e-4
@@ -25,7 +25,7 @@ def stride(gait: Gait) -> float:
     return float(max(apart)) / gait.system.scales(gait.p).length
 
 
-def vanishing_value(before: Station, last: Station) -> float:
+def vanishing_value(before: Point, last: Point) -> float:
     """The parameter at which the stride is zero, extrapolated from the last two gaits."""
     first, second = stride(before.gait), stride(last.gait)
     if not second < first:

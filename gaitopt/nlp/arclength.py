@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, vstack
 
 from gaitopt.nlp.newton import Linearisation, ScaledFactor
-from gaitopt.nlp.shooting_jacobian import variation
+from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
@@ -58,7 +58,7 @@ class Curve:
     transcription : with exactly one freed parameter.
     p : ndarray - values of the others.
     scales : ndarray, shape (n_xi + n_phases + 1,) - scales of the section coordinates, durations and parameter.
-    jacobian : (w, p) -> sparse Jacobian of the equalities; by ``Variation`` unless given.
+    jacobian : (w, p) -> sparse Jacobian of the equalities; by ``ShootingJacobian`` unless given.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Curve:
         jacobian: Callable[[Array, Array], csc_matrix] | None = None,
     ) -> None:
         self.transcription, self.p = transcription, p
-        self._jacobian = variation(transcription).jacobian if jacobian is None else jacobian
+        self._jacobian = shooting_jacobian(transcription).jacobian if jacobian is None else jacobian
         section = transcription.system.section(transcription.layout.cycle.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])

@@ -41,22 +41,22 @@ SIMPLE_MARGINS = {
 }
 
 
-def complaints(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Cause]:
+def violations(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Cause]:
     """The worst violated condition of every phase and of the impact, worst first.
 
     ``margins`` are the values of the transcription's inequalities at ``w``. Where a phase runs backwards in time, that
     is all there is to say.
     """
-    found = [c for c in _duration_complaints(problem, w) if c.severity > tolerance]
-    found = found or [*_cone_complaints(problem, w, p, margins), *_margin_complaints(problem, w, p, margins)]
+    found = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
+    found = found or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
     worst: dict[tuple[int | None, int], Cause] = {}
-    for complaint in sorted(found, key=lambda c: c.severity):
-        if complaint.severity > tolerance:
-            worst[complaint.phase, complaint.step] = complaint
+    for violation in sorted(found, key=lambda c: c.severity):
+        if violation.severity > tolerance:
+            worst[violation.phase, violation.step] = violation
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
-def landing_complaint(problem: Transcription, w: Array, p: Array) -> Cause | None:
+def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
     """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
     full, armed = problem.full_parameters(p, problem.unpack(w)[2])[:, None], False
     for index, arc in enumerate(problem.layout.arcs):
@@ -74,7 +74,7 @@ def landing_complaint(problem: Transcription, w: Array, p: Array) -> Cause | Non
     return None
 
 
-def endless_complaint(cycle: Cycle, phase: int) -> Cause:
+def missing_event(cycle: Cycle, phase: int) -> Cause:
     """Why a phase of the guess does not end as the sequence wants it to."""
     ending = ending_margin(cycle.phases[phase], cycle.after(phase))
     words = f"{phase_words(cycle, phase)} has no end: from the guess, {ENDLESS[ending]}"
@@ -88,7 +88,7 @@ def phase_words(cycle: Cycle, phase: int) -> str:
     return words if len(cycle.steps) == 1 else f"step {step + 1}, {words}"
 
 
-def residual_complaint(problem: Transcription, w: Array, p: Array, residual: Array) -> Cause:
+def largest_residual(problem: Transcription, w: Array, p: Array, residual: Array) -> Cause:
     """The equality that is violated most."""
     relative = np.abs(residual / problem.units(p).equalities)
     row = int(np.argmax(relative))
@@ -113,7 +113,7 @@ def residual_complaint(problem: Transcription, w: Array, p: Array, residual: Arr
     return Cause(what="periodicity", words=words, needed=0.0, available=size)
 
 
-def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
+def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     """Friction that is needed against friction that there is, where the foot should stick."""
     _, labels = problem.inequalities
     friction = float(problem.system.static_friction(problem.full_parameters(p, problem.unpack(w)[2])))
@@ -133,7 +133,7 @@ def _cone_complaints(problem: Transcription, w: Array, p: Array, margins: Array)
             yield _cause("friction", words, problem, w, label, **numbers)
 
 
-def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
+def _margin_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     _, labels = problem.inequalities
     units = problem.units(problem.full_parameters(p, problem.unpack(w)[2])).margins
     for label, value, unit in zip(labels, margins, units, strict=True):
@@ -143,7 +143,7 @@ def _margin_complaints(problem: Transcription, w: Array, p: Array, margins: Arra
             yield _cause(label.name, text, problem, w, label, **numbers)
 
 
-def _duration_complaints(problem: Transcription, w: Array) -> Iterator[Cause]:
+def _duration_violations(problem: Transcription, w: Array) -> Iterator[Cause]:
     _, durations, _ = problem.unpack(w)
     period = float(durations.sum())
     for phase, duration in enumerate(durations):

@@ -17,7 +17,7 @@ from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import linearise, polish
 from gaitopt.nlp.refinement import Refined, refine
-from gaitopt.nlp.solve import trouble
+from gaitopt.nlp.solve import rejection_reason
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
@@ -83,7 +83,7 @@ class Family:
             status, message, iterations = result.status, result.words, iterations + result.iterations
             if status is Status.CONVERGED:
                 refined = refine(self._transcription, polish(self._transcription, result.w, p).at)
-                wrong = trouble(refined)
+                wrong = rejection_reason(refined)
                 status, message = (Status.NOT_CONVERGED, in_words(wrong)) if wrong else (status, message)
         solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
         if refined is None or status is not Status.CONVERGED:
@@ -107,7 +107,7 @@ class Family:
             if size < SETTLED:
                 break
         refined = refine(self._transcription, polish(self._transcription, w, p).at)
-        return refined, trouble(refined), count
+        return refined, rejection_reason(refined), count
 
     def _remember(self, refined: Refined) -> None:
         """Start the next solution from this one, unless it had to be refined."""

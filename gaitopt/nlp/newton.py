@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from gaitopt.mechanics import Mode
-from gaitopt.nlp.shooting_jacobian import variation
+from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise, overflow_allowed
 from gaitopt.nlp.units import Units
@@ -106,7 +106,7 @@ class Polished:
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
     residual = np.asarray(problem.violation(w, p)).ravel()
-    jacobian = variation(problem).jacobian(w, p)
+    jacobian = shooting_jacobian(problem).jacobian(w, p)
     return Linearisation(w=w, p=p, residual=residual, jacobian=jacobian, units=problem.units(p))
 
 
@@ -147,10 +147,10 @@ def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array,
 
 def return_map_jacobian(problem: Transcription, at: Linearisation) -> Array:
     """Derivative of the return map on the section by implicit differentiation of the equalities; (n_xi, n_xi)."""
-    return section_response(problem, at)[1]
+    return section_sensitivity(problem, at)[1]
 
 
-def section_response(problem: Transcription, at: Linearisation) -> tuple[Array, Array, Callable[[Array], Array]]:
+def section_sensitivity(problem: Transcription, at: Linearisation) -> tuple[Array, Array, Callable[[Array], Array]]:
     """How the step answers to a deviation on the section.
 
     Returns

@@ -42,7 +42,7 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
     return Function(f"stage_derivatives_{mode}", [z, t, h, p, r], cse([horzcat(*columns)]))
 
 
-class Variation:
+class ShootingJacobian:
     """Sparse Jacobian of a transcription's equalities.
 
     Parameters
@@ -154,9 +154,9 @@ class Variation:
 
 
 @lru_cache(maxsize=8)
-def variation(transcription: Transcription) -> Variation:
+def shooting_jacobian(transcription: Transcription) -> ShootingJacobian:
     """The variation of a transcription, made once."""
-    return Variation(transcription)
+    return ShootingJacobian(transcription)
 
 
 def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:

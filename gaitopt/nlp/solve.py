@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.diagnosis import complaints, endless_complaint, landing_complaint, residual_complaint
+from gaitopt.nlp.diagnosis import early_touchdown, largest_residual, missing_event, violations
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.ipopt import IpoptResult, Progress
 from gaitopt.nlp.layout import layout
@@ -129,7 +129,7 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
     """Polish, refine until the integration error is small, and assemble the gait."""
     p, system = attempt.p, attempt.transcription.system
     refined = refine(attempt.transcription, polish(attempt.transcription, attempt.result.w, p).at)
-    wrong = trouble(refined)
+    wrong = rejection_reason(refined)
     if wrong:
         return Gait(
             problem=problem,
@@ -151,7 +151,7 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
 
 
 @overflow_allowed()
-def trouble(refined: Refined) -> tuple[Cause, ...]:
+def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
     """What keeps a solution of IPOPT from being a gait, looked at without IPOPT; empty for a gait."""
     transcription, at = refined.transcription, refined.at
     _, durations, _ = transcription.unpack(at.w)
@@ -169,8 +169,8 @@ def trouble(refined: Refined) -> tuple[Cause, ...]:
         intervals = transcription.layout.intervals
         words = f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
         return (Cause(what="integration", words=words),)
-    found = complaints(transcription, at.w, at.p, _margins(transcription, at.w, at.p), RESIDUAL_TOLERANCE)
-    landing = None if found else landing_complaint(transcription, at.w, at.p)
+    found = violations(transcription, at.w, at.p, _margins(transcription, at.w, at.p), RESIDUAL_TOLERANCE)
+    landing = None if found else early_touchdown(transcription, at.w, at.p)
     return tuple(found) if landing is None else (landing,)
 
 
@@ -188,9 +188,9 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
     for w in (relaxed.result.w, attempt.result.w):
         residual = np.asarray(transcription.violation(w, p)).ravel()
         if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
-            found = complaints(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
+            found = violations(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
             if found:
                 return tuple(found)
     if guess.endless is not None:
-        return (endless_complaint(transcription.layout.cycle, guess.endless),)
-    return (residual_complaint(transcription, attempt.result.w, p, residual),)
+        return (missing_event(transcription.layout.cycle, guess.endless),)
+    return (largest_residual(transcription, attempt.result.w, p, residual),)

@@ -2,6 +2,6 @@
 
 from gaitopt.orbit.damped import damped_fixed_point
 from gaitopt.orbit.return_map import FixedPoint, Return, ReturnMap
-from gaitopt.orbit.step_sensitivity import StepVariation
+from gaitopt.orbit.step_sensitivity import StepSensitivity
 
-__all__ = ["FixedPoint", "Return", "ReturnMap", "StepVariation", "damped_fixed_point"]
+__all__ = ["FixedPoint", "Return", "ReturnMap", "StepSensitivity", "damped_fixed_point"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, Step
 from gaitopt.mechanics import Mode
-from gaitopt.orbit.step_sensitivity import StepVariation
+from gaitopt.orbit.step_sensitivity import StepSensitivity
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.natural import units
 
@@ -75,7 +75,7 @@ class ReturnMap:
         self._system, self._p = simulator.system, simulator.p
         self._indices = simulator.system.section(section_mode)
         self._units = units(self._system, self._p).state[self._indices]
-        self._variation = StepVariation(self._system, self._p, section_mode, simulator.stepper)
+        self._sensitivity = StepSensitivity(self._system, self._p, section_mode, simulator.stepper)
 
     def __call__(self, xi: Array) -> Return:
         """Simulate one cycle from section coordinates ``xi``."""
@@ -91,7 +91,7 @@ class ReturnMap:
 
     def jacobian(self, steps: Sequence[Step]) -> Array:
         """Derivative of the map along one of its cycles; shape (n_xi, n_xi)."""
-        return self._variation.jacobian(steps)
+        return self._sensitivity.jacobian(steps)
 
     def fixed_point(self, xi: Array) -> FixedPoint:
         """Newton's method from ``xi`` until Pi(xi) = xi up to rounding."""

@@ -16,12 +16,12 @@ from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.mechanics.saltation import projection, saltation
 from gaitopt.simulation import Stepper
-from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation.buffered import BufferedFunction
 
 Array = NDArray[np.float64]
 
 
-class StepVariation:
+class StepSensitivity:
     """How small deviations on the section pass one step of a system at fixed parameters.
 
     Parameters
@@ -39,7 +39,7 @@ class StepVariation:
     def __init__(self, system: HybridSystem, p: Array, section_mode: Mode, stepper: Stepper) -> None:
         self._system, self._p, self._stepper = system, p, stepper
         self._indices, self._lifted = system.section(section_mode), system.section(Mode.SLIP_FORWARD)
-        self._buffered: dict[str, Buffered] = {}
+        self._buffered: dict[str, BufferedFunction] = {}
 
     @np.errstate(divide="ignore", invalid="ignore")  # an event that is grazed has no rate, and its map no derivative
     def jacobian(self, steps: Sequence[Step]) -> Array:
@@ -58,7 +58,7 @@ class StepVariation:
         system = self._system
         for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
             data, ends = system.data(arc.segment), arc.times[[0, -1]]
-            deviations = self._stepper.transport(arc.mode, data, arc.states[0], deviations, ends)
+            deviations = self._stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
             if after is None or after.segment == arc.segment:
                 deviations = self._event(arc, after, data) @ deviations
         assert step.impact is not None, "only a complete step returns to the section"
@@ -86,5 +86,5 @@ class StepVariation:
     def _call(self, function: Function, *values: float | Array) -> tuple[Array, ...]:
         """The outputs of a function, valid until it is called again."""
         if function.name() not in self._buffered:
-            self._buffered[function.name()] = Buffered(function)
+            self._buffered[function.name()] = BufferedFunction(function)
         return self._buffered[function.name()](*values)

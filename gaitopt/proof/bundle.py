@@ -53,7 +53,7 @@ def carry(field: Field, bundle: Bundle, steps: Sequence[Step], middle: arb, dura
     for step in steps:
         h, h_middle = (duration - before, middle - before) if step.h is None else (arb(step.h), arb(step.h))
         expansions.append(expand(field, bundle.hull, step, h))
-        variation = expansions[-1].variation()
+        variation = expansions[-1].shooting_jacobian()
         bundle.centre = follow(expansions[-1], bundle.centre, h_middle, variation)
         bundle.slope = variation * bundle.slope
     return expansions

@@ -68,7 +68,7 @@ class Expansion:
     h: arb
     end: list[arb]
 
-    def variation(self) -> arb_mat:
+    def shooting_jacobian(self) -> arb_mat:
         """Derivative of the end with respect to the start, shape (n, n)."""
         n = self.field.n
         with ctx.workprec(LOW_PRECISION):

@@ -29,7 +29,7 @@ SAME_GAIT = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fates:
+class Outcomes:
     """What became of n states.
 
     Attributes
@@ -49,7 +49,7 @@ class Fates:
     impacts: Codes
 
     @classmethod
-    def joined(cls, parts: "list[Fates]") -> Self:
+    def joined(cls, parts: "list[Outcomes]") -> Self:
         """Several one after the other."""
         return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
 
@@ -78,7 +78,7 @@ class Attractor:
         return f"{kind}{'' if self.period == 1 else f', period {self.period}'}"
 
 
-def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callable[[], bool] | None = None) -> Fates:
+def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callable[[], bool] | None = None) -> Outcomes:
     """Walk from every state until it settles, fails, or has made ``max_steps`` steps.
 
     Parameters
@@ -118,7 +118,7 @@ def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callabl
     first = _first_of_cycle(past, periods)
     rows = np.arange(n)
     phases, impacts = past_steps[first, rows].T
-    return Fates(
+    return Outcomes(
         periods=periods, endings=endings, steps=steps, states=past[first, rows], phases=phases, impacts=impacts
     )
 
@@ -147,25 +147,25 @@ class Attractors:
     def __init__(self) -> None:
         self._found: list[Attractor] = []
 
-    def add(self, fates: Fates) -> Codes:
-        """Take in some fates; for each the index of its gait, -1 where there is none, shape (n,)."""
-        labels = np.full(len(fates.periods), -1)
-        waiting = np.flatnonzero(fates.periods > 0)
+    def add(self, outcomes: Outcomes) -> Codes:
+        """Take in some outcomes; for each the index of its gait, -1 where there is none, shape (n,)."""
+        labels = np.full(len(outcomes.periods), -1)
+        waiting = np.flatnonzero(outcomes.periods > 0)
         for index, known in enumerate(self._found):
-            waiting = self._claim(index, known, fates, waiting, labels)
+            waiting = self._claim(index, known, outcomes, waiting, labels)
         while waiting.size:
             k = waiting[0]
-            phases, impact = phase_names(int(fates.phases[k])), MODES[fates.impacts[k]]
-            state, period = fates.states[k], int(fates.periods[k])
+            phases, impact = phase_names(int(outcomes.phases[k])), MODES[outcomes.impacts[k]]
+            state, period = outcomes.states[k], int(outcomes.periods[k])
             new = Attractor(state=state, period=period, phases=phases, impact=impact, count=0)
             self._found.append(new)
-            waiting = self._claim(len(self._found) - 1, new, fates, waiting, labels)
+            waiting = self._claim(len(self._found) - 1, new, outcomes, waiting, labels)
         return labels
 
-    def _claim(self, index: int, gait: Attractor, fates: Fates, rows: Indices, labels: Codes) -> Indices:
+    def _claim(self, index: int, gait: Attractor, outcomes: Outcomes, rows: Indices, labels: Codes) -> Indices:
         """Label those rows that are on a gait, and return the others."""
-        near = np.abs(fates.states[rows] - gait.state).max(axis=1) < SAME_GAIT
-        on_it = near & (fates.periods[rows] == gait.period)
+        near = np.abs(outcomes.states[rows] - gait.state).max(axis=1) < SAME_GAIT
+        on_it = near & (outcomes.periods[rows] == gait.period)
         labels[rows[on_it]] = index
         self._found[index] = replace(self._found[index], count=self._found[index].count + int(on_it.sum()))
         return rows[~on_it]

@@ -11,7 +11,7 @@ import numpy as np
 from gaitopt.errors import SolveError
 from gaitopt.gait import Gait
 from gaitopt.problem import Problem
-from gaitopt.runs.basin import Fates, follow
+from gaitopt.runs.basin import Outcomes, follow
 from gaitopt.runs.basin_tiles import BASIN_FILE, NUMBER, STATE_BYTES_MEMORY, Basin, assembled
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.simulation import Engine, choose_engine
@@ -28,7 +28,7 @@ from gaitopt.store.files import make_folder
 from gaitopt.store.manifest import MANIFEST_FILE
 from gaitopt.store.tiles import TILE_FILE
 from gaitopt.study.return_map import section_states, step_map
-from gaitopt.workers.jobs import Job, SetAside, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 TILE = 4096
 """States of one tile: some ten seconds of walking, and what is lost by a kill."""
@@ -150,11 +150,11 @@ def _walk_tiles(
     p = tuple(plan.start.p.tolist()) if isinstance(plan.start, Gait) else None
     task = TileTask(problem=plan.problem, p=p, engine=engine, grid=plan.grid, base=plan.base, max_steps=plan.max_steps)
     jobs = [Job(key=f"{plan.key}-{tile}", argument=(task, tile)) for tile in missing]
-    for key, fates in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
+    for key, outcomes in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
         tile = int(key.rpartition("-")[2])
-        if isinstance(fates, SetAside):
-            raise SolveError(f"tile {tile} of the basin was given up: {fates.reason}; the others are kept")
-        write_tile(plan.place, tile, {NUMBER: tile, **{f.name: getattr(fates, f.name) for f in fields(fates)}})
+        if isinstance(outcomes, FailedJob):
+            raise SolveError(f"tile {tile} of the basin was given up: {outcomes.reason}; the others are kept")
+        write_tile(plan.place, tile, {NUMBER: tile, **{f.name: getattr(outcomes, f.name) for f in fields(outcomes)}})
         done += 1
         if progress is not None:
             progress(done, total)
@@ -173,8 +173,10 @@ class TileTask:
     max_steps: int
 
 
-def walk_tile(argument: tuple[TileTask, int], _: None = None, should_stop: Callable[[], bool] | None = None) -> Fates:
-    """Fates of the states of one tile; runs in any process.
+def walk_tile(
+    argument: tuple[TileTask, int], _: None = None, should_stop: Callable[[], bool] | None = None
+) -> Outcomes:
+    """Outcomes of the states of one tile; runs in any process.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaitopt.errors import StorageError
 from gaitopt.problem import Problem
-from gaitopt.runs.basin import Attractor, Attractors, Fates, outcome_counts
+from gaitopt.runs.basin import Attractor, Attractors, Outcomes, outcome_counts
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.store import read_manifest, read_object, read_problem, read_sealed, read_tile
 from gaitopt.store.records import validated
@@ -34,7 +34,7 @@ class Basin:
     base : the section coordinates that the grid does not vary.
     attractors : the gaits that were found; ``labels`` counts them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
-    endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Fates``.
+    endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Outcomes``.
     steps : ndarray, grid's shape - steps until it settled or failed.
     """
 
@@ -100,9 +100,9 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:
-        fates = _fates(place, tile, grid.size - done)
-        rows = slice(done, done + len(fates.steps))
-        labels[rows], endings[rows], steps[rows] = attractors.add(fates), fates.endings, fates.steps
+        outcomes = _fates(place, tile, grid.size - done)
+        rows = slice(done, done + len(outcomes.steps))
+        labels[rows], endings[rows], steps[rows] = attractors.add(outcomes), outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
     return Basin(
         problem=problem, grid=grid, base=base, attractors=attractors.found,
@@ -110,8 +110,8 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
     )  # fmt: skip
 
 
-def _fates(place: Path, tile: int, most: int) -> Fates:
-    """The fates of one tile, of no more than ``most`` states.
+def _fates(place: Path, tile: int, most: int) -> Outcomes:
+    """The outcomes of one tile, of no more than ``most`` states.
 
     Raises
     ------
@@ -123,8 +123,8 @@ def _fates(place: Path, tile: int, most: int) -> Fates:
     name = TILE_FILE.format(tile)
     if f"{own}/{name}" in read_manifest(run).files:
         read_sealed(run, f"{own}/{name}")
-    number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Fates)}
+    number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Outcomes)}
     counts = {len(np.atleast_1d(array)) for array in arrays.values()}
     if number != tile or arrays.keys() != names or len(counts) != 1 or not 0 < min(counts) <= most:
         raise StorageError(f"{place / name} is not tile {tile}: delete it, and its states are walked again")
-    return Fates(**arrays)
+    return Outcomes(**arrays)

@@ -11,7 +11,7 @@ from gaitopt.search.distinct import Gaits, gaits_of
 from gaitopt.search.find import STARTS, Within, opened, search_jobs
 from gaitopt.store import growing, stored_lines
 from gaitopt.store.records import validated
-from gaitopt.workers.jobs import SetAside, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Workers, run_jobs
 
 PARTS_FILE = "find.jsonl"
 
@@ -48,11 +48,11 @@ def find_durably(
     jobs = search_jobs(asked, starts=starts, seed=seed, within=within or {})
     known = _stored(folder)
     parts = {job.key: known[job.key] for job in jobs if job.key in known}
-    lost: dict[str, SetAside] = {}
+    lost: dict[str, FailedJob] = {}
     missing = [job for job in jobs if job.key not in parts]
     with growing(folder, PARTS_FILE) as log:
         for key, part in run_jobs(search_part, missing, workers, should_stop=should_stop):
-            if isinstance(part, SetAside):
+            if isinstance(part, FailedJob):
                 lost[key] = part
             else:
                 parts[key] = {"part": key, **part}

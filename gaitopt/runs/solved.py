@@ -18,7 +18,7 @@ from gaitopt.store import growing, stored_lines
 from gaitopt.store.records import validated
 from gaitopt.study.verify import verify
 from gaitopt.study.warm import guessed_from
-from gaitopt.workers.jobs import Job, SetAside, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 JOBS_FILE = "jobs.jsonl"
 SET_ASIDE = "set_aside"
@@ -76,7 +76,7 @@ def solve_all(
     with growing(folder, JOBS_FILE) as log:
         done = {**(known or {}), **records}
         for key, result in run_jobs(solve_job, missing, workers, done=done, should_stop=should_stop):
-            if isinstance(result, SetAside):
+            if isinstance(result, FailedJob):
                 records[key] = {"status": SET_ASIDE, "message": result.reason}
             else:
                 records[key] = {"job": key, **result}

@@ -20,7 +20,7 @@ from gaitopt.nlp.complementarity.swing import shapes_before, swing
 from gaitopt.orbit import ReturnMap, damped_fixed_point
 from gaitopt.problem import OpenSequence, Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
-from gaitopt.simulation.batch.functions import Rowwise
+from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.study.return_map import step_map
 from gaitopt.study.system import build_system
 
@@ -143,10 +143,10 @@ def _samples(system: HybridSystem, p: Array, box: Box, rng: np.random.Generator)
 def _turn_forward(system: HybridSystem, p: Array, xi: Array) -> None:
     """Mirror postures (n, n_xi) to which a step backward would lead."""
     n, n_section = system.n_shape, len(system.walker.section)
-    (lifted,) = Rowwise(system.lift)(xi, p)
+    (lifted,) = RowMap(system.lift)(xi, p)
     before = np.zeros_like(lifted)
     before[:, :n] = shapes_before(system, p, lifted[:, :n])
-    step_lengths = Rowwise(system.impact(Mode.STICK))(before, p)[0][:, n]
+    step_lengths = RowMap(system.impact(Mode.STICK))(before, p)[0][:, n]
     xi[step_lengths < 0, :n_section] *= -1
 
 

@@ -13,7 +13,7 @@ from gaitopt.problem import Problem
 from gaitopt.search.candidates import SAME, Record
 from gaitopt.study.solve import solve_sequence
 from gaitopt.study.verify import verify
-from gaitopt.workers.jobs import SetAside
+from gaitopt.workers.jobs import FailedJob
 
 ATTEMPTS = 3
 """Candidates of one gait from which it is solved before they are given up."""
@@ -59,7 +59,7 @@ class Gaits(Sequence[Gait]):
 
 def gaits_of(
     problem: Problem,
-    parts: Sequence[Record | SetAside],
+    parts: Sequence[Record | FailedJob],
     *,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
@@ -75,7 +75,7 @@ def gaits_of(
     KeyboardInterrupt
         If ``should_stop`` said so.
     """
-    done = [part for part in parts if not isinstance(part, SetAside)]
+    done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
     groups = list(_grouped(problem, [c for c in candidates if _is_wanted(problem, c)]))
     found: list[tuple[Gait, list[str]]] = []

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Buffered:
+class BufferedFunction:
     """A function of vectors with fixed memory: the outputs of one call are overwritten by the next.
 
     In a hot loop write ``inputs``, call ``evaluate`` and read ``outputs``; elsewhere call it with all its arguments.

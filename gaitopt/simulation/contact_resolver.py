@@ -25,15 +25,15 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, margin_names
-from gaitopt.simulation.buffered import Buffered
-from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, lands
+from gaitopt.simulation.buffered import BufferedFunction
+from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls
 from gaitopt.simulation.natural import natural_system, units
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class Termination:
     """A motion that cannot go on: the named ending, and the reason in words."""
 
     ending: Ending
@@ -61,8 +61,8 @@ class _Candidate:
         )
 
 
-class Decisions:
-    """Decisions about the foot of one system at fixed parameters.
+class ContactResolver:
+    """ContactResolver about the foot of one system at fixed parameters.
 
     Parameters
     ----------
@@ -75,36 +75,36 @@ class Decisions:
         self._friction, self._drops = float(system.static_friction(p)), system.friction_drops(p)
         self._n_x = system.n_shape
         self._units = units(system, p)
-        self._points = {mode: Buffered(natural_system(system).point(mode)) for mode in Mode}
-        self._approach = Buffered(system.approach)
-        self._impacts = {mode: Buffered(system.impact(mode)) for mode in Mode}
+        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in Mode}
+        self._approach = BufferedFunction(system.approach)
+        self._impacts = {mode: BufferedFunction(system.impact(mode)) for mode in Mode}
 
-    def at_rest(self, t: float, z: Array, data: Array) -> Mode | Refusal:
+    def mode_at_rest(self, t: float, z: Array, data: Array) -> Mode | Termination:
         """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``."""
         tau, zeta = t / self._units.time, z / self._units.state
         point = [output.copy() for output in self._point(Mode.STICK, tau, zeta, data)]
         stick = dict(zip(margin_names(Mode.STICK), point[1].tolist(), strict=True))
         if not all(map(isfinite, stick.values())):
-            return Refusal(Ending.NUMERICAL, "the contact forces are not finite")
+            return Termination(Ending.NUMERICAL, "the contact forces are not finite")
         slips = {mode: self._margins(mode, tau, zeta, data) for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)}
         leaves = self._leaves(tau, zeta, data, point)
         possible = [Mode.STICK] if stick["normal_force"] > 0 and not any(leaves.values()) else []
         possible += [m for m, s in slips.items() if leaves[m] and s["painleve"] > 0 and s["normal_force"] > 0]
         lifts = any(s["normal_force"] * s["painleve"] < 0 for s in slips.values())
         if lifts and not possible:
-            return Refusal(Ending.LIFT_OFF, "no mode keeps the foot on the ground")
+            return Termination(Ending.LIFT_OFF, "no mode keeps the foot on the ground")
         if len(possible) == 1 and not lifts:
             return possible[0]
         choices = " and ".join([*possible, *(["lift-off"] if lifts else [])]) or "neither a mode nor lift-off"
         values = " and ".join(f"{self._painleve(m, t, z, data):.6g} kg in {m}" for m in slips)
-        return Refusal(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")
+        return Termination(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")
 
-    def impact(self, z_minus: Array) -> ImpactRecord | Refusal:
+    def impact(self, z_minus: Array) -> ImpactRecord | Termination:
         """The impact at touchdown in state ``z_minus``."""
         v_n = float(self._approach(z_minus, self._p)[0][0])
         if v_n >= -EDGE * self._units.speed:
             words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
-            return Refusal(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
+            return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
         candidates = [self._candidate(mode, z_minus) for mode in Mode]
         consistent = [candidate for candidate in candidates if self._consistent(candidate)]
         stick = candidates[0]
@@ -115,7 +115,7 @@ class Decisions:
             ending = Ending.IMPACT_AMBIGUOUS if consistent else Ending.IMPACT_INCONSISTENT
             verdict = " and ".join(c.mode for c in consistent) + " are" if consistent else "no impact is"
             numbers = "; ".join(map(str, candidates))
-            return Refusal(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
+            return Termination(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
         return self._record(consistent[0], stick)
 
     def touches_down(self, mode: Mode, t: float, z: Array, data: Array) -> bool:
@@ -134,10 +134,10 @@ class Decisions:
         left = {name: falls(name, margin, rate, change / LOOK) for name, margin, rate, change in rows}
         return {Mode.SLIP_FORWARD: left["cone_forward"], Mode.SLIP_BACKWARD: left["cone_backward"]}
 
-    def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Refusal:
+    def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Termination:
         if chosen.lift_velocity <= 0:
             words = f"the former stance foot would move into the ground at {chosen.lift_velocity:.6g} m/s"
-            return Refusal(Ending.DOUBLE_SUPPORT, f"{words} after an impact with {chosen.mode}")
+            return Termination(Ending.DOUBLE_SUPPORT, f"{words} after an impact with {chosen.mode}")
         state = chosen.z_plus.copy()
         state[self._n_x] = 0.0
         return ImpactRecord(

@@ -120,7 +120,7 @@ def coincides(margin: Any, rate: Any) -> Any:
     return (rate < 0) & (abs(margin) <= -rate * SIMULTANEOUS)
 
 
-def lands(margin: Any, rate: Any) -> Any:
+def is_touchdown(margin: Any, rate: Any) -> Any:
     """Whether ``touchdown`` falls where an arc ends for another reason; the next arc could not see it."""
     return (abs(margin) <= EDGE) & (rate < 0)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival
@@ -78,10 +78,10 @@ class ScipyStepper:
             states.append(point.state * unit.state)
         return np.array(states)
 
-    def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
+    def propagate_variations(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
         """Deviations at the end of an arc from those at its start; see ``Stepper``."""
         unit, columns = self._units, deviations.shape[1]
-        variational = Buffered(self._natural.variational(mode, columns))
+        variational = BufferedFunction(self._natural.variational(mode, columns))
         variational.inputs[2][:], variational.inputs[3][:] = unit.parameters[mode], data
         start, end = times / unit.time
         y, sizes = unit.pack(state, deviations)
@@ -160,7 +160,7 @@ class _Field:
     def __init__(self, system: NaturalSystem, mode: Mode, p: Array) -> None:
         self.names = margin_names(mode)
         self._p = p
-        self._flow, self._events = Buffered(system.flow(mode)), Buffered(system.events(mode))
+        self._flow, self._events = BufferedFunction(system.flow(mode)), BufferedFunction(system.events(mode))
         self.rate = _rate(self._flow)
 
     def load(self, data: Array) -> None:
@@ -186,7 +186,7 @@ class _Field:
         return self.point(float(solver.t), solver.y, solver.f)
 
 
-def _rate(flow: Buffered) -> Callable[[float, Array], Array]:
+def _rate(flow: BufferedFunction) -> Callable[[float, Array], Array]:
     """(t, z) -> dz/dt, with its names bound once: it is called some 500 times in a walking step."""
     time, state, _, _ = flow.inputs
     (output,) = flow.outputs

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import HybridSystem, Mode
-from gaitopt.simulation.contact_resolver import Decisions, Refusal
+from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.sampling import sample
@@ -27,10 +27,10 @@ MAX_SWITCHES = 50
 """Mode switches within a step after which it is called chattering; walking takes a handful."""
 
 ONSETS: Mapping[str, Mode] = {"cone_forward": Mode.SLIP_FORWARD, "cone_backward": Mode.SLIP_BACKWARD}
-FATAL: Mapping[str, Refusal] = {
-    "normal_force": Refusal(Ending.LIFT_OFF, "the ground would have to pull: the normal force is not positive"),
-    "painleve": Refusal(Ending.PAINLEVE, "the slip has no unique solution: C_tt + mu s C_nt is not positive"),
-    "upright": Refusal(Ending.FALL, "the walker is no longer upright"),
+FATAL: Mapping[str, Termination] = {
+    "normal_force": Termination(Ending.LIFT_OFF, "the ground would have to pull: the normal force is not positive"),
+    "painleve": Termination(Ending.PAINLEVE, "the slip has no unique solution: C_tt + mu s C_nt is not positive"),
+    "upright": Termination(Ending.FALL, "the walker is no longer upright"),
 }
 
 
@@ -97,7 +97,7 @@ class Simulator:
         self.system, self.p = system, p
         self._max_switches = max_switches
         self.stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
-        self._decisions = Decisions(system, p)
+        self._resolver = ContactResolver(system, p)
         self._units = units(system, p)
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         self._limit = min(longest, system.control.horizon)
@@ -145,7 +145,7 @@ class Simulator:
         """Simulate one step from a state just after an impact; ``number`` is its number in the message."""
         moment = _Moment(0.0, self._after_impact(state), 0, 0)
         mode: Mode | None = None
-        following: Mode | ImpactRecord | Refusal = self._first_mode(moment)
+        following: Mode | ImpactRecord | Termination = self._first_mode(moment)
         arcs: list[Arc] = []
         while isinstance(following, Mode):
             mode = following
@@ -166,16 +166,16 @@ class Simulator:
         z[self.system.n_shape] = 0.0
         return _at_rest(z) if abs(z[-1]) <= EDGE * self._units.speed else z
 
-    def _first_mode(self, moment: _Moment) -> Mode | Refusal:
+    def _first_mode(self, moment: _Moment) -> Mode | Termination:
         slip_velocity = float(moment.state[-1])
         return Mode.slip(slip_velocity) if slip_velocity != 0 else self._mode_at_rest(moment)
 
-    def _mode_at_rest(self, moment: _Moment) -> Mode | Refusal:
-        return self._decisions.at_rest(moment.time, moment.state, self.system.data(moment.segment))
+    def _mode_at_rest(self, moment: _Moment) -> Mode | Termination:
+        return self._resolver.mode_at_rest(moment.time, moment.state, self.system.data(moment.segment))
 
-    def _lands(self, mode: Mode, moment: _Moment) -> bool:
+    def _is_touchdown(self, mode: Mode, moment: _Moment) -> bool:
         """Whether touchdown falls on a breakpoint of the control; the arc that would follow could not see it."""
-        return self._decisions.touches_down(mode, moment.time, moment.state, self.system.data(moment.segment))
+        return self._resolver.touches_down(mode, moment.time, moment.state, self.system.data(moment.segment))
 
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
@@ -192,37 +192,39 @@ class Simulator:
             states[-1] = arrival.state
         return Arc(mode=mode, segment=moment.segment, times=times, states=states)
 
-    def _follow(self, mode: Mode, moment: _Moment, arrival: Arrival) -> tuple[Mode | ImpactRecord | Refusal, _Moment]:
+    def _follow(
+        self, mode: Mode, moment: _Moment, arrival: Arrival
+    ) -> tuple[Mode | ImpactRecord | Termination, _Moment]:
         """What comes after an arc: a mode, the impact, or the end of the motion; and the moment it begins."""
         here = replace(moment, time=arrival.time, state=arrival.state)
         if arrival.failure:
-            return Refusal(Ending.NUMERICAL, arrival.failure), here
-        event = "touchdown" if arrival.event is None and self._lands(mode, here) else arrival.event
+            return Termination(Ending.NUMERICAL, arrival.failure), here
+        event = "touchdown" if arrival.event is None and self._is_touchdown(mode, here) else arrival.event
         if event is None:
             return self._pass_breakpoint(mode, here)
         if event in FATAL:
             return FATAL[event], here
         if event == "touchdown":
-            return self._decisions.impact(here.state), here
+            return self._resolver.impact(here.state), here
         here = replace(here, switches=here.switches + 1)
         if here.switches > self._max_switches:
-            return Refusal(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
+            return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
         return ONSETS.get(event) or self._mode_at_rest(here), here
 
-    def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Refusal, _Moment]:
+    def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
         """The next segment of the control; its torques may jump, and the mode of a foot at rest is decided again."""
         if moment.segment == len(self._breakpoints):
             where = ", where the control law ends" if self._limit == self.system.control.horizon else ""
-            return Refusal(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment
+            return Termination(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment
         moment = replace(moment, segment=moment.segment + 1)
         return (self._mode_at_rest(moment) if mode is Mode.STICK else mode), moment
 
-    def _describe(self, refusal: Refusal, number: int, mode: Mode | None, moment: _Moment) -> str:
+    def _describe(self, termination: Termination, number: int, mode: Mode | None, moment: _Moment) -> str:
         values = ", ".join(
             f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, moment.state, strict=True)
         )
         where = "in mode " + mode if mode is not None else "at the choice of the first mode"
-        return f"{refusal.reason}: step {number}, {moment.time:.6g} s after the impact, {where}, at {values}"
+        return f"{termination.reason}: step {number}, {moment.time:.6g} s after the impact, {where}, at {values}"
 
 
 def _at_rest(state: Array) -> Array:

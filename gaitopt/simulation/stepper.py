@@ -55,7 +55,7 @@ class Stepper(Protocol):
     def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
         """States at ascending ``times`` of an arc that starts with ``state`` at the first; shape (m, n_z)."""
 
-    def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
+    def propagate_variations(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
         """Carry deviations along an arc by its variational equations; shape (n_z, m).
 
         Parameters

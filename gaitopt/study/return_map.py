@@ -12,10 +12,10 @@ from gaitopt.gait import Gait
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine
-from gaitopt.simulation.batch.functions import Rowwise
+from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, phase_names, stack_outcomes
 from gaitopt.study.system import build_system
-from gaitopt.workers.jobs import Job, SetAside, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 if TYPE_CHECKING:
     from gaitopt.simulation.batch.simulator import BatchSimulator
@@ -102,7 +102,7 @@ def return_map(
     jobs = [Job(key=f"chunk-{k}-{id(xi)}", argument=argument) for k, argument in enumerate(arguments)]
     results = dict(run_jobs(map_chunk, jobs, Workers(count=workers), should_stop=should_stop))
     for result in results.values():
-        if isinstance(result, SetAside):
+        if isinstance(result, FailedJob):
             raise RuntimeError(f"a chunk of states was not mapped: {result.reason}")
     return _joined([results[job.key] for job in jobs])
 
@@ -137,7 +137,7 @@ class StepMap:
         self.system, self.p, self._engine = system, p, engine
         self.names = system.walker.section_names(slipping=True)
         self._indices = system.section(Mode.SLIP_FORWARD)
-        self._lift = Rowwise(system.lift)
+        self._lift = RowMap(system.lift)
 
     def __call__(self, xi: Array) -> Returns:
         """One step of every state; checked as ``section_states`` does."""

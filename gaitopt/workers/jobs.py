@@ -39,7 +39,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetAside:
+class FailedJob:
     """In place of a result: why a job has none."""
 
     reason: str
@@ -134,7 +134,7 @@ class _Run:
             result = self._result(future)
             del self._running[key]
             children = self._children.pop(key, [])
-            if children and not isinstance(result, SetAside):  # no other result need be held
+            if children and not isinstance(result, FailedJob):  # no other result need be held
                 self._parents[key] = result
             self._ready += children
             self._submit()
@@ -162,11 +162,11 @@ class _Run:
 
         error = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):
-            return SetAside(reason=f"it took {ALLOWED_DEATHS + 1} workers with it")
+            return FailedJob(reason=f"it took {ALLOWED_DEATHS + 1} workers with it")
         if error is not None:
-            return SetAside(reason=f"{type(error).__name__}: {error}")
+            return FailedJob(reason=f"{type(error).__name__}: {error}")
         kept = self._client.get_metadata([future.key], default=None)
-        return SetAside(reason="the scheduler dropped it") if kept is None else loads(kept)
+        return FailedJob(reason="the scheduler dropped it") if kept is None else loads(kept)
 
 
 def perform(task: Callable[..., Any], key: str, argument: Any, parent: Any) -> None:

@@ -35,7 +35,7 @@ def chromium():
 @pytest.fixture
 def visit(chromium, tmp_path):
     """Open the text of a page at a width; whatever the browser complains of fails the test at its end."""
-    complaints, contexts = [], []
+    violations, contexts = [], []
 
     def call(text, width=1200, scheme="light", motion="no-preference"):
         path = tmp_path / "page.html"
@@ -43,13 +43,13 @@ def visit(chromium, tmp_path):
         size = {"width": width, "height": 900}
         contexts.append(chromium.new_context(viewport=size, color_scheme=scheme, reduced_motion=motion))
         page = contexts[-1].new_page()
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: request.url.startswith(("file:", "data:")) or complaints.append(request.url))
+        page.on("console", lambda message: violations.append(message.text))
+        page.on("pageerror", lambda error: violations.append(str(error)))
+        page.on("request", lambda request: request.url.startswith(("file:", "data:")) or violations.append(request.url))
         page.goto(path.as_uri())
         return page
 
     yield call
     for context in contexts:
         context.close()
-    assert complaints == []
+    assert violations == []

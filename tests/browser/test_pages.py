@@ -1,4 +1,4 @@
-"""Pages in a real browser: they load without a complaint, gaits are chosen by click and key, walkers move."""
+"""Pages in a real browser: they load without a violation, gaits are chosen by click and key, walkers move."""
 
 import pytest
 from pictured import TORSO, branch, gait

@@ -1,8 +1,8 @@
 """The gait that a problem asks for; where parameters are unknowns, the best one that meets the constraints.
 
 A design starts from a gait: a given one, or that of the guessed parameters. From there IPOPT looks for the optimum of a
-smoothed problem over nodes, durations and freed parameters (``nlp.design.program``). Sequential quadratic programming in the
-freed parameters alone goes on to that of the exact problem, as the gait is measured (``nlp.reduced``, ``nlp.sqp``).
+smoothed problem over nodes, durations and freed parameters (``program``). Sequential quadratic programming in the freed
+parameters alone goes on to that of the exact problem, as the gait is measured (``reduced``, ``sqp``).
 """
 
 import time
@@ -26,7 +26,7 @@ from gaitopt.nlp.layout import Layout, layout
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.solve import solve_gait, trouble
+from gaitopt.nlp.solve import rejection_reason, solve_gait
 from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_states
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
@@ -101,7 +101,9 @@ class _Design:
                 message = "\n".join(cause.words for cause in why) or result.words
                 return self._failed(Status.INFEASIBLE if why else result.status, message, solver, why)
             durations = program.transcription.unpack(program.motion(result.w))[1]
-            if not program.at_reach(result.w) and self._layout(durations).same_arcs(program.transcription.layout):
+            if not program.hits_trust_region(result.w) and self._layout(durations).same_arcs(
+                program.transcription.layout
+            ):
                 return self._optimum(program.transcription, program.motion(result.w), iterations)
             start = self._moved(program, result.w)
         return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
@@ -113,7 +115,7 @@ class _Design:
         for _ in range(MAX_MESHES):
             point = reduced.first(refined.transcription, refined.at.w, self._p)
             if point is None:
-                lost = trouble(refined)
+                lost = rejection_reason(refined)
                 message = in_words(lost) or "the gait is lost on a finer mesh"
                 return self._failed(Status.NOT_CONVERGED, message, {}, lost)
             freed, levels = np.split(point.u, [len(self.free)])
@@ -127,7 +129,7 @@ class _Design:
         solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.point.objective}
         if optimum.interrupted:
             return self._failed(Status.INTERRUPTED, "interrupted", solver)
-        wrong = trouble(refined)
+        wrong = rejection_reason(refined)
         if wrong or optimum.shortcoming:
             message = in_words(wrong) or str(optimum.shortcoming)
             return self._failed(Status.NOT_CONVERGED, message, solver, wrong)
@@ -143,7 +145,7 @@ class _Design:
         for _ in range(MAX_ROUNDS):
             program = self._program(start, elastic=True)
             result = program.solve()
-            if result.status is not Status.CONVERGED or not program.at_reach(result.w):
+            if result.status is not Status.CONVERGED or not program.hits_trust_region(result.w):
                 break
             start = self._moved(program, result.w)
         return conflicts(self._problem, program, result)

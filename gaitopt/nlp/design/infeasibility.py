@@ -61,7 +61,7 @@ def _obstacles(
     problem: Problem, program: Program, result: IpoptResult, reached: dict[str, float]
 ) -> Iterator[tuple[str, str]]:
     """Name and words of every freed bound, other constraint and kind of margin that presses against the search."""
-    for name, (pressure, bound) in program.pressed_bounds(result).items():
+    for name, (pressure, bound) in program.active_bounds(result).items():
         if abs(pressure) > PRESSING:
             yield name, f"{name} {'<=' if pressure > 0 else '>='} {bound:g}"
     for rows, multipliers in program.by_rows(result):

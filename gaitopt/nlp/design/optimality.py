@@ -2,7 +2,7 @@
 
     min over l >= 0 of | grad f - sum l_i grad c_i |,        c_i the active constraints; l_i of any sign for equalities
 
-in the freed parameters and levels of ``nlp.reduced``, each in its typical size, f relative to itself. A level whose
+in the freed parameters and levels of ``reduced``, each in its typical size, f relative to itself. A level whose
 derivative must vanish as well makes the hull of the gradients of a maximum. Moduli of multipliers that coalesce are
 not Lipschitz; the inequalities of ``nlp.moduli`` that stand for them are smooth.
 """

@@ -1,7 +1,7 @@
 """Scalars of the result as expressions of the NLP's unknowns, with exact derivatives.
 
 Integrals are sums over the Lobatto points of every shooting interval; extrema are bounded by the values at those
-points. |power| has kinks and is smoothed, sqrt(power^2 + width^2). What points and width miss is small; ``nlp.scalars``
+points. |power| has kinks and is smoothed, sqrt(power^2 + width^2). What points and width miss is small; ``scalars``
 has the same scalars without it.
 """
 
@@ -88,7 +88,7 @@ class Outcome:
         sticking = [s.force for s in self._samples if s.mode is Mode.STICK]
         return vertcat(*(vec(extremum * f[1, :] - sign * f[0, :]) for f in sticking for sign in (1, -1)))
 
-    def counted(self, name: str, w: Array, p: Array) -> list[int]:
+    def active_rows(self, name: str, w: Array, p: Array) -> list[int]:
         """Which rows of ``bounded`` count: of the clearance only those after the legs have passed each other."""
         if name != "foot_clearance":
             return list(range(self.bounded(name, MX(0)).numel()))

@@ -6,7 +6,7 @@
           extremum >= the curve's values                   for peak torque and the like
 
 over nodes, durations, freed parameters and extrema. The multipliers' radius is one of the scalars (nlp.design.spectral_radius). It
-and |power| are smoothed, and what lies between the nodes is not seen: the solution is where ``nlp.sqp`` starts.
+and |power| are smoothed, and what lies between the nodes is not seen: the solution is where ``sqp`` starts.
 """
 
 from collections.abc import Callable
@@ -109,11 +109,11 @@ class Program:
             return self._radius(self.transcription.w, self.transcription.parameters)
         return self._extrema[name] if name in self._extrema else self._outcome.value(name)
 
-    def at_reach(self, x: Array) -> bool:
+    def hits_trust_region(self, x: Array) -> bool:
         """Whether a solution lies on the boundary of the trust region."""
-        return self._search.at_reach(x)
+        return self._search.hits_trust_region(x)
 
-    def pressed_bounds(self, result: IpoptResult) -> dict[str, tuple[float, float]]:
+    def active_bounds(self, result: IpoptResult) -> dict[str, tuple[float, float]]:
         """Multiplier of the bounds of every freed parameter, positive at the upper one, and the bound nearest."""
         n = self.transcription.w.numel()
         free = self.transcription.free
@@ -145,7 +145,7 @@ class Program:
     def _extremal(self, w: Array) -> list[Rows]:
         rows = []
         for name, extremum in self._extrema.items():
-            bounding = self._outcome.bounded(name, extremum)[self._outcome.counted(name, w, self._p)]
+            bounding = self._outcome.bounded(name, extremum)[self._outcome.active_rows(name, w, self._p)]
             rows.append(_positive(name, bounding))
             if self._inflates(name):
                 # nothing but its own curve keeps the extremum from growing: it stays at the sample where it is now
@@ -159,7 +159,7 @@ class Program:
         return bool(np.isfinite(bound)) or EXTREMA[name] * self._problem.objective.get(name, 0.0) < 0
 
     def _bounding(self, name: str, w: Array, extremum: float) -> Array:
-        rows = self._outcome.bounded(name, MX(extremum))[self._outcome.counted(name, w, self._p)]
+        rows = self._outcome.bounded(name, MX(extremum))[self._outcome.active_rows(name, w, self._p)]
         function = Function("rows", [self.transcription.w, self.transcription.parameters], [rows])
         return np.asarray(function(w, self._p)).ravel()
 

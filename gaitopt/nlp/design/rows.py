@@ -15,7 +15,7 @@ from gaitopt.nlp.design.outcome import EXTREMA, RADIUS
 from gaitopt.nlp.design.scalars import Piece, Scalars, Valued
 from gaitopt.nlp.design.sensitivity import Sensitivity
 from gaitopt.nlp.design.spectral_radius import ResponseSlope
-from gaitopt.nlp.newton import section_response
+from gaitopt.nlp.newton import section_sensitivity
 from gaitopt.problem import Problem, Range
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Radius:
 
     def __init__(self, s: Sensitivity, slope: ResponseSlope) -> None:
         self._s, self._slope = s, slope
-        self._V, self.M, self._adjoint = section_response(s.transcription, s.at)
+        self._V, self.M, self._adjoint = section_sensitivity(s.transcription, s.at)
         self.value = max(float(np.abs(np.linalg.eigvals(self.M)).max()), SMALLEST_RADIUS)
 
     def by_freed(self, weights: Array) -> Array:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from gaitopt.mechanics import Mode
-from gaitopt.nlp.newton import linearise, section_response
+from gaitopt.nlp.newton import linearise, section_sensitivity
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
@@ -54,7 +54,7 @@ class _Radius(Callback):
 
     def __init__(self, transcription: Transcription) -> None:
         super().__init__()
-        self._t, self._answers = transcription, _Answers(transcription)
+        self._t, self._cache = transcription, _SensitivityCache(transcription)
         self._gradient: _Gradient | None = None
         self.construct("radius", {})
 
@@ -68,7 +68,7 @@ class _Radius(Callback):
         return Sparsity.dense((self._t.w, self._t.parameters)[i].numel(), 1)
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
-        answer = self._answers.at(*(np.asarray(value).ravel() for value in arg))
+        answer = self._cache.at(*(np.asarray(value).ravel() for value in arg))
         return [DM(np.nan if answer is None else answer.radius)]
 
     def has_jacobian(self) -> bool:
@@ -77,7 +77,7 @@ class _Radius(Callback):
     def get_jacobian(
         self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Any]
     ) -> Function:
-        self._gradient = _Gradient(self._t, self._answers, name, opts)
+        self._gradient = _Gradient(self._t, self._cache, name, opts)
         return self._gradient
 
 
@@ -100,7 +100,7 @@ class ResponseSlope:
         self._product = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
 
     def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
-        """The derivative, shape (n_w,); V and adjoint as in ``newton.section_response``."""
+        """The derivative, shape (n_w,); V and adjoint as in ``newton.section_sensitivity``."""
         return np.asarray(self._product(w, p, V, adjoint, G)).ravel()
 
 
@@ -108,10 +108,10 @@ class _Gradient(Callback):
     """(w, p, rho) -> d rho / dw and, never used, zero for d rho / dp."""
 
     def __init__(
-        self, transcription: Transcription, answers: "_Answers", name: str, options: Mapping[str, Any]
+        self, transcription: Transcription, answers: "_SensitivityCache", name: str, options: Mapping[str, Any]
     ) -> None:
         super().__init__()
-        self._t, self._answers = transcription, answers
+        self._t, self._cache = transcription, answers
         self._slope = ResponseSlope(transcription)
         self.construct(name, options)
 
@@ -129,7 +129,7 @@ class _Gradient(Callback):
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
         w, p, _ = (np.asarray(value).ravel() for value in arg)
-        answer = self._answers.at(w, p)
+        answer = self._cache.at(w, p)
         if answer is None:
             return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
         G = radius_gradient(answer.M, answer.radius, answer.P)
@@ -137,7 +137,7 @@ class _Gradient(Callback):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Answer:
+class _Sensitivity:
     """Deviations V of the step, M of the return map, M's certified radius with P, and the adjoint of V's equations."""
 
     V: Array
@@ -147,15 +147,15 @@ class _Answer:
     P: Array
 
 
-class _Answers:
+class _SensitivityCache:
     """How the step answers to deviations; the last answer is kept, for IPOPT asks for value and slope in turn."""
 
     def __init__(self, transcription: Transcription) -> None:
         self._t = transcription
         self._asked: tuple[bytes, bytes] | None = None
-        self._answer: _Answer | None = None
+        self._answer: _Sensitivity | None = None
 
-    def at(self, w: Array, p: Array) -> _Answer | None:
+    def at(self, w: Array, p: Array) -> _Sensitivity | None:
         """The answer, or None where it is not definite."""
         asked = (w.tobytes(), p.tobytes())
         if asked != self._asked:
@@ -163,17 +163,17 @@ class _Answers:
         return self._answer
 
     @overflow_allowed()
-    def _found(self, w: Array, p: Array) -> _Answer | None:
+    def _found(self, w: Array, p: Array) -> _Sensitivity | None:
         if not np.isfinite(w).all():
             return None
         try:
-            V, M, adjoint = section_response(self._t, linearise(self._t, w, p))
+            V, M, adjoint = section_sensitivity(self._t, linearise(self._t, w, p))
         except RuntimeError:  # singular
             return None
         if not np.isfinite(M).all():
             return None
         radius, P = smoothed_radius(M)
-        return _Answer(V=V, M=M, adjoint=adjoint, radius=radius, P=P)
+        return _Sensitivity(V=V, M=M, adjoint=adjoint, radius=radius, P=P)
 
 
 def smoothed_radius(M: Array) -> tuple[float, Array]:

@@ -33,7 +33,7 @@ class Search:
     sizes: Array
     n_nodes: int
 
-    def at_reach(self, x: Array) -> bool:
+    def hits_trust_region(self, x: Array) -> bool:
         """Whether a solution lies on the boundary of the trust region."""
         nodes = slice(0, self.n_nodes)
         room = np.minimum(x - self.lower, self.upper - x)[nodes]

@@ -6,7 +6,7 @@ import numpy as np
 from casadi import Function
 from numpy.typing import NDArray
 
-from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation.buffered import BufferedFunction
 
 Array = NDArray[np.float64]
 
@@ -14,7 +14,7 @@ WIDTH = 256
 """Rows of one call: a call costs less than two of them."""
 
 
-class Rowwise:
+class RowMap:
     """A function of vectors evaluated row by row.
 
     Parameters
@@ -25,7 +25,7 @@ class Rowwise:
     def __init__(self, function: Function) -> None:
         self._sizes_in = [function.numel_in(k) for k in range(function.n_in())]
         self._sizes_out = [function.numel_out(k) for k in range(function.n_out())]
-        self._mapped = Buffered(function.map(WIDTH))
+        self._mapped = BufferedFunction(function.map(WIDTH))
 
     def __call__(self, *values: Any) -> list[Array]:
         """Outputs of shape (n, size) from inputs of shape (n, size), or (size,) for the same in all rows."""

@@ -1,7 +1,7 @@
 """What the feet of many states do, at rest and at an impact.
 
 The rules are those of ``decisions``. What is plain is decided for all states at once; where anything is out of the
-ordinary (an edge, a lost contact, no candidate or several) the state is handed to ``Decisions`` by itself.
+ordinary (an edge, a lost contact, no candidate or several) the state is handed to ``ContactResolver`` by itself.
 """
 
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from gaitopt.gait import ImpactRecord
 from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode
 from gaitopt.simulation.batch.steps import ENDINGS, MODES, NONE
-from gaitopt.simulation.contact_resolver import Decisions, Refusal
+from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.events import EDGE, INSTANT
-from gaitopt.simulation.heyoka.functions import CompiledRows
+from gaitopt.simulation.heyoka.functions import HeyokaRowMap
 from gaitopt.simulation.natural import natural_system, units
 
 Array = NDArray[np.float64]
@@ -42,22 +42,22 @@ class Landing:
     step_lengths: Array
 
 
-class BatchDecisions:
-    """Decisions about the feet of many states of one system at fixed parameters."""
+class BatchResolver:
+    """ContactResolver about the feet of many states of one system at fixed parameters."""
 
     def __init__(self, system: HybridSystem, p: Array) -> None:
         self._n_x = system.n_shape
         self._friction = float(system.static_friction(p))
         self._stick_first = system.law is ImpactLaw.FRICTIONLESS or system.friction_drops(p)
-        self._one_by_one = Decisions(system, p)
+        self._one_by_one = ContactResolver(system, p)
         self._units = units(system, p)
         self._events = [
-            CompiledRows(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in MODES
+            HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in MODES
         ]
-        self._approach = CompiledRows(system.approach, {1: p})
-        self._impacts = [CompiledRows(system.impact(mode), {1: p}) for mode in MODES]
+        self._approach = HeyokaRowMap(system.approach, {1: p})
+        self._impacts = [HeyokaRowMap(system.impact(mode), {1: p}) for mode in MODES]
 
-    def at_rest(self, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
+    def mode_at_rest(self, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
         """Modes of feet at rest and, where there is none, endings; both of shape (n,).
 
         Parameters
@@ -78,8 +78,8 @@ class BatchDecisions:
         modes = np.select([cones[:, 0] < 0, cones[:, 1] < 0], _SLIPS, default=MODES.index(Mode.STICK))
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
-            decision = self._one_by_one.at_rest(float(times[k]), states[k], data[k])
-            if isinstance(decision, Refusal):
+            decision = self._one_by_one.mode_at_rest(float(times[k]), states[k], data[k])
+            if isinstance(decision, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
             else:
                 modes[k] = MODES.index(decision)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Ending
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.batch.resolver import BatchDecisions, Landing
+from gaitopt.simulation.batch.resolver import BatchResolver, Landing
 from gaitopt.simulation.batch.stepper import Arrivals, HeyokaBatch
 from gaitopt.simulation.batch.steps import BASE, ENDINGS, MAX_PHASES, MODES, BatchSteps
 from gaitopt.simulation.events import EDGE
@@ -41,7 +41,7 @@ class BatchSimulator:
     ) -> None:
         self.system, self.p = system, np.array(p)
         self._max_switches = max_switches
-        self._stepper, self._decisions = HeyokaBatch(system, p), BatchDecisions(system, p)
+        self._stepper, self._resolver = HeyokaBatch(system, p), BatchResolver(system, p)
         self._units = units(system, p)
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         limit = min(longest, system.control.horizon)
@@ -82,7 +82,7 @@ class BatchSimulator:
         elif event in FATAL:
             motion.end(rows, FATAL[event].ending)
         elif event == "touchdown":
-            motion.land(rows, self._decisions.land(motion.states[rows]))
+            motion.land(rows, self._resolver.land(motion.states[rows]))
         else:
             self._switch(motion, event, rows)
 
@@ -106,7 +106,7 @@ class BatchSimulator:
 
     def _choose_at_rest(self, motion: "_Motion", rows: Indices) -> None:
         data = self._stepper.data[motion.segments[rows]]
-        modes, endings = self._decisions.at_rest(motion.times[rows], motion.states[rows], data)
+        modes, endings = self._resolver.mode_at_rest(motion.times[rows], motion.states[rows], data)
         motion.modes[rows] = modes
         motion.endings[rows[endings > 0]] = endings[endings > 0]
 

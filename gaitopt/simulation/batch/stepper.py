@@ -13,8 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.events import EDGE, INSTANT, LOOK, NEAR, PRIORITY, bends_decide, coincides, falls, lands, lift
-from gaitopt.simulation.heyoka.functions import CompiledRows
+from gaitopt.simulation.events import (
+    EDGE,
+    INSTANT,
+    LOOK,
+    NEAR,
+    PRIORITY,
+    bends_decide,
+    coincides,
+    falls,
+    lift,
+)
+from gaitopt.simulation.heyoka.functions import HeyokaRowMap
 from gaitopt.simulation.heyoka.integrators import LANES, batch_integrator
 from gaitopt.simulation.heyoka.stepper import MAX_TAYLOR_STEPS, HeyokaStepper
 from gaitopt.simulation.natural import N_MARGINS, natural_system, units
@@ -143,8 +153,8 @@ class HeyokaBatch:
         """Rates of states, margins and their rates."""
         return self._points[mode](taus[:, None], zetas, self.data[segments])
 
-    def _compiled(self, mode: Mode) -> CompiledRows:
-        return CompiledRows(natural_system(self._system).point(mode), {2: self._units.parameters[mode]})
+    def _compiled(self, mode: Mode) -> HeyokaRowMap:
+        return HeyokaRowMap(natural_system(self._system).point(mode), {2: self._units.parameters[mode]})
 
     def _runtime(self, mode: Mode) -> Array:
         """Runtime parameters on every segment of the control; shape (n_segments, n_par)."""

@@ -17,7 +17,7 @@ BLOCK = 256
 a block that does not fill the registers would go through other instructions."""
 
 
-class CompiledRows:
+class HeyokaRowMap:
     """A function of vectors evaluated row by row.
 
     Parameters

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.buffered import Buffered
+from gaitopt.simulation.buffered import BufferedFunction
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,
@@ -56,7 +56,7 @@ class HeyokaStepper:
 
     def __init__(self, system: HybridSystem, p: Array, *, precision: type = float) -> None:
         self._system, self._units, self._precision = system, units(system, p), precision
-        self._points = {mode: Buffered(natural_system(system).point(mode)) for mode in Mode}
+        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in Mode}
         for mode, function in self._points.items():
             function.inputs[2][:] = self._units.parameters[mode]
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
@@ -93,7 +93,7 @@ class HeyokaStepper:
         taylor = self._loaded("flow", mode, data, taus[0], state / unit.state)
         return np.asarray(taylor.propagate_grid(taus.astype(self._precision))[-1], dtype=float) * unit.state
 
-    def transport(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
+    def propagate_variations(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
         """Deviations at the end of an arc from those at its start; see ``Stepper``."""
         unit, (start, end) = self._units, times / self._units.time
         y, sizes = unit.pack(state, deviations)
