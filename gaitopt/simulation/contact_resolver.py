@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.simulation.buffered import BufferedFunction
-from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls
+from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import natural_system, units
 
 Array = NDArray[np.float64]
@@ -122,7 +122,7 @@ class ContactResolver:
         """Whether the swing foot touches down at this very time, which ends an arc for another reason."""
         _, margins, rates = self._point(mode, t / self._units.time, z / self._units.state, data)
         touchdown = margin_names(mode).index("touchdown")
-        return bool(lands(margins[touchdown], rates[touchdown]))
+        return bool(is_touchdown(margins[touchdown], rates[touchdown]))
 
     def _leaves(self, tau: float, zeta: Array, data: Array, point: list[Array]) -> dict[Mode, bool]:
         """Which slips the foot is pushed into: the margins of the cone that do not hold for longer than an instant."""

@@ -2,11 +2,11 @@
 
     min   sum of weight x scalar
     s.t.  equalities = 0, margins >= 0                     nlp.transcription
-          lo <= scalar <= hi                               nlp.design.outcome
+          lo <= scalar <= hi                               outcome
           extremum >= the curve's values                   for peak torque and the like
 
-over nodes, durations, freed parameters and extrema. The multipliers' radius is one of the scalars (nlp.design.spectral_radius). It
-and |power| are smoothed, and what lies between the nodes is not seen: the solution is where ``sqp`` starts.
+over nodes, durations, freed parameters and extrema. The radius of the multipliers is a scalar (``spectral_radius``).
+It and |power| are smoothed, and what lies between the nodes is not seen: the solution is where ``sqp`` starts.
 """
 
 from collections.abc import Callable

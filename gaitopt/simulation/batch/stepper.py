@@ -22,6 +22,7 @@ from gaitopt.simulation.events import (
     bends_decide,
     coincides,
     falls,
+    is_touchdown,
     lift,
 )
 from gaitopt.simulation.heyoka.functions import HeyokaRowMap
@@ -114,7 +115,7 @@ class HeyokaBatch:
         rows = moved[ends.events[moved] == LIMIT]
         if rows.size:
             _, margins, rates = self._point(mode, segments[rows], ends.times[rows], ends.states[rows])
-            ends.events[rows[lands(margins[:, 0], rates[:, 0])]] = 0
+            ends.events[rows[is_touchdown(margins[:, 0], rates[:, 0])]] = 0
 
     def _locate(
         self, mode: Mode, segments: Indices, ends: Arrivals, moved: Indices, starts: Array, first: Array

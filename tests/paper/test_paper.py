@@ -23,7 +23,7 @@ from gaitopt.paper.sentences import SENTENCES
 from gaitopt.paper.table import markdown, record, row
 from gaitopt.store import run_folder
 
-COMMITTED = Path(__file__).parents[1] / "results" / "gamus-or-2013"
+COMMITTED = Path(__file__).parents[2] / "results" / "gamus-or-2013"
 RECOMPUTED = ("A: |λ| at μ = 0.14", "B: |λ| at μ = 0.14", "μ_c", "impulse ratio", "θ1* [rad]", "I: τ1, mean [N m]")
 """Numbers that need a gait, but no family."""
 SAME = 1e-7
