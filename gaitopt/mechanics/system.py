@@ -300,10 +300,11 @@ class HybridSystem:
     def _impact_margins(self, mode: Mode) -> dict[str, SX]:
         result, stick, mu = self._impact(mode), self._impact(Mode.STICK), self.friction.static(self._coefficients)
         f_t, f_n = result.impulse[0], result.impulse[1]
+        z, n = self._eom.z, self.n_shape + 1
         return {
             "impulse": f_n,
             "lift_velocity": result.lift_velocity,
-            "touchdown_rate": jtimes(SX(self._eom.mechanism.touchdown), self._eom.q, self._eom.dq),
+            "touchdown_rate": jtimes(SX(self._eom.mechanism.touchdown), z[:n], z[n:]),
             "impulse_cone_forward": mu * f_n + f_t,
             "impulse_cone_backward": mu * f_n - f_t,
             "impact_slip_velocity": mode.direction * result.slip_velocity,

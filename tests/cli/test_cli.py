@@ -281,7 +281,7 @@ def test_an_unexpected_error_is_one_line_and_a_traceback_only_on_request(run, mo
     code, _, err = run("solve", PROBLEM, "--quiet")
     assert code == 1
     (line,) = err.splitlines()
-    assert line.startswith("gaitopt: internal error: ZeroDivisionError: oops (tests/cli/test_cli.py:")
+    assert line.startswith("gaitopt: internal error: ZeroDivisionError: oops (cli/test_cli.py:")
     assert line.endswith("; rerun with --debug for the traceback")
     code, _, err = run("solve", PROBLEM, "--quiet", "--debug")
     assert code == 1
