@@ -16,7 +16,7 @@ from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey, MonitorValue
 from gaitopt.families.segment import Point, Segment, segment_through
 from gaitopt.families.successors import successors
-from gaitopt.mechanics import MARGINS, Cycle, HybridSystem, Mode
+from gaitopt.mechanics import MARGINS, Cycle, HybridSystem
 from gaitopt.nlp.rollout import after_impact, roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
@@ -140,7 +140,7 @@ def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point 
 
 def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Array) -> Problem:
     """A problem with other modes, and the state after impact from which it is looked for as its guess."""
-    names = system.walker.section_names(slipping=cycle.impact is not Mode.STICK)
+    names = system.walker.section_names(slipping=cycle.impact.slips)
     guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
     return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})
 
@@ -155,7 +155,7 @@ def _start_state(point: Point, cycle: Cycle, offset: float, p: Array) -> Array:
     n_w = point.gait.shooting.states.size if point.gait.shooting else 0
     z_minus = w[n_w - system.n_z : n_w]
     state = after_impact(system, p, cycle.impact, z_minus)
-    if cycle.impact is Mode.STICK:
+    if cycle.impact.sticks:
         state[-1] = 0.0
     return state
 

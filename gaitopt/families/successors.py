@@ -50,7 +50,7 @@ def _edits(cycle: Cycle, name: MonitorKey, where: float) -> Iterator[Steps]:
     own, previous = name.phase - cycle.first_phases[step], step - 1
     for phases in _phase_edits(steps[step][0], own, name.kind, where):
         yield _changed(steps, step, phases=phases)
-    if name.kind == "duration" and own == 0 and steps[previous][1] is not Mode.STICK:
+    if name.kind == "duration" and own == 0 and steps[previous][1].slips:
         yield _changed(_changed(steps, step, phases=steps[step][0][1:]), previous, impact=Mode.STICK)
 
 

@@ -97,7 +97,7 @@ def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], point
     time, arcs = 0.0, list[Arc]()
     for phase in record["phases"]:
         mode = Mode(phase["mode"])
-        if mode is Mode.STICK:
+        if mode.sticks:
             z[-1] = 0.0
         for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
             times = start + (end - start) * (curves.points(points) + 1) / 2

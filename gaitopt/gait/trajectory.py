@@ -20,6 +20,7 @@ class Ending(StrEnum):
     NO_TOUCHDOWN = "no_touchdown"
     LIFT_OFF = "lift_off"
     PAINLEVE = "painleve"
+    SCUFFING = "scuffing"
     CHATTERING = "chattering"
     IMPACT_INCONSISTENT = "impact_inconsistent"
     IMPACT_AMBIGUOUS = "impact_ambiguous"

@@ -8,6 +8,7 @@ Every number of walker, friction and control is an entry of ``p``, named by its 
 can be varied, freed or continued without rebuilding anything. The NLP and the simulator both use these functions.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
 from types import SimpleNamespace
@@ -25,6 +26,7 @@ from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion,
 from gaitopt.mechanics.margins import impact_margin_names, margin_names
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.scales import Scales
+from gaitopt.mechanics.strike import strike
 from gaitopt.mechanics.walker import Walker
 
 COULOMB = CoulombFriction()
@@ -174,7 +176,7 @@ class HybridSystem:
         """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
 
         def outputs() -> list[SX]:
-            result = impact(self._eom, s, ImpactLaw.COULOMB, self._kinetic)
+            result = impact(self._eom, s, ImpactLaw.COULOMB, self._kinetic, self._locked(()))
             return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity]
 
         s = SX.sym("s")
@@ -211,9 +213,9 @@ class HybridSystem:
         names = self.walker.section_names(slipping=True)
         xi = SX.sym("xi", len(names))
         free = SimpleNamespace(**{name: xi[i] for i, name in enumerate(names)})
-        shape = self.walker.after_impact(free, parameter_namespace(self.walker, self._eom.p))
-        rates = xi[len(self.walker.section) :]
-        return Function("lift", [xi, self._p], [vertcat(*shape, 0, rates)])
+        p = parameter_namespace(self.walker, self._eom.p)
+        shape, rates = self.walker.after_impact(free, p), self.walker.rates_after_impact(free, p)
+        return Function("lift", [xi, self._p], [vertcat(*shape, 0, *rates, xi[-1])])
 
     @cached_property
     def lift_jacobian(self) -> Function:
@@ -223,7 +225,7 @@ class HybridSystem:
 
     def section(self, impact_mode: Mode) -> NDArray[np.intp]:
         """Indices in ``z`` of the section coordinates after an impact of the given mode."""
-        names = self.walker.section_names(slipping=impact_mode is not Mode.STICK)
+        names = self.walker.section_names(slipping=impact_mode.slips)
         return np.array([self.state_names.index(name) for name in names])
 
     def lift_state(self, xi: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -271,16 +273,26 @@ class HybridSystem:
 
     def _motion(self, mode: Mode) -> Motion:
         if mode not in self._motions:
-            self._motions[mode] = self._slipping(_slip(mode))
+            self._motions[mode] = self._slipping(_slip(mode), mode.locked)
         return self._motions[mode]
 
-    def _slipping(self, slip: SX | None) -> Motion:
+    def _slipping(self, slip: SX | None, locked: tuple[str, ...] = ()) -> Motion:
         drag = SX(self.friction.drag(self._coefficients, self._eom.z[-1]))
-        return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, torque=self._torque)
+        held = self._locked(locked)
+        return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, torque=self._torque, locked=held)
+
+    def _locked(self, stops: tuple[str, ...]) -> SX:
+        """Derivative of the gaps of some stops by the shape coordinates."""
+        gaps = vertcat(SX(0, 1), *(self._eom.mechanism.stops[name] for name in stops))
+        return jacobian(gaps, self._eom.z[: self.n_shape])
 
     def _impact(self, mode: Mode) -> Impact:
         if mode not in self._impacts:
-            self._impacts[mode] = impact(self._eom, _slip(mode), self.law, self._kinetic)
+            slip = _slip(mode)
+            if mode.locked:
+                self._impacts[mode] = strike(self._eom, slip, self._kinetic, self._locked(mode.locked))
+            else:
+                self._impacts[mode] = impact(self._eom, slip, self.law, self._kinetic, self._locked(self.walker.stops))
         return self._impacts[mode]
 
     def _margins(self, mode: Mode) -> SX:
@@ -294,11 +306,14 @@ class HybridSystem:
             "cone_backward": mu * f_n - f_t,
             "slip_velocity": mode.direction * self._eom.z[-1],
             "painleve": state.painleve,
+            "clearance": self._eom.mechanism.swing_foot[1],
+            **self._eom.mechanism.stops,
         }
         return vertcat(*(margins[name] for name in margin_names(mode)))
 
     def _impact_margins(self, mode: Mode) -> dict[str, SX]:
-        result, stick, mu = self._impact(mode), self._impact(Mode.STICK), self.friction.static(self._coefficients)
+        result, stick = self._impact(mode), self._impact(mode.with_contact(Mode.STICK))
+        mu = self.friction.static(self._coefficients)
         f_t, f_n = result.impulse[0], result.impulse[1]
         z, n = self._eom.z, self.n_shape + 1
         return {
@@ -315,13 +330,13 @@ class HybridSystem:
     def _build(self, name: str, outputs: Callable[[], list[SX]], inputs: list[SX] | None = None) -> Function:
         if name not in self._functions:
             arguments = [self._t, self._eom.z, self._p, self._r] if inputs is None else inputs
-            self._functions[name] = Function(name, arguments, cse(outputs()))
+            self._functions[name] = Function(re.sub(r"\W+", "_", name), arguments, cse(outputs()))
         return self._functions[name]
 
 
 def _slip(mode: Mode) -> SX | None:
     """Sign of the slip in a mode, None where the foot sticks."""
-    return None if mode is Mode.STICK else SX(mode.direction)
+    return None if mode.sticks else SX(mode.direction)
 
 
 @lru_cache(maxsize=8)

@@ -98,7 +98,7 @@ def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[i
 
 def _rest_exactly(cycle: Cycle, arc: ArcLayout, states: Array) -> None:
     """Put to zero what Newton's method leaves of a slip velocity that an event makes zero: its sign is a decision."""
-    if arc.mode is Mode.STICK:
+    if arc.mode.sticks:
         states[:, -1] = 0.0
     elif arc.start is None and cycle.onset_order(arc.phase) > 0:
         states[0, -1] = 0.0

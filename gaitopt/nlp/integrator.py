@@ -79,7 +79,7 @@ def _combined(weights: Array, stages: list[SX]) -> SX:
 
 def _end(mode: Mode, z: SX, h: SX, stages: list[SX]) -> SX:
     z_next = z + h * _combined(DOP853.B, stages)
-    return vertcat(z_next[:-1], 0) if mode is Mode.STICK else z_next
+    return vertcat(z_next[:-1], 0) if mode.sticks else z_next
 
 
 def _extension(series: list[SX], s: float) -> SX:

@@ -93,7 +93,7 @@ def roll_out(
         if phase > 0 and cycle.impact_before(phase) is not None:
             time, z = 0.0, after_impact(system, p, cycle.impacts[cycle.step_of(phase) - 1], z)
         z = np.nan_to_num(z)  # of a motion that has broken down
-        if mode is Mode.STICK:
+        if mode.sticks:
             z[-1] = 0.0
         known = None if durations is None else durations[phase]
         motion = _integrate(system, p, mode, time, z, max(longest - time, first_step) if known is None else known)

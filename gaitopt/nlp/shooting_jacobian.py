@@ -118,7 +118,7 @@ class ShootingJacobian:
         rates, derivatives, lengths = self._stages(w, t.full_parameters(p, freed))
         step = -_varied(rates, derivatives, lengths)
         for arc, at in zip(t.layout.arcs, self._intervals, strict=True):
-            if arc.mode is Mode.STICK:
+            if arc.mode.sticks:
                 step[at, -1] = 0.0
         by_durations = (
             step[:, :, n_z, None] * self._times[:, None, :] + step[:, :, n_z + 1, None] * self._lengths[:, None, :]
@@ -205,6 +205,6 @@ def step_derivatives(
     stages = np.asarray(values).reshape(n_z, m, N_STAGES, -1).transpose(2, 1, 0, 3)
     stages = np.ascontiguousarray(stages)
     by = _varied(stages[..., 0], stages[..., 1:], lengths)
-    if mode is Mode.STICK:
+    if mode.sticks:
         by[:, -1] = 0.0
     return by

@@ -90,7 +90,7 @@ def _read_state(
     if section is None:
         return None
     given = section.model_dump(exclude_none=True)
-    needed = model.section_names(slipping=impact is not Mode.STICK)
+    needed = model.section_names(slipping=impact.slips)
     missing = [name for name in needed if name not in given]
     faults += [
         Fault((*path, name), f"is missing; after this impact the section is {', '.join(needed)}") for name in missing

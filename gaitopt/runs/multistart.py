@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gaitopt.gait import Status
-from gaitopt.mechanics import BezierTracking, Mode
+from gaitopt.mechanics import BezierTracking
 from gaitopt.problem import Problem
 from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, check_room
 from gaitopt.runs.solved import problem_job, solve_all
@@ -112,7 +112,7 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[P
     """The problem with ``count`` other guesses."""
     control = build_system(problem).control
     curves = control.points if isinstance(control, BezierTracking) else {}
-    names = problem.walker.section_names(slipping=problem.cycle.impact is not Mode.STICK)
+    names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
     problems = []
     for number in range(1, count + 1):
         rng = np.random.default_rng([seed, number])

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.mechanics import Mode
 from gaitopt.problem import CurveReference, PDSpec, Problem
 
 
@@ -19,7 +18,7 @@ def guessed_from(problem: Problem, record: Mapping[str, Any], known: Mapping[str
     record : of a gait of the same walker model, as ``Gait.to_record``.
     known : parameters of that gait by dotted key, control points of a curve as ``control.reference.JOINT.K``.
     """
-    names = problem.walker.section_names(slipping=problem.cycle.impact is not Mode.STICK)
+    names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
     alike = record["impact"] == problem.cycle.impact
     changes: dict[str, object] = {
         f"gait.guess.state.{name}": record["state"][name] for name in names if alike or name != "dx"

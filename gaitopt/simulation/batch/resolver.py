@@ -78,7 +78,7 @@ class BatchResolver:
         modes = np.select([cones[:, 0] < 0, cones[:, 1] < 0], _SLIPS, default=MODES.index(Mode.STICK))
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
-            decision = self._one_by_one.mode_at_rest(float(times[k]), states[k], data[k])
+            decision = self._one_by_one.mode_at_rest(Mode.STICK, float(times[k]), states[k], data[k])
             if isinstance(decision, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
             else:
@@ -110,7 +110,7 @@ class BatchResolver:
     def _consistent(self, mode: Mode, candidate: list[Array]) -> Flags:
         _, impulse, slip_velocity, _, _ = candidate
         f_t, f_n = impulse.T
-        if mode is Mode.STICK:
+        if mode.sticks:
             return (f_n > 0) & (np.abs(f_t) <= self._friction * f_n)
         return (f_n > 0) & (mode.direction * slip_velocity[:, 0] > 0)
 

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import CONTACTS, Mode
 from gaitopt.simulation.simulator import StepOutcome
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
-MODES = tuple(Mode)
+MODES = CONTACTS
 ENDINGS = tuple(Ending)
 """Codes of modes and endings are their indices here; ``completed`` is 0."""
 NONE = -1
