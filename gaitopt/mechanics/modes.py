@@ -5,6 +5,7 @@
 A mode says which factor of each pair is zero. Gamus & Or (2013), eqs (4), (5).
 """
 
+import re
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -75,6 +76,11 @@ class Mode(str):
         state = {"type": "string", "enum": list(STOP_STATES)}
         stops = {"type": "object", "properties": {"mode": word}, "required": ["mode"], "additionalProperties": state}
         return {"anyOf": [word, stops]}
+
+    @property
+    def key(self) -> str:
+        """The text as part of an identifier."""
+        return re.sub(r"\W+", "_", self)
 
     @property
     def direction(self) -> int:
@@ -170,7 +176,7 @@ class Cycle:
             raise ValueError("a cycle needs at least one step")
         for phase in self.first_phases:
             impact, first = self.impact_before(phase), self.phases[phase]
-            if impact is not None and impact.slips and first is not impact:
+            if impact is not None and impact.slips and first.contact is not impact.contact:
                 raise ValueError(
                     f"after an impact with {impact} the foot is already slipping: "
                     f"the first phase must be {impact}, not {first}"
@@ -210,9 +216,22 @@ class Cycle:
         following = phase + 1
         return None if following == len(self.phases) or following in self.first_phases else self.phases[following]
 
+    def reset_after(self, phase: int) -> Mode | None:
+        """The impact with which a phase ends: of the foot, or of a stop that locks; None where nothing jumps."""
+        after = self.after(phase)
+        if after is None:
+            return self.steps[self.step_of(phase)].impact
+        return after if after.locked != self.phases[phase].locked else None
+
     def impact_before(self, phase: int) -> Mode | None:
-        """The impact with which a phase begins, that of the last step before the first; None in mid-step."""
-        return self.steps[self.step_of(phase) - 1].impact if phase in self.first_phases else None
+        """The impact with which a phase begins, that of the last step before the first; None where nothing jumps."""
+        return self.reset_after((phase - 1) % len(self.phases))
+
+    @property
+    def resets(self) -> tuple[tuple[int, Mode], ...]:
+        """Every phase that an impact ends, with that impact."""
+        pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
+        return tuple((phase, reset) for phase, reset in pairs if reset is not None)
 
     def phase_words(self, phase: int) -> str:
         """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""

@@ -8,7 +8,6 @@ Every number of walker, friction and control is an entry of ``p``, named by its 
 can be varied, freed or continued without rebuilding anything. The NLP and the simulator both use these functions.
 """
 
-import re
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
 from types import SimpleNamespace
@@ -80,11 +79,11 @@ class HybridSystem:
 
     def flow(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt."""
-        return self._build(f"flow_{mode}", lambda: [self._motion(mode).dz])
+        return self._build(f"flow_{mode.key}", lambda: [self._motion(mode).dz])
 
     def margins(self, mode: Mode) -> Function:
         """(t, z, p, r) -> margins in the order of ``margin_names(mode)``."""
-        return self._build(f"margins_{mode}", lambda: [self._margins(mode)])
+        return self._build(f"margins_{mode.key}", lambda: [self._margins(mode)])
 
     def events(self, mode: Mode) -> Function:
         """(t, z, p, r) -> margins and their rates along the flow."""
@@ -93,7 +92,7 @@ class HybridSystem:
             margins = self._margins(mode)
             return jtimes(margins, self._eom.z, self._motion(mode).dz) + jacobian(margins, self._t)
 
-        return self._build(f"events_{mode}", lambda: [self._margins(mode), rates()])
+        return self._build(f"events_{mode.key}", lambda: [self._margins(mode), rates()])
 
     def linearisation(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt, its Jacobian in z, and the Jacobian of the margins in z."""
@@ -102,7 +101,7 @@ class HybridSystem:
             dz = self._motion(mode).dz
             return [dz, jacobian(dz, self._eom.z), jacobian(self._margins(mode), self._eom.z)]
 
-        return self._build(f"linearisation_{mode}", outputs)
+        return self._build(f"linearisation_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
@@ -113,7 +112,7 @@ class HybridSystem:
 
         deviations = SX.sym("deviations", self.n_z, columns)
         y = vertcat(self._eom.z, vec(deviations))
-        name = f"variational_{mode}_{columns}"
+        name = f"variational_{mode.key}_{columns}"
         return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
 
     def observation(self, mode: Mode) -> Function:
@@ -125,7 +124,7 @@ class HybridSystem:
             foot = eom.mechanism.swing_foot
             return [self._motion(mode).force, torque, torque * motor_rates, foot, eom.energy, motor_rates]
 
-        return self._build(f"observation_{mode}", outputs)
+        return self._build(f"observation_{mode.key}", outputs)
 
     def impact(self, mode: Mode) -> Function:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
@@ -134,7 +133,7 @@ class HybridSystem:
             result = self._impact(mode)
             return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
 
-        return self._build(f"impact_{mode}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_{mode.key}", outputs, inputs=[self._eom.z, self._p])
 
     def impact_jacobian(self, mode: Mode) -> Function:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
@@ -142,7 +141,7 @@ class HybridSystem:
         def outputs() -> list[SX]:
             return [jacobian(self._impact(mode).z_plus, self._eom.z)]
 
-        return self._build(f"impact_jacobian_{mode}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_jacobian_{mode.key}", outputs, inputs=[self._eom.z, self._p])
 
     def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``impact_margins``."""
@@ -155,7 +154,7 @@ class HybridSystem:
             margins = self._impact_margins(mode)
             return [vertcat(*(margins[name] for name in self.impact_margin_names(mode)))]
 
-        return self._build(f"impact_margins_{mode}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_margins_{mode.key}", outputs, inputs=[self._eom.z, self._p])
 
     @cached_property
     def open_flow(self) -> Function:
@@ -330,7 +329,7 @@ class HybridSystem:
     def _build(self, name: str, outputs: Callable[[], list[SX]], inputs: list[SX] | None = None) -> Function:
         if name not in self._functions:
             arguments = [self._t, self._eom.z, self._p, self._r] if inputs is None else inputs
-            self._functions[name] = Function(re.sub(r"\W+", "_", name), arguments, cse(outputs()))
+            self._functions[name] = Function(name, arguments, cse(outputs()))
         return self._functions[name]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
-from gaitopt.mechanics import Cycle, HybridSystem, Mode
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin
 from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
@@ -102,5 +102,5 @@ def _rest_exactly(cycle: Cycle, arc: ArcLayout, states: Array) -> None:
         states[:, -1] = 0.0
     elif arc.start is None and cycle.onset_order(arc.phase) > 0:
         states[0, -1] = 0.0
-    if arc.end is None and cycle.after(arc.phase) is not None:
+    if arc.end is None and ending_margin(arc.mode, cycle.after(arc.phase)) == "slip_velocity":
         states[-1, -1] = 0.0

@@ -90,8 +90,9 @@ def roll_out(
     motions: list[OdeSolution] = []
     endless = None
     for phase, mode in enumerate(cycle.phases):
-        if phase > 0 and cycle.impact_before(phase) is not None:
-            time, z = 0.0, after_impact(system, p, cycle.impacts[cycle.step_of(phase) - 1], z)
+        impact = cycle.impact_before(phase) if phase > 0 else None
+        if impact is not None:
+            time, z = time if impact.locked else 0.0, after_impact(system, p, impact, z)
         z = np.nan_to_num(z)  # of a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
@@ -110,9 +111,10 @@ def roll_out(
 
 
 def after_impact(system: HybridSystem, p: Array, mode: Mode, z: Array) -> Array:
-    """State just after an impact in ``mode``, with x counted from the new stance foot; shape (n_z,)."""
+    """State just after an impact, with x counted from the stance foot if that has changed; shape (n_z,)."""
     z_plus = np.asarray(system.impact(mode)(z, p)[0]).ravel()
-    z_plus[system.n_shape] = 0.0
+    if not mode.locked:
+        z_plus[system.n_shape] = 0.0
     return z_plus
 
 
@@ -189,7 +191,7 @@ class _StepLimit:
 def _phase_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution) -> float | None:
     """Time since impact at which the phase ends; None if its event does not come, or only after touchdown."""
     mode, after = cycle.phases[phase], cycle.after(phase)
-    landing = _fall(_margin(system, p, mode, "touchdown", motion), motion)
+    landing = _fall(_margin(system, p, mode, margin_names(mode)[0], motion), motion)
     if after is None:
         return landing
     end = _fall(_margin(system, p, mode, ending_margin(mode, after), motion), motion)

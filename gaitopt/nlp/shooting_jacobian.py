@@ -39,7 +39,7 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
         rate, derivative = both(at, t + float(c) * h, p, r)
         stages.append(rate)
         columns += [rate, derivative]
-    return Function(f"stage_derivatives_{mode}", [z, t, h, p, r], cse([horzcat(*columns)]))
+    return Function(f"stage_derivatives_{mode.key}", [z, t, h, p, r], cse([horzcat(*columns)]))
 
 
 class ShootingJacobian:

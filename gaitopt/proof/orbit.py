@@ -202,7 +202,7 @@ class Orbit:
         for mode in CONTACTS:
             result = self.system.impact(mode)(z, p)
             outputs = cse([*result, jacobian(result[0], z)])
-            graphs[mode] = Graph(Function(f"impact_{mode}", [z, p], outputs), [self.p])
+            graphs[mode] = Graph(Function(f"impact_{mode.key}", [z, p], outputs), [self.p])
         return graphs
 
 

@@ -6,7 +6,6 @@ A tolerance is then a plain number, and no result depends on the units in which 
 margin ``painleve`` is the apparent mass of the foot, C_tt + mu s C_nt > SINGULAR C_tt with C_tt the mean of both slips.
 """
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -87,15 +86,15 @@ class NaturalSystem:
 
     def flow(self, mode: Mode) -> Function:
         """Rate of the state."""
-        return self._build(f"flow_{mode}", lambda a: [self._rate(mode, a)])
+        return self._build(f"flow_{mode.key}", lambda a: [self._rate(mode, a)])
 
     def events(self, mode: Mode) -> Function:
         """Margins and their rates along the flow."""
-        return self._build(f"events_{mode}", lambda a: self._events(mode, a))
+        return self._build(f"events_{mode.key}", lambda a: self._events(mode, a))
 
     def point(self, mode: Mode) -> Function:
         """Rate of the state, margins and their rates."""
-        return self._build(f"point_{mode}", lambda a: [self._rate(mode, a), *self._events(mode, a)])
+        return self._build(f"point_{mode.key}", lambda a: [self._rate(mode, a), *self._events(mode, a)])
 
     def arc(self, mode: Mode) -> Function:
         """Rate of the state, and the margins below it."""
@@ -108,14 +107,14 @@ class NaturalSystem:
                 scaled[k] = 2 * margins[k] / (margins[k] + other[k]) - SINGULAR
             return [cse(vertcat(self._rate(mode, a), scaled))]
 
-        return self._build(f"arc_{mode}", outputs)
+        return self._build(f"arc_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """Rate of the state and of ``columns`` deviations one after the other."""
         scale = repmat(self._d, 1 + columns, 1)
         original = self._system.variational(mode, columns)
         return self._build(
-            f"variational_{mode}_{columns}", lambda a: [original(*a) * (self._time / scale)], scale=scale
+            f"variational_{mode.key}_{columns}", lambda a: [original(*a) * (self._time / scale)], scale=scale
         )
 
     def _rate(self, mode: Mode, arguments: list[SX]) -> SX:
@@ -137,9 +136,7 @@ class NaturalSystem:
             scale = self._d if scale is None else scale
             zeta = SX.sym("zeta", scale.numel())
             arguments = [self._time * self._tau, scale * zeta, self._p, self._r]
-            self._functions[name] = Function(
-                re.sub(r"\W+", "_", name), [self._tau, zeta, self._all, self._r], outputs(arguments)
-            )
+            self._functions[name] = Function(name, [self._tau, zeta, self._all, self._r], outputs(arguments))
         return self._functions[name]
 
 

@@ -1,8 +1,8 @@
 """Kneed walker: the compass whose swing leg bends at a knee, which locks before the foot comes down. McGeer (1990).
 
 ``theta1`` is the angle of the straight stance leg, ``theta2`` that of the swing thigh and ``theta3`` that of the swing
-shank, all from the slope's normal; the swing angles are measured as those of the compass, positive when the leg is
-behind. The knee bends backward: its gap theta2 - theta3 is positive while it is free; it locks by a plastic impact at zero.
+shank, all from the slope's normal and measured as those of the compass. The knee bends backward: its gap
+theta2 - theta3 is positive while it is free. It locks by a plastic impact when the leg is straight.
 """
 
 from types import SimpleNamespace
@@ -53,7 +53,7 @@ class KneedWalker(Walker):
             swing_foot=knee - polar(p.shank_length, -q.theta3),
             touchdown=q.theta1 - q.theta2,
             upright=cos(q.theta1),
-            relabel=vertcat(-q.theta2, -q.theta1, -q.theta1),
+            relabel=vertcat(-q.theta2, -q.theta1, -q.theta1 - (q.theta2 - q.theta3)),  # the gap, zero, stays
             stops={"knee": q.theta2 - q.theta3},
         )
 
