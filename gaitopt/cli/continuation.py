@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.options import DebugOption, OutOption, QuietOption, SetOption
+from gaitopt.mechanics.modes import Mode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -142,7 +143,7 @@ def _short(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sequence(record: Mapping[str, Any]) -> str:
-    phases = [phase["mode"] if isinstance(phase, dict) else phase for phase in record["phases"]]
+    phases = [Mode.from_record(phase) if isinstance(phase, dict) else phase for phase in record["phases"]]
     return f"{', '.join(phases)}; {record['impact']}"
 
 

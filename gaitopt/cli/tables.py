@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitopt.cli.quantities import CONTROL_UNITS, QUANTITIES, number, state_unit, with_degrees
-from gaitopt.mechanics.modes import ModeSequence
+from gaitopt.mechanics.modes import Mode, ModeSequence
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
@@ -114,7 +114,9 @@ def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -
 
 
 def _phases(step: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    rows = [(str(k), phase["mode"], number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)]
+    rows = [
+        (str(k), Mode.from_record(phase), number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)
+    ]
     return [*rows, ("impact", step["impact"], "")]
 
 

@@ -241,7 +241,7 @@ def _restored(gait: Gait, parameter: str, metric: Metric, record: Mapping[str, A
 
 def _recorded_cycle(record: Mapping[str, Any]) -> Cycle:
     steps = record.get("steps", (record,))
-    modes = [tuple(Mode(phase["mode"]) for phase in step["phases"]) for step in steps]
+    modes = [tuple(Mode.from_record(phase) for phase in step["phases"]) for step in steps]
     return Cycle(tuple(ModeSequence(own, Mode(step["impact"])) for own, step in zip(modes, steps, strict=True)))
 
 

@@ -94,7 +94,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
     for row, motion in enumerate(motions):
         for began, step in running(motion.steps):
             for arc in step.arcs:
-                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode])
+                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode.contact])
     named = len(motions) > 1
     axes.set_yticks(range(len(motions)) if named else [], [motion.name for motion in motions] if named else [])
     axes.tick_params(length=0, labelbottom=False)

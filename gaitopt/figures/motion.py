@@ -96,7 +96,7 @@ def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], point
     z = np.array([record["state"][name] for name in system.state_names])
     time, arcs = 0.0, list[Arc]()
     for phase in record["phases"]:
-        mode = Mode(phase["mode"])
+        mode = Mode.from_record(phase)
         if mode.sticks:
             z[-1] = 0.0
         for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):

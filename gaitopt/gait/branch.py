@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait.gait import Gait
-from gaitopt.mechanics import Cycle
+from gaitopt.mechanics import Cycle, Mode
 from gaitopt.problem import cycle_data
 
 Array = NDArray[np.float64]
@@ -177,7 +177,7 @@ def branch_rows(records: Iterable[Mapping[str, Any]], header: Sequence[str]) -> 
     """Rows of that table: points and special points in the order in which they were found."""
     for record in records:
         gait = record if record["record"] == "point" else {**record["gait"], **record}
-        phases = " ".join(phase["mode"] for phase in gait.get("phases", ()))
+        phases = " ".join(Mode.from_record(phase) for phase in gait.get("phases", ()))
         states = {f"state.{name}": value for name, value in (gait.get("state") or {}).items()}
         row = {**gait, **states, "type": record.get("type", "point"), "phases": phases}
         yield [row.get(column) for column in header]

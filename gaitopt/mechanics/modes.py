@@ -77,6 +77,21 @@ class Mode(str):
         stops = {"type": "object", "properties": {"mode": word}, "required": ["mode"], "additionalProperties": state}
         return {"anyOf": [word, stops]}
 
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Mode":
+        """The mode of a phase in JSON."""
+        return cls.of(record["mode"], {name: state for name, state in record.items() if state in STOP_STATES})
+
+    @property
+    def record(self) -> dict[str, str]:
+        """As in JSON: ``mode``, and the state of every stop by its name."""
+        return {"mode": str(self.contact), **self.stops}
+
+    @property
+    def data(self) -> str | dict[str, str]:
+        """As in a problem file: a word, or a mapping where there are stops."""
+        return self.record if self.stops else str(self)
+
     @property
     def key(self) -> str:
         """The text as part of an identifier."""

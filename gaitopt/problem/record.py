@@ -54,7 +54,7 @@ def _gait_data(problem: "Problem") -> dict[str, Any]:
 
 def cycle_data(cycle: Cycle) -> dict[str, Any]:
     """Phases and impact of one step, or those of several under ``steps``."""
-    steps = [{"phases": [str(mode) for mode in step.phases], "impact": str(step.impact)} for step in cycle.steps]
+    steps = [{"phases": [mode.data for mode in step.phases], "impact": str(step.impact)} for step in cycle.steps]
     return steps[0] if len(steps) == 1 else {"steps": steps}
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gaitopt.errors import ProblemError, StorageError
+from gaitopt.mechanics.modes import Mode
 from gaitopt.problem import Problem
 from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Grid, check_room
 from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
@@ -188,7 +189,7 @@ def sweep_table(grid: Grid, records: list[dict[str, Any]]) -> Table:
     def row(record: Mapping[str, Any]) -> list[Any]:
         verification, phases = record.get("verification"), record.get("phases") or ()
         passed = "" if verification is None else str(verification["passed"]).lower()
-        modes = " ".join([*(phase["mode"] for phase in phases), *(["/", record["impact"]] if phases else [])])
+        modes = " ".join([*(Mode.from_record(phase) for phase in phases), *(["/", record["impact"]] if phases else [])])
         values = [record.get(name) for name in scalars]
         texts = [record["status"], passed, record.get("start", ""), modes]
         return [*record["at"].values(), *texts, *(float("nan") if v is None else v for v in values)]

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from gaitopt.mechanics import Mode
 from gaitopt.problem import CurveReference, PDSpec, Problem
 
 
@@ -23,7 +24,7 @@ def guessed_from(problem: Problem, record: Mapping[str, Any], known: Mapping[str
     changes: dict[str, object] = {
         f"gait.guess.state.{name}": record["state"][name] for name in names if alike or name != "dx"
     }
-    if [phase["mode"] for phase in record["phases"]] == list(problem.cycle.phases):
+    if [Mode.from_record(phase) for phase in record["phases"]] == list(problem.cycle.phases):
         changes["gait.guess.durations"] = [phase["duration"] for phase in record["phases"]]
     for key, free in problem.free.items():
         if key in known:
