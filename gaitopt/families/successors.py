@@ -96,13 +96,13 @@ def _strike_edits(phases: Phases, kind: str) -> Iterator[Phases]:
 
 def _impact_edits(phases: Phases, impact: Mode, kind: str) -> Iterator[tuple[Phases, Mode]]:
     """Phases of the step that follows an impact, and the impact."""
-    slip = MARGINS[kind].onset
-    if slip is not None:
-        yield (phases if phases[0] is slip else (slip, *phases)), slip
+    first, onset = phases[0], MARGINS[kind].onset
+    if onset is not None:
+        yield (phases if first.contact is onset else (first.with_contact(onset), *phases)), onset
     elif kind in ("impact_slip_velocity", "impact_onset"):
         yield phases[1:], Mode.STICK
         yield phases, Mode.STICK
-        yield (Mode.slip(-impact.direction), *phases[1:]), Mode.STICK
+        yield (first.with_contact(Mode.slip(-impact.direction)), *phases[1:]), Mode.STICK
 
 
 def _ordered(where: float, *, first: Phases, inside: Phases, last: Phases) -> tuple[Phases, ...]:

@@ -20,12 +20,12 @@ class Ending(StrEnum):
     NO_TOUCHDOWN = "no_touchdown"
     LIFT_OFF = "lift_off"
     PAINLEVE = "painleve"
-    SCUFFING = "scuffing"
     CHATTERING = "chattering"
     IMPACT_INCONSISTENT = "impact_inconsistent"
     IMPACT_AMBIGUOUS = "impact_ambiguous"
     DOUBLE_SUPPORT = "double_support"
     NUMERICAL = "numerical"
+    SCUFFING = "scuffing"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import Mode
-from gaitopt.simulation.batch.steps import ENDINGS, MODES, phase_names
+from gaitopt.mechanics import CONTACTS, Mode
+from gaitopt.simulation.batch.steps import ENDINGS, phase_names
 from gaitopt.study.return_map import StepMap
 
 Array = NDArray[np.float64]
@@ -144,7 +144,8 @@ def _first_of_cycle(past: Array, periods: Codes) -> Codes:
 class Attractors:
     """The gaits that states settle on, collected from one part of a grid after the other, always in the same order."""
 
-    def __init__(self) -> None:
+    def __init__(self, modes: tuple[Mode, ...]) -> None:
+        self._modes = modes
         self._found: list[Attractor] = []
 
     def add(self, outcomes: Outcomes) -> Codes:
@@ -155,7 +156,7 @@ class Attractors:
             waiting = self._claim(index, known, outcomes, waiting, labels)
         while waiting.size:
             k = waiting[0]
-            phases, impact = phase_names(int(outcomes.phases[k])), MODES[outcomes.impacts[k]]
+            phases, impact = phase_names(int(outcomes.phases[k]), self._modes), CONTACTS[outcomes.impacts[k]]
             state, period = outcomes.states[k], int(outcomes.periods[k])
             new = Attractor(state=state, period=period, phases=phases, impact=impact, count=0)
             self._found.append(new)

@@ -96,7 +96,7 @@ class _Stored:
 
 def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
     """The whole basin from its tiles, one after the other."""
-    attractors = Attractors()
+    attractors = Attractors(problem.walker.modes())
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:

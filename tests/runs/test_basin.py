@@ -12,7 +12,7 @@ from named import named
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import CONTACTS, Mode
 from gaitopt.problem import load_problem
 from gaitopt.runs import basin_run
 from gaitopt.runs.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
@@ -135,7 +135,7 @@ def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     )
     outcomes = follow(Map(rotation(angle, 1.0) if period > 1 else rotation(0, 0.5)), cycle, 200)
     assert set(outcomes.periods) == {period}
-    attractors = Attractors()
+    attractors = Attractors(CONTACTS)
     assert set(attractors.add(outcomes)) == {0}
     assert attractors.found[0].count == len(cycle)
 
@@ -156,7 +156,7 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
     xi = np.column_stack([np.full(12, -0.31), rates, np.full(12, -0.15), np.zeros(12)])
     outcomes = follow(step_map(problem, None, Engine.HEYOKA), xi, 400)
     assert set(outcomes.periods) <= {0, period}
-    attractors = Attractors()
+    attractors = Attractors(CONTACTS)
     attractors.add(outcomes)
     (gait,) = attractors.found
     assert str(gait).startswith("sticking")
