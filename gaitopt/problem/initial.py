@@ -99,7 +99,7 @@ def _check_stops(step: StepSection, stops: tuple[str, ...]) -> None:
         if tuple(mode.stops) != stops:
             form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{name}: free" for name in stops)]) + "}"
             raise ValueError(f"{mode} must be written {form if stops else mode.contact}, as the walker has its stops")
-    locked = [mode.locked for mode in step.phases]
+    locked = [mode.locked for mode in step.phases] or [()]
     jumps = [len(later) - len(earlier) for earlier, later in pairwise(locked) if set(earlier) <= set(later)]
     if len(jumps) < len(locked) - 1 or max(jumps, default=0) > 1 or locked[0] or len(locked[-1]) < len(stops):
         raise ValueError("a step begins with all stops free, and they lock one at a time before the foot comes down")
