@@ -1,4 +1,4 @@
-"""Records one per line, each durable once appended; a line cut off by a crash while the file grew is dropped on reading.
+"""Records one per line, each durable once appended; a line that a crash cut off while it was written is not read.
 
 Every line ends with a checksum that is chained to the one before it, crc_k = CRC-32(line_k, crc_(k-1)), so that a line
 that was altered, removed, added or moved is noticed.

@@ -58,6 +58,13 @@ def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monk
     assert solved == pytest.approx([0.38, 0.42])
 
 
+def test_attempts_that_failed_are_done_too(tmp_path):
+    frictions = Axis(key="friction", lower=0.05, upper=0.4, count=2)
+    first = run_sweep(wheel_sweep(tmp_path, frictions), HERE)
+    assert [record["status"] for record in first] == ["infeasible", "converged"]
+    assert run_sweep(wheel_sweep(tmp_path, frictions), HERE) == first
+
+
 def test_sweep_that_died_goes_on_where_it_was(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     done = []
