@@ -152,6 +152,13 @@ class Problem:
         changed = _build(data, place, faults, origin, text=self.text, known=known)
         return changed._at(ChangedPlace(self.place, place))
 
+    def objection(self, key: str, value: float) -> str | None:
+        """Why a parameter cannot have a value, whatever all others are; None if it can."""
+        faults: list[Fault] = []
+        data, place = apply_overrides(problem_data(self), {key: value}, faults)
+        assemble(data, {self.walker.model: type(self.walker)}, faults)
+        return next((fault.message for fault in faults if fault.path == place.keys[key]), None)
+
     def resolved(self) -> dict[str, Any]:
         """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name."""
         if self.origin is not None:
