@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
-MANY_PHASES = 10
-"""Known gaits have up to five; so many take more than half a minute."""
 NOT_A_GAIT = 4
 NOT_VERIFIED = 5
 
@@ -51,6 +49,7 @@ def solve(
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.starts import print_optima, sampled_optima, started
+    from gaitopt.runs.grid import check_jobs_fit
     from gaitopt.store import run_folder, writing
     from gaitopt.workers.jobs import make_workers
 
@@ -59,6 +58,7 @@ def solve(
     found = started(found, start, console) if start else found
     folder = output or run_folder(found)
     jobs_at = make_workers(workers, scheduler)
+    check_jobs_fit(starts, folder)
     with writing(folder, found):
         best, about = found, dict[str, Any]()
         if starts > 1:
@@ -85,9 +85,6 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
 
-    phases = 0 if problem.is_open else len(problem.cycle.phases)
-    if phases > MANY_PHASES:
-        console.print(f"large: {phases} phases in one step; each has equations of its own, so that this takes minutes")
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:

@@ -14,7 +14,7 @@ import numpy as np
 from gaitopt.gait import Status
 from gaitopt.mechanics import BezierTracking
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, check_room
+from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
 from gaitopt.study.system import build_system
@@ -99,7 +99,7 @@ def multistart(
     StorageError
         If the starts do not fit in memory or on disk.
     """
-    check_room(starts, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+    check_jobs_fit(starts, folder)
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
     jobs = [problem_job(p) for p in problems]
     with writing(folder, problem):

@@ -14,7 +14,7 @@ import numpy as np
 from gaitopt.errors import ProblemError, StorageError
 from gaitopt.mechanics.modes import Mode
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Grid, check_room
+from gaitopt.runs.grid import Grid, check_jobs_fit
 from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
 from gaitopt.store import (
     Table,
@@ -83,8 +83,12 @@ class Sweep:
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""
-        values = self.grid.points(np.array([number]))[0]
-        return dict(zip([axis.key for axis in self.grid.axes], values.tolist(), strict=True))
+        indices = np.unravel_index(number, self.grid.shape)
+        return {axis.key: self._numbers[axis.key][k] for axis, k in zip(self.grid.axes, indices, strict=True)}
+
+    @cached_property
+    def _numbers(self) -> dict[str, list[float]]:
+        return {axis.key: axis.numbers(self.problem) for axis in self.grid.axes}
 
     def _at(self, number: int) -> Problem:
         try:
@@ -115,7 +119,7 @@ def check_sweep(sweep: Sweep) -> None:
         If the grid does not fit in memory or on disk.
     """
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
-    check_room(sweep.grid.size, sweep.folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+    check_jobs_fit(sweep.grid.size, sweep.folder)
     _ = sweep.jobs
 
 

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from named import named
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
@@ -140,6 +141,19 @@ def test_a_target_must_differ_and_lie_within_the_bounds() -> None:
         continuation(passive(0.18), "friction", 0.1, lower=0.15)
     with pytest.raises(ProblemError):
         continuation(passive(0.18), "friction", float("nan"))
+
+
+@pytest.mark.parametrize(
+    ("parameter", "to", "words"),
+    [
+        ("friction", -1.0, r"--to -1: friction: -1\.0 must be at least 0"),
+        ("walker.slope", 3.0, r"--to 3: walker\.slope: 3\.0 must be at least -1\.39626 and at most 1\.39626"),
+        ("walker.mass", 0.0, r"--to 0: walker\.mass: 0\.0 must be greater than 0"),
+    ],
+)
+def test_a_target_that_no_walker_can_have_is_refused_with_the_range(parameter: str, to: float, words: str) -> None:
+    with pytest.raises(ProblemError, match=words):
+        continuation(named("rimless-wheel-slip"), parameter, to)
 
 
 def test_a_failed_attempt_cannot_be_continued() -> None:

@@ -122,7 +122,7 @@ def test_solution_is_right_to_its_promise():
             r"phase 1 \(stick\), t = 0\.\d+ s: needs friction 0\.174\d?, has 0\.14; impact: needs friction 0\.1447",
         ),
         ("rimless-wheel-slip", {"friction": 0.2}, r"impact: needs friction 0\.\d+, has 0\.2"),
-        ("compass-passive-a", {"friction": 0.2}, "phase"),
+        pytest.param("compass-passive-a", {"friction": 0.2}, "phase", marks=pytest.mark.slow),
     ],
 )
 def test_failure_says_what_hurts_in_physical_words(name, overrides, words):
