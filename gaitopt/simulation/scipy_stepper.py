@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival
