@@ -31,7 +31,7 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
     by = vertcat(z, t, *(p[system.parameters.index(name)] for name in free))
     f = system.flow(mode)(t, z, p, r)
-    both = Function("flow_and_derivatives", [z, t, p, r], [f, jacobian(f, by)])
+    both = Function("flow_and_derivatives", [z, t, p, r], cse([f, jacobian(f, by)]))
     stages: list[SX] = []
     columns: list[SX] = []
     for a, c in zip(DOP853.A, DOP853.C, strict=True):
@@ -39,7 +39,7 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
         rate, derivative = both(at, t + float(c) * h, p, r)
         stages.append(rate)
         columns += [rate, derivative]
-    return Function(f"stage_derivatives_{mode}", [z, t, h, p, r], cse([horzcat(*columns)]))
+    return Function(f"stage_derivatives_{mode}", [z, t, h, p, r], [horzcat(*columns)])
 
 
 class ShootingJacobian:
@@ -69,10 +69,9 @@ class ShootingJacobian:
     def _tail(self) -> Function:
         """(w, p) -> Jacobian of events, resets and periodicity."""
         t = self._t
-        rows = t.equalities[self._n * self._n_z :]
-        values = Function("tail", [t.w, t.parameters], [rows]).expand()
+        values = Function("tail", [t.w, t.parameters], [t.conditions]).expand()
         w, p = values.sx_in()
-        return Function("tail_jacobian", [w, p], cse([jacobian(values(w, p), w)]))
+        return Function("tail_jacobian", [w, p], [jacobian(values(w, p), w)])
 
     def _by_duration(self) -> None:
         """Derivatives of start and length of every interval by the durations; both are linear in them."""

@@ -76,7 +76,12 @@ class Transcription:
     @cached_property
     def equalities(self) -> MX:
         """Defects, events, resets, periodicity; shape (n_z n_nodes + n_phases,)."""
-        return vertcat(self._defects(halves=1), *self._events(), *self._resets())
+        return vertcat(self._defects(halves=1), self.conditions)
+
+    @cached_property
+    def conditions(self) -> MX:
+        """The equalities without the defects."""
+        return vertcat(*self._events(), *self._resets())
 
     @cached_property
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
