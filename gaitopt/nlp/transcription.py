@@ -111,6 +111,14 @@ class Transcription:
         """(w, p) -> equalities."""
         return Function("violation", [self.w, self.parameters], [self.equalities])
 
+    def margin_values(self, w: Array, p: Array) -> Array:
+        """Values of the inequalities."""
+        return np.asarray(self._margin_function(w, p)).ravel()
+
+    @cached_property
+    def _margin_function(self) -> Function:
+        return Function("margins", [self.w, self.parameters], [self.inequalities[0]])
+
     @cached_property
     def halved_defects(self) -> Function:
         """(w, p) -> difference of the defects when every interval is integrated in two halves."""
