@@ -100,7 +100,7 @@ class Family:
         w, size, count = self._w, np.inf, 0
         units = self._transcription.units(p).equalities
         for count in range(1, MAX_CHORDS + 1):
-            residual = np.asarray(self._transcription.violation(w, p)).ravel()
+            residual = self._transcription.violation(w, p)
             before, size = size, np.abs(residual / units).max()
             if not size < CONTRACTION * before:
                 return None, (), count

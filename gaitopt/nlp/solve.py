@@ -227,7 +227,7 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
     transcription, p = attempt.transcription, attempt.p
     relaxed = _by_ipopt(transcription, attempt.start, p, relaxed=True)
     for w in (relaxed.w, attempt.w):
-        residual = np.asarray(transcription.violation(w, p)).ravel()
+        residual = transcription.violation(w, p)
         if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
             found = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
             if found:
