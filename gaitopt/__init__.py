@@ -7,8 +7,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gaitopt.continuation import continuation
     from gaitopt.errors import GaitoptError
+    from gaitopt.families import continuation
     from gaitopt.gait import Branch, Gait, Status, Trajectory
     from gaitopt.mechanics.consistency import check_walker
     from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
@@ -61,7 +61,7 @@ _HOME = {
     "Trajectory": "gaitopt.gait",
     "Walker": "gaitopt.mechanics.walker",
     "check_walker": "gaitopt.mechanics.consistency",
-    "continuation": "gaitopt.continuation",
+    "continuation": "gaitopt.families",
     "explain": "gaitopt.search",
     "find": "gaitopt.search",
     "load_problem": "gaitopt.problem",

@@ -11,13 +11,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.continuation.locate import Location, locate
-from gaitopt.continuation.monitors import MonitorKey, MonitorValue
-from gaitopt.continuation.segment import Point, Segment, segment_through
-from gaitopt.continuation.successors import successors
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics import Cycle, HybridSystem, Mode
-from gaitopt.nlp.diagnosis import phase_words
+from gaitopt.families.locate import Location, locate
+from gaitopt.families.monitors import MonitorKey, MonitorValue
+from gaitopt.families.segment import Point, Segment, segment_through
+from gaitopt.families.successors import successors
+from gaitopt.mechanics import MARGINS, Cycle, HybridSystem, Mode
 from gaitopt.nlp.rollout import after_impact, roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
@@ -178,17 +177,6 @@ def _holds(successor: Segment, found: Point, point: Point) -> bool:
 
 def _words(name: MonitorKey, cycle: Cycle) -> str:
     if name.phase is None:
-        return {
-            "impact_slip": "the slip after the impact fades",
-            "impact_onset": "static friction holds the impact: it can no longer slip",
-            "impulse_cone_forward": "the impact can no longer stick: the foot slips forward",
-            "impulse_cone_backward": "the impact can no longer stick: the foot slips backward",
-        }[name.kind]
-    place = phase_words(cycle, name.phase)
-    return {
-        "duration": f"{place} shrinks to nothing",
-        "cone_forward": f"{place} reaches the edge of the friction cone: the foot slips forward",
-        "cone_backward": f"{place} reaches the edge of the friction cone: the foot slips backward",
-        "slip_velocity": f"{place}: the foot comes to rest",
-        "onset": f"{place}: static friction holds the foot where the slip should start",
-    }[name.kind]
+        return MARGINS[name.kind].lost
+    place = cycle.phase_words(name.phase)
+    return f"{place} shrinks to nothing" if name.kind == "duration" else f"{place}: {MARGINS[name.kind].lost}"

@@ -12,15 +12,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.continuation.bifurcations import is_bifurcation
-from gaitopt.continuation.change import Change, find_change
-from gaitopt.continuation.limits import Limits
-from gaitopt.continuation.locate import Location
-from gaitopt.continuation.position import Position
-from gaitopt.continuation.rescue import rescue
-from gaitopt.continuation.segment import Point, Segment
-from gaitopt.continuation.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
+from gaitopt.families.bifurcations import is_bifurcation
+from gaitopt.families.change import Change, find_change
+from gaitopt.families.limits import Limits
+from gaitopt.families.locate import Location
+from gaitopt.families.position import Position
+from gaitopt.families.rescue import rescue
+from gaitopt.families.segment import Point, Segment
+from gaitopt.families.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
 from gaitopt.gait import TERMINAL, BranchPoint, SpecialPoint
+from gaitopt.mechanics import MARGINS
 from gaitopt.study.claims import Claim
 from gaitopt.study.verify import confirm
 
@@ -29,15 +30,6 @@ Record = BranchPoint | SpecialPoint
 
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
-ENDS = {
-    "normal_force": ("lift_off", "the stance foot lifts off: its normal force falls to zero"),
-    "impulse": ("lift_off", "the normal impulse of the impact falls to zero"),
-    "painleve": ("painleve", "the slip has no unique solution any more"),
-    "impact_painleve": ("painleve", "the slipping impact has no unique solution any more"),
-    "lift_velocity": ("end", "the former stance foot no longer lifts at the impact"),
-    "touchdown": ("end", "the swing foot touches the ground earlier in the step"),
-}
-"""Monitors whose loss no other mode sequence can mend."""
 
 
 class Continuer:
@@ -139,9 +131,10 @@ class Continuer:
             return
         if event.name is None:
             raise ValueError("only a monitor that vanishes changes the mode sequence")
-        if event.name.kind in ENDS:
-            kind, reason = ENDS[event.name.kind]
-            yield self._special(kind, event.point, event.status, reason)
+        margin = MARGINS.get(event.name.kind)
+        if margin is not None and (margin.ending or event.name.kind == "touchdown"):
+            kind = margin.ending if margin.ending in TERMINAL else "end"
+            yield self._special(kind, event.point, event.status, margin.lost)
             return
         change = find_change(state.segment, event)
         if change.segment is None or change.point is None:
