@@ -152,9 +152,12 @@ class StepMap:
 
         return BatchSimulator(self.system, self.p)
 
+    @cached_property
+    def _simulator(self) -> Simulator:
+        return Simulator(self.system, self.p)
+
     def _one_by_one(self, states: Array) -> BatchSteps:
-        simulator = Simulator(self.system, self.p)
-        return stack_outcomes([simulator.step(state) for state in states], states)
+        return stack_outcomes([self._simulator.step(state) for state in states], states)
 
 
 @lru_cache(maxsize=8)
