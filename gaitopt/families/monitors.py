@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, Step, curves
 from gaitopt.mechanics import Mode, ending_margin, margin_names, margin_scales, margin_unit
+from gaitopt.mechanics.buffered import buffered, buffered_map
 
 Array = NDArray[np.float64]
 
@@ -168,9 +169,9 @@ def _derivative(c: Array, order: int) -> Array:
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:
-    data = gait.system.control.data(arc.segment)
-    unit = margin_scales(arc.mode, gait.system.scales(gait.p))[:, None]
-    return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data)) / unit
+    margins = buffered_map(gait.system.margins(arc.mode), arc.times.size)
+    (values,) = margins(arc.times[:, None], arc.states, gait.p, gait.system.data(arc.segment))
+    return np.asarray(values / margin_scales(arc.mode, gait.system.scales(gait.p))).T
 
 
 def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
@@ -183,7 +184,7 @@ def _impact_monitors(gait: Gait, step: Step) -> Iterator[tuple[str, float]]:
     """Margins of one impact by name, in natural units."""
     assert step.impact is not None, "a gait is made of complete steps"
     mode, scales = step.impact.mode, gait.system.scales(gait.p)
-    values = np.asarray(gait.system.impact_margins(mode)(step.arcs[-1].states[-1], gait.p)).ravel()
+    (values,) = buffered(gait.system.impact_margins(mode))(step.arcs[-1].states[-1], gait.p)
     for name, value in zip(gait.system.impact_margin_names(mode), values, strict=True):
         if name == "touchdown_rate" or (name == "impact_onset" and not gait.system.friction_drops(gait.p)):
             continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset

@@ -80,6 +80,12 @@ class BufferedMap:
 
 
 @lru_cache(maxsize=256)
+def buffered(function: Function) -> BufferedFunction:
+    """The buffers of a function that is itself kept, made once."""
+    return BufferedFunction(function)
+
+
+@lru_cache(maxsize=256)
 def buffered_map(function: Function, count: int) -> BufferedMap:
     """The map of a function that is itself kept, made once."""
     return BufferedMap(function, count)

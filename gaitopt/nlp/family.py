@@ -18,7 +18,7 @@ from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import linearise, polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.solve import rejection_reason
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.transcription import transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
@@ -52,7 +52,7 @@ class Family:
         self.gait, self._system = gait, gait.system
         durations = [duration for _, duration in gait.phases]
         plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
-        self._transcription = Transcription(gait.system, plan.refined(list(gait.shooting.intervals)))
+        self._transcription = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)))
         self._should_stop = should_stop
         self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
         self._factor = linearise(self._transcription, self._w, gait.p).factor()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from gaitopt.mechanics import Mode
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise, overflow_allowed
@@ -182,7 +183,8 @@ def section_sensitivity(problem: Transcription, at: Linearisation) -> tuple[Arra
     opened.data[columns][opened.indices[columns] >= n - n_z] = 0.0
     factor = at.factor_of(opened)
     full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
-    lift = np.asarray(system.lift_jacobian(at.w[system.section(Mode.SLIP_FORWARD)], full))
+    (flat,) = buffered(system.lift_jacobian)(at.w[system.section(Mode.SLIP_FORWARD)], full)
+    lift = flat.reshape(n_z, -1, order="F")
     right = np.zeros((n, indices.size))
     right[n - n_z :] = lift[:, : indices.size]
     response = factor.solve(right)

@@ -146,7 +146,7 @@ class ShootingJacobian:
         return stages[..., 0], stages[..., 1:], lengths
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def shooting_jacobian(transcription: Transcription) -> ShootingJacobian:
     """The variation of a transcription, made once."""
     return ShootingJacobian(transcription)

@@ -22,7 +22,7 @@ from gaitopt.nlp.nearby import solve_nearby
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import NO_ENERGY, Problem, lacks_energy
 
@@ -117,7 +117,7 @@ def _in_order(
     for _ in range(MAX_REORDERS):
         durations = np.array(rolled.durations)
         plan = layout(problem.cycle, durations, system.control.breakpoints)
-        transcription = Transcription(system, plan)
+        transcription = transcribe(system, plan)
         attempt = search(transcription, transcription.pack(rolled.nodes(plan), durations), p)
         if attempt.status is not Status.CONVERGED:
             break

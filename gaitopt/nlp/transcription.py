@@ -12,7 +12,7 @@ by eq. (5)); the other factor stays an inequality at every node, except where an
 """
 
 from collections.abc import Callable, Iterator
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import MX, Function, horzcat, repmat, vec, vertcat
@@ -301,3 +301,9 @@ class Transcription:
         values = self.system.impact_margins(mode)(z, self.p)
         for row, name in enumerate(self.system.impact_margin_names(mode)):
             yield values[row], Label(name=name, step=step)
+
+
+@lru_cache(maxsize=32)
+def transcribe(system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> Transcription:
+    """The transcription of a layout, made once: sweeps and searches meet the same ones again."""
+    return Transcription(system, layout, free)
