@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
     from gaitopt.proof import prove
-    from gaitopt.search import explain, find, solve
+    from gaitopt.search.explain import explain
+    from gaitopt.search.find import find
+    from gaitopt.search.solve import solve
     from gaitopt.study import return_map, simulate, verify
 
 __version__ = "0.1.0"
@@ -62,13 +64,13 @@ _HOME = {
     "Walker": "gaitopt.mechanics.walker",
     "check_walker": "gaitopt.mechanics.consistency",
     "continuation": "gaitopt.families",
-    "explain": "gaitopt.search",
-    "find": "gaitopt.search",
+    "explain": "gaitopt.search.explain",
+    "find": "gaitopt.search.find",
     "load_problem": "gaitopt.problem",
     "prove": "gaitopt.proof",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",
-    "solve": "gaitopt.search",
+    "solve": "gaitopt.search.solve",
     "verify": "gaitopt.study",
 }
 

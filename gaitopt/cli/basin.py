@@ -38,7 +38,7 @@ def basin(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.signals import interruptible
     from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
-    from gaitopt.simulation import choose_engine
+    from gaitopt.simulation.engine import INSTALL, Engine, choose_engine, is_installed
     from gaitopt.store import adding, writing
     from gaitopt.workers.jobs import make_workers
 
@@ -48,6 +48,8 @@ def basin(
     start, folder = _start(run, changes, output, console)
     plan = BasinPlan(start=start, grid=points, max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
+    if engine == Engine.AUTO and not is_installed():
+        console.print(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")
     with writing(folder, plan.problem):
         with interruptible() as interrupted, job_progress(console, "tiles") as progress:
             found = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)

@@ -80,15 +80,16 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     KeyboardInterrupt
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
-    from gaitopt import search, study
+    from gaitopt import study
     from gaitopt.cli.progress import solver_progress
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
+    from gaitopt.search.own import solve_as_own
 
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:
-                gait = search.solve_as_own(problem, progress=progress, should_stop=interrupted)
+                gait = solve_as_own(problem, progress=progress, should_stop=interrupted)
         except SolveError:
             if interrupted():  # a reference whose solution was interrupted
                 raise KeyboardInterrupt from None

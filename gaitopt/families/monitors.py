@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, curves
 from gaitopt.mechanics import Mode, ending_margin, margin, margin_names, margin_scales, margin_unit
+from gaitopt.mechanics.buffered import buffered, buffered_map
 
 Array = NDArray[np.float64]
 
@@ -171,9 +172,9 @@ def _derivative(c: Array, order: int) -> Array:
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:
-    data = gait.system.control.data(arc.segment)
-    unit = margin_scales(arc.mode, gait.system.scales(gait.p))[:, None]
-    return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data)) / unit
+    margins = buffered_map(gait.system.margins(arc.mode), arc.times.size)
+    (values,) = margins(arc.times[:, None], arc.states, gait.p, gait.system.data(arc.segment))
+    return np.asarray(values / margin_scales(arc.mode, gait.system.scales(gait.p))).T
 
 
 def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
@@ -187,7 +188,7 @@ def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
 def _impact_monitors(gait: Gait, mode: Mode, z_minus: Array) -> Iterator[tuple[str, float]]:
     """Margins of one impact by name, in natural units."""
     scales = gait.system.scales(gait.p)
-    values = np.asarray(gait.system.impact_margins(mode)(z_minus, gait.p)).ravel()
+    (values,) = buffered(gait.system.impact_margins(mode))(z_minus, gait.p)
     for name, value in zip(gait.system.impact_margin_names(mode), values, strict=True):
         if name == "touchdown_rate" or (name == "impact_onset" and not gait.system.friction_drops(gait.p)):
             continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset

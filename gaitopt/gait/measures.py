@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import HybridSystem, Scales
+from gaitopt.mechanics.buffered import buffered_map
 
 Array = NDArray[np.float64]
 
@@ -55,8 +56,9 @@ class Observation:
 
 def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
     """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
-    outputs = system.observation(arc.mode)(arc.times[None, :], arc.states.T, p, system.control.data(arc.segment))
-    force, torque, power, foot, energy, _ = (np.asarray(value).T for value in outputs)
+    observation = buffered_map(system.observation(arc.mode), arc.times.size)
+    outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
+    force, torque, power, foot, energy, _ = (value.copy() for value in outputs)
     return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0])
 
 

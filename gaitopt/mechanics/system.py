@@ -17,6 +17,7 @@ import numpy as np
 from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.contact import Motion, motion
 from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.friction import CoulombFriction, Friction
@@ -193,7 +194,7 @@ class HybridSystem:
 
     def scales(self, p: NDArray[np.float64]) -> Scales:
         """Natural units of the walker at parameters ``p`` of shape (n_p,)."""
-        length, gravity, mass = (float(value) for value in self._scale_function(p))
+        length, gravity, mass = (float(value[0]) for value in buffered(self._scale_function)(p))
         return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
 
     def state_scales(self, scales: Scales) -> NDArray[np.float64]:
@@ -231,7 +232,7 @@ class HybridSystem:
         """State just after an impact from section coordinates, with or without dx; shape (n_z,)."""
         full = np.zeros(len(self.walker.section_names(slipping=True)))
         full[: xi.size] = xi
-        return np.asarray(self.lift(full, p)).ravel()
+        return buffered(self.lift)(full, p)[0].copy()
 
     def values(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
         """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""

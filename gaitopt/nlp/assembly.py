@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
@@ -75,8 +76,8 @@ def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int
 
 def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) -> ImpactRecord:
     """The impact in ``mode`` that follows ``z_minus``."""
-    z_plus, impulse, *_ = (np.asarray(value).ravel() for value in system.impact(mode)(z_minus, p))
-    stick_impulse = np.asarray(system.impact(Mode.STICK)(z_minus, p)[1]).ravel()
+    z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
+    stick_impulse = buffered(system.impact(Mode.STICK))(z_minus, p)[1].copy()
     x = system.n_shape
     state = z_plus.copy()
     state[x] = 0.0

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.mechanics.saltation import projection, saltation
 from gaitopt.simulation import Stepper
-from gaitopt.simulation.buffered import BufferedFunction
 
 Array = NDArray[np.float64]
 

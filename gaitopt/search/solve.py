@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 from gaitopt.gait import Gait
 from gaitopt.problem import Problem
-from gaitopt.search.find import find_best
 from gaitopt.study.solve import solve_sequence
 
 
@@ -37,5 +36,7 @@ def solve(
         If the reference of a PD law is not a gait.
     """
     if problem.is_open:
+        from gaitopt.search.find import find_best  # the search among mode sequences, which most problems do without
+
         return find_best(problem, progress=progress, should_stop=should_stop)
     return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode, margin, margin_names
-from gaitopt.simulation.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import natural_system, units
 

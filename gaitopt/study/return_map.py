@@ -155,9 +155,12 @@ class StepMap:
 
         return BatchSimulator(self.system, self.p)
 
+    @cached_property
+    def _simulator(self) -> Simulator:
+        return Simulator(self.system, self.p)
+
     def _one_by_one(self, states: Array) -> BatchSteps:
-        simulator = Simulator(self.system, self.p)
-        return stack_outcomes([simulator.step(state) for state in states], states, self.system.walker.modes())
+        return stack_outcomes([self._simulator.step(state) for state in states], states, self.system.walker.modes())
 
 
 @lru_cache(maxsize=8)

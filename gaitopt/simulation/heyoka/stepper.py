@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,
