@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid, job_progress
+from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid
 from gaitopt.cli.maps import DEFAULT_FORMATS, draw_basin
 from gaitopt.cli.options import DebugOption, EngineOption, JsonOption, OutOption, QuietOption, RunArgument, SetOption
 
@@ -37,6 +37,7 @@ def basin(
     """
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import job_progress
     from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
     from gaitopt.simulation import choose_engine
     from gaitopt.store import adding, writing

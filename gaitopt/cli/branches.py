@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.errors import StorageError
-
 if TYPE_CHECKING:
     from gaitopt.problem import Problem
 
@@ -20,19 +18,7 @@ def holds_branch(run: str) -> bool:
 
 
 def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
-    """Problem, parameter and records of the branch in a run folder.
+    """Problem, parameter and records of the branch in a run folder."""
+    from gaitopt.runs import restore_branch
 
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, is broken or newer, or its branch has no point.
-    """
-    from gaitopt.store import BRANCH_FILE, read_problem, stored_lines
-
-    folder = Path(run)
-    problem = read_problem(folder)
-    records = list(stored_lines(folder, BRANCH_FILE))
-    parameters = {record["parameter"] for record in records if "parameter" in record}
-    if len(parameters) != 1 or not any(record.get("record") == "point" for record in records):
-        raise StorageError(f"{folder / BRANCH_FILE} holds no branch yet; `gaitopt continue` writes one")
-    return problem, parameters.pop(), records
+    return restore_branch.stored_branch(Path(run))

@@ -12,7 +12,7 @@ def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
     if json:
         print_json({"problems": [{"name": problem.name, "about": problem.about} for problem in problems]})
         return 0
-    from gaitopt.cli.tables import friction, table
+    from gaitopt.library.tables import friction, table
 
     rows = ((p.name, friction(p), str(p.modes), p.about) for p in problems)
     results().print(table(("problem", "friction", "phases; impact", "about"), rows, numbers=(1,)))
@@ -30,7 +30,7 @@ def show(
     if json:
         print_json({**found.resolved(), "hash": found.digest})
         return 0
-    from gaitopt.cli.tables import print_problem
+    from gaitopt.library.tables import print_problem
 
     print_problem(results(), found)
     return 0

@@ -107,7 +107,7 @@ def _report(proof: "Proof", file: Path, *, json: bool) -> int:
 
 
 def _print(console: "Console", record: dict[str, Any]) -> None:
-    from gaitopt.cli.tables import section
+    from gaitopt.library.tables import section
 
     verdict = "proved" if record["proved"] else "NOT PROVED"
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]

@@ -33,7 +33,7 @@ def report(
     from gaitopt.cli.branches import holds_branch, stored_branch
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.gaits import stored_gaits
-    from gaitopt.report import branch_report, comparison_report
+    from gaitopt.pages import branch_report, comparison_report
     from gaitopt.store import adding, write_whole
 
     if output is not None and (not output.name or output.is_dir()):

@@ -50,8 +50,8 @@ def simulate(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked, is_folder, stored_gait
     from gaitopt.cli.signals import interruptible
-    from gaitopt.cli.tables import print_walk
     from gaitopt.gait import Gait
+    from gaitopt.library.tables import print_walk
     from gaitopt.store import check_folder
 
     start = stored_gait(run, changes)[0] if is_folder(run) else asked(run, changes)

@@ -81,9 +81,9 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
     from gaitopt import search, study
-    from gaitopt.cli.progress import solver_progress
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
+    from gaitopt.library.progress import solver_progress
 
     phases = 0 if problem.is_open else len(problem.cycle.phases)
     if phases > MANY_PHASES:
@@ -111,7 +111,7 @@ def report(
 ) -> int:
     """Store if asked to, print a gait (and what else is known about it) or the failure, and return the exit code."""
     from gaitopt.cli.console import print_json, results
-    from gaitopt.cli.tables import print_gait
+    from gaitopt.library.tables import print_gait
 
     record = {**gait.to_record(), "run": None if folder is None else str(folder), **(about or {})}
     try:

@@ -57,6 +57,7 @@ def continuation(
     max_points: int = 2000,
     max_seconds: float | None = None,
     verify_every: int = 10,
+    progress: Callable[[int, float], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Branch:
     """Continue a gait in a parameter, through folds and changes of the mode sequence.
@@ -69,6 +70,7 @@ def continuation(
     lower, upper : further bounds of the parameter, for families that turn round.
     max_points, max_seconds : bounds on the work.
     verify_every : every so many points is confirmed by the simulator.
+    progress : called after every point with their number and the parameter.
     should_stop : polled before every point.
 
     Returns
@@ -93,7 +95,11 @@ def continuation(
         max_seconds=max_seconds,
         verify_every=verify_every,
     )
-    records = list(follow_family(gait, request, should_stop=should_stop))
+    records = list[Record]()
+    for record in follow_family(gait, request, should_stop=should_stop):
+        records.append(record)
+        if progress is not None:
+            progress(len(records), record.value)
     return Branch(
         parameter=parameter,
         points=tuple(record for record in records if isinstance(record, BranchPoint)),

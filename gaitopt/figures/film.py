@@ -16,20 +16,26 @@ Array = NDArray[np.float64]
 
 FRAMES = 72
 """Frames of a cycle; a page draws straight lines between them."""
+FRAMES_OF_WALK = 240
+"""Fewest frames of a walk."""
+REPEATS = 4
+"""How often the page goes through a cycle before it starts again."""
 FEWEST = 5
 """Frames of a phase, however short."""
 
 
 def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
-    """The cycle of ``motion`` as a JSON-able object, in SI units; ``walker.js`` and the report read it.
+    """A cycle or a walk as a JSON-able object, in SI units; ``walker.js`` and the report read it.
 
     Frames are equidistant within each phase. Point 0 is the stance foot; all x are counted from where it stood at the
-    start of the cycle, and ``origin`` is where it stood at the start of its own step.
+    start of the cycle, and ``origin`` is where it stood at the start of its own step. ``path`` are times and places
+    between which the picture follows the walker.
     """
-    cycle = list(_running(motion, frames))
+    cycle = list(_running(motion, frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))))
     arcs = [part.arc for part in cycle]
     drawing = skeleton(motion, np.vstack([_moved(part, motion) for part in cycle]))
     last = motion.steps[-1].impact
+    path = _path(motion)
     ratio = None if last is None else float(last.stick_impulse[0] / last.stick_impulse[1])
     return {
         "name": motion.name,
@@ -38,7 +44,9 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "weight": float(motion.system.weight(motion.p)),
         "period": motion.period,
         "steps": len(motion.steps),
-        "step_length": sum(step.impact.step_length for step in motion.steps if step.impact is not None),
+        "repeats": REPEATS if motion.periodic else 1,
+        "step_length": path[-1][1],
+        "path": path,
         "impulse_ratio": ratio,
         "shape": list(motion.system.walker.shape),
         "actuators": list(motion.system.walker.actuators),
@@ -48,6 +56,16 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "discs": drawing.discs,
         "frames": pack(_columns(motion, arcs, drawing)),
     }
+
+
+def _path(motion: Motion) -> list[list[float]]:
+    """Time [s] and place [m] of the stance foot at the start of each step, and of the walker at the end."""
+    times, places = [0.0], [0.0]
+    for step in motion.steps:
+        pace = places[-1] / times[-1] if times[-1] else 0.0
+        times.append(times[-1] + step.period)
+        places.append(places[-1] + (step.impact.step_length if step.impact is not None else pace * step.period))
+    return [list(pair) for pair in zip(times, places, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)

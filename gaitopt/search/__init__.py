@@ -2,8 +2,8 @@
 
 from gaitopt.search.distinct import Gaits
 from gaitopt.search.explain import Explanation, explain
-from gaitopt.search.find import find
+from gaitopt.search.find import STARTS, find
 from gaitopt.search.own import solve_as_own
 from gaitopt.search.solve import solve
 
-__all__ = ["Explanation", "Gaits", "explain", "find", "solve", "solve_as_own"]
+__all__ = ["STARTS", "Explanation", "Gaits", "explain", "find", "solve", "solve_as_own"]

@@ -5,7 +5,7 @@ from pictured import TORSO, branch, gait
 
 from gaitopt.figures.animation import animation_page
 from gaitopt.figures.motion import motion_of
-from gaitopt.report import branch_report, comparison_report, gait_report
+from gaitopt.pages import branch_report, comparison_report, gait_report
 
 FORCE = ".walker .force"
 

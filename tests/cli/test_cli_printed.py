@@ -32,7 +32,7 @@ def test_lone_surrogates_are_shown_too():
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_console_shows_them_in_texts_and_tables(terminal):
-    from gaitopt.cli.tables import table
+    from gaitopt.library.tables import table
 
     written = io.StringIO()
     console = ResultConsole(file=written, force_terminal=terminal, width=200, markup=False, color_system=None)

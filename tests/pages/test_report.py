@@ -8,7 +8,7 @@ import pytest
 from pictured import branch, gait
 
 from gaitopt.gait import Status
-from gaitopt.report import branch_report, comparison_report, gait_report
+from gaitopt.pages import branch_report, comparison_report, gait_report
 
 
 def data_of(page):

@@ -7,7 +7,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from gaitopt.cli.quantities import CONTROL_UNITS, QUANTITIES, number, state_unit, with_degrees
+from gaitopt.gait.quantities import QUANTITIES, state_unit
+from gaitopt.library.quantities import CONTROL_UNITS, number, with_degrees
 from gaitopt.mechanics.modes import ModeSequence
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 

@@ -13,7 +13,7 @@ Record = Mapping[str, Any]
 
 def render(template: str, **content: Any) -> str:
     """The page of a template; texts are escaped, and data stand in the page as JSON."""
-    loaders = [PackageLoader("gaitopt.report", "web"), PackageLoader("gaitopt.figures", "web")]
+    loaders = [PackageLoader("gaitopt.pages", "web"), PackageLoader("gaitopt.figures", "web")]
     templates = Environment(
         loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

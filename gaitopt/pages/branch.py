@@ -7,9 +7,9 @@ from gaitopt.figures.film import film
 from gaitopt.figures.labels import label
 from gaitopt.figures.motion import motion_from_record
 from gaitopt.mechanics import HybridSystem
+from gaitopt.pages.page import numbers, render, words
+from gaitopt.pages.provenance import provenance
 from gaitopt.problem import Problem
-from gaitopt.report.page import numbers, render, words
-from gaitopt.report.provenance import provenance
 from gaitopt.study.system import build_system
 
 Record = Mapping[str, Any]
