@@ -13,7 +13,7 @@ from gaitopt.cli.options import DebugOption, OutOption, QuietOption, SetOption
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from gaitopt.continuation import Request
+    from gaitopt.families import Request
     from gaitopt.gait import Gait
 
 NOT_A_GAIT = 4
@@ -58,7 +58,7 @@ def continue_(
     from gaitopt.cli.console import narration, print_json
     from gaitopt.cli.runs import gait_of
     from gaitopt.cli.solve import report
-    from gaitopt.continuation import Request, check_request
+    from gaitopt.families import Request, check_request
     from gaitopt.store import branch_folder, writing
 
     request = Request(
@@ -102,7 +102,7 @@ def _walk(
 ) -> list[dict[str, Any]]:
     """Walk along the family, each record on the disk before it is shown; returns all of them, in short."""
     from gaitopt.cli.signals import interruptible
-    from gaitopt.continuation import follow_family, resumable
+    from gaitopt.families import follow_family, resumable
     from gaitopt.gait import branch_header, branch_rows
     from gaitopt.store import BRANCH_FILE, begin_branch, growing, stored_lines, stored_records, write_branch_table
 

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gaitopt import search
-from gaitopt.continuation.family import continuation as follow_gait
 from gaitopt.errors import ProblemError
+from gaitopt.families.family import continuation as follow_gait
 from gaitopt.gait import Branch, Gait
 from gaitopt.library.progress import Counter, Follower, following, job_progress, library_console, solver_progress
 from gaitopt.problem import Problem

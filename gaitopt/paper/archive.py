@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gaitopt.continuation import Request, follow_family, resumable
 from gaitopt.errors import SolveError
+from gaitopt.families import Request, follow_family, resumable
 from gaitopt.gait import TERMINAL, Gait
 from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.problem import Problem

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.continuation.change import with_cycle
 from gaitopt.errors import StorageError
+from gaitopt.families.change import with_cycle
 from gaitopt.gait import MEASURES, Branch, BranchPoint, Gait, SpecialPoint, Status
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, ModeSequence
 from gaitopt.problem import FrictionCoefficients, Problem

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt.continuation.continuer import Continuer
 from gaitopt.errors import StorageError
+from gaitopt.families.continuer import Continuer
 from gaitopt.store import BRANCH_FILE, LineWriter, read_lines
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")

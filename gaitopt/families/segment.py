@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.continuation.bifurcations import test_functions
-from gaitopt.continuation.monitors import MonitorKey, MonitorValue, monitor_values
+from gaitopt.families.bifurcations import test_functions
+from gaitopt.families.monitors import MonitorKey, MonitorValue, monitor_values
 from gaitopt.gait import Gait
 from gaitopt.mechanics import Cycle, HybridSystem
 from gaitopt.nlp.arclength import Curve, CurvePoint

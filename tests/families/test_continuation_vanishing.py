@@ -6,7 +6,7 @@ from functools import cache
 import pytest
 
 import gaitopt as go
-from gaitopt.continuation.vanishing import stride
+from gaitopt.families.vanishing import stride
 from gaitopt.gait import TERMINAL
 
 

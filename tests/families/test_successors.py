@@ -2,8 +2,8 @@
 
 import pytest
 
-from gaitopt.continuation.monitors import MonitorKey, MonitorValue
-from gaitopt.continuation.successors import successors
+from gaitopt.families.monitors import MonitorKey, MonitorValue
+from gaitopt.families.successors import successors
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
 
 T, F, B = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD

@@ -12,14 +12,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.continuation.bifurcations import is_bifurcation
-from gaitopt.continuation.change import Change, find_change
-from gaitopt.continuation.limits import Limits
-from gaitopt.continuation.locate import Location
-from gaitopt.continuation.position import Position
-from gaitopt.continuation.rescue import rescue
-from gaitopt.continuation.segment import Point, Segment
-from gaitopt.continuation.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
+from gaitopt.families.bifurcations import is_bifurcation
+from gaitopt.families.change import Change, find_change
+from gaitopt.families.limits import Limits
+from gaitopt.families.locate import Location
+from gaitopt.families.position import Position
+from gaitopt.families.rescue import rescue
+from gaitopt.families.segment import Point, Segment
+from gaitopt.families.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
 from gaitopt.gait import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.study.claims import Claim
 from gaitopt.study.verify import confirm

@@ -11,11 +11,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.continuation.locate import Location, locate
-from gaitopt.continuation.monitors import MonitorKey, MonitorValue
-from gaitopt.continuation.segment import Point, Segment, segment_through
-from gaitopt.continuation.successors import successors
 from gaitopt.errors import ProblemError
+from gaitopt.families.locate import Location, locate
+from gaitopt.families.monitors import MonitorKey, MonitorValue
+from gaitopt.families.segment import Point, Segment, segment_through
+from gaitopt.families.successors import successors
 from gaitopt.mechanics import Cycle, HybridSystem, Mode
 from gaitopt.nlp.diagnosis import phase_words
 from gaitopt.nlp.rollout import after_impact, roll_out

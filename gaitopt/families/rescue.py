@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gaitopt.continuation.change import NEARBY, with_cycle
-from gaitopt.continuation.segment import Point, Segment, segment_through
 from gaitopt.errors import ProblemError
+from gaitopt.families.change import NEARBY, with_cycle
+from gaitopt.families.segment import Point, Segment, segment_through
 from gaitopt.nlp import solve_gait
 from gaitopt.nlp.rollout import roll_out
 

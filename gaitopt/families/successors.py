@@ -14,7 +14,7 @@ They are proposals, the most plausible first; solving and simulating decides.
 
 from collections.abc import Iterable, Iterator
 
-from gaitopt.continuation.monitors import MonitorKey, MonitorValue
+from gaitopt.families.monitors import MonitorKey, MonitorValue
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
 
 EDGE = 0.02

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaitopt.continuation import bifurcations
+from gaitopt.families import bifurcations
 
 
 def values(*multipliers: complex) -> dict[str, float]:

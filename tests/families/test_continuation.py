@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import gaitopt as go
-from gaitopt.continuation import continuation
-from gaitopt.continuation.continuer import Continuer, Limits
-from gaitopt.continuation.segment import Metric, Point, Segment
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.families import continuation
+from gaitopt.families.continuer import Continuer, Limits
+from gaitopt.families.segment import Metric, Point, Segment
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
 from gaitopt.mechanics import Cycle, Mode
 from gaitopt.nlp.layout import layout

@@ -8,7 +8,7 @@ import pytest
 from named import named
 
 import gaitopt as go
-from gaitopt.continuation.monitors import MonitorKey, monitor_values
+from gaitopt.families.monitors import MonitorKey, monitor_values
 from gaitopt.gait import Arc, Gait
 from gaitopt.mechanics import Mode
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from scipy.optimize import brentq
 
-from gaitopt.continuation.monitors import MonitorKey
-from gaitopt.continuation.segment import Point, Segment
+from gaitopt.families.monitors import MonitorKey
+from gaitopt.families.segment import Point, Segment
 
 LENGTH_TOLERANCE = 1e-13
 """In arclength; the parameter is then right to more than ten digits of its range."""

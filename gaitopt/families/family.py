@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.continuation.change import with_cycle
-from gaitopt.continuation.coefficients import coefficient_bounds, with_friction
-from gaitopt.continuation.continuer import FIRST_LENGTH, Continuer, Record
-from gaitopt.continuation.limits import Limits
-from gaitopt.continuation.segment import Metric, Point, Segment, segment_through
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.families.change import with_cycle
+from gaitopt.families.coefficients import coefficient_bounds, with_friction
+from gaitopt.families.continuer import FIRST_LENGTH, Continuer, Record
+from gaitopt.families.limits import Limits
+from gaitopt.families.segment import Metric, Point, Segment, segment_through
 from gaitopt.gait import TERMINAL, Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
 from gaitopt.nlp.rollout import roll_out

@@ -6,7 +6,7 @@ The durations of phases, the rate of touchdown, and the impulse of the impact va
 that any of them may be the monitor that is lost first. Close to that point no simulation resolves the step.
 """
 
-from gaitopt.continuation.segment import Point
+from gaitopt.families.segment import Point
 from gaitopt.gait import Gait
 
 VANISHED = 1e-4

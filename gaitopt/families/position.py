@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
-from gaitopt.continuation.limits import Limits
-from gaitopt.continuation.locate import Location, locate
-from gaitopt.continuation.monitors import MonitorKey
-from gaitopt.continuation.segment import Point, Segment
 from gaitopt.errors import ProblemError
+from gaitopt.families.limits import Limits
+from gaitopt.families.locate import Location, locate
+from gaitopt.families.monitors import MonitorKey
+from gaitopt.families.segment import Point, Segment
 
 SMALLEST_LENGTH = 1e-9
 FEW_ITERATIONS, MANY_ITERATIONS = 5, 8
