@@ -6,7 +6,9 @@ import shlex
 import warnings
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
 
 from gaitopt import solve, verify
 from gaitopt.cli.main import main
@@ -48,6 +50,16 @@ def test_a_problem_file_that_is_shown_has_a_verified_gait(text):
     gait = solve(parse_problem(text))
     assert gait.converged, gait.message
     assert verify(gait).passed
+
+
+def test_the_notebook_runs_from_top_to_bottom(tmp_path):
+    notebook = nbformat.read(ROOT / "docs" / "notebooks" / "tour.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    kinds = [kind for output in outputs for kind in output.get("data", ())]
+    assert kinds.count("image/png") == 3  # figures appear without any magic
+    assert "<iframe" in "".join(output["data"].get("text/html", "") for output in outputs if "data" in output)
+    assert not [output for output in outputs if output.get("name") == "stderr"]
 
 
 def test_the_reference_of_the_problem_file_is_that_of_the_schema():

@@ -14,7 +14,7 @@ class Walker {
     this.repeats = film.repeats;
     this.frames = unpack(film.frames);
     this.count = Object.keys(this.frames).filter((name) => /^y\d+$/.test(name)).length;
-    this.duration = film.period * repeats;
+    this.duration = film.period * this.repeats;
     this.height = Math.max(...Array.from({ length: this.count }, (_, k) => Math.max(...this.frames[`y${k}`])));
     this.scale = (WALKER_SHARE * VIEW.height) / this.height;
     this.build(host);
