@@ -71,12 +71,12 @@ def _start(
 ) -> "tuple[Gait | Problem, Path]":
     """The gait that the grid lies around, or the problem with its guess where there is none; and the run folder."""
     from gaitopt.cli.runs import gait_of
-    from gaitopt.cli.solve import store_gait
+    from gaitopt.library.stored import save
     from gaitopt.store import begin_run
 
     gait, folder, fresh = gait_of(run, changes, output, console)
     if gait.converged and fresh:
-        store_gait(gait, folder)
+        save(gait, folder)
     elif fresh:
         console.print(f"{gait.problem.name} is {gait.status}; the grid lies around its guess")
         begin_run(folder, gait.problem)

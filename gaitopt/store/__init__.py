@@ -2,7 +2,7 @@
 
 from gaitopt.store.branch import BRANCH_FILE, begin_branch, branch_folder, stored_records, write_branch_table
 from gaitopt.store.files import write_whole
-from gaitopt.store.folder import adding, check_folder, growing, stored_lines, writing
+from gaitopt.store.folder import adding, check_folder, check_writable, growing, stored_lines, writing
 from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.manifest import Manifest, read_manifest, read_sealed, replacing
 from gaitopt.store.run import (
@@ -35,6 +35,7 @@ __all__ = [
     "begin_run",
     "branch_folder",
     "check_folder",
+    "check_writable",
     "csv_text",
     "find_run",
     "growing",
