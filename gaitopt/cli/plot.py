@@ -104,11 +104,11 @@ def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Seque
 
 def _plot_branch(run: str, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
     from gaitopt.cli.branches import stored_branch
-    from gaitopt.figures.catalogue import BRANCH_FIGURES, USUAL_BRANCH_FIGURES, branch_figure
+    from gaitopt.figures.catalogue import BRANCH_FIGURES, branch_figure, usual_branch_figures
     from gaitopt.figures.style import save
 
-    words = what or list(USUAL_BRANCH_FIGURES)
-    check_words(words, BRANCH_FIGURES)
+    check_words(what or [], BRANCH_FIGURES)
     problem, parameter, records = stored_branch(run)
+    words = what or usual_branch_figures(records)
     drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
     return [path for paths in drawn for path in paths]

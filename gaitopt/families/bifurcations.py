@@ -10,7 +10,8 @@ A multiplier is 1 at folds and at branch points. With r the return map, A its de
     det [[1 - A, -dr/dparameter], [tangent]] = prod (1 - lambda_i) / (d parameter / ds)
 
 vanishes at branch points only: at a fold, slope and unit change their signs together; where one of them does alone,
-another branch crosses this one (unit alone: transcritical, or a pitchfork seen from its handle; slope alone: from a prong).
+another branch crosses this one (unit alone: transcritical, or a pitchfork seen from its handle; slope alone: seen from
+a prong).
 
 References
 ----------

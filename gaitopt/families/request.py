@@ -35,7 +35,8 @@ class Request:
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object, the first line of a stored branch."""
-        return {"record": "continuation", **asdict(self), "to": list(self.to)}
+        record = {"record": "continuation", **asdict(self), "to": list(self.to)}
+        return record if self.doublings else {key: value for key, value in record.items() if key != "doublings"}
 
 
 def check_request(gait: Gait, request: Request) -> None:

@@ -123,7 +123,10 @@ def _halves(segment: Segment, w: Array, along: Array, signs: tuple[float, ...]) 
     for sign in signs:
         for distance in DISTANCES:
             own = Segment(segment.problem, segment.parameter, segment.transcription, segment.p, segment.metric)
-            point = own.branch_off(w, along, sign * distance)
+            try:
+                point = own.branch_off(w, along, sign * distance)
+            except ProblemError:  # Newton's method has left the range of the parameter
+                continue
             if point is None or np.linalg.norm(own.coordinates(point.curve_point.at.w) - origin) > STRAY * distance:
                 continue
             if holds(point):

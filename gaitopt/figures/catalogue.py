@@ -35,6 +35,8 @@ GAIT_FIGURES: Mapping[str, Callable[[Sequence[Gait]], Figure]] = {
 BRANCH_FIGURES = ("multipliers", *(key for key in QUANTITIES if key not in ("time", "force_ratio")))
 """Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
 USUAL_BRANCH_FIGURES = ("multipliers", "spectral_radius", "speed", "cost_of_transport")
+CYCLE_FIGURES = ("step_length",)
+"""What is drawn besides where cycles have several steps."""
 
 
 def telling(gaits: Sequence[Gait]) -> Iterator[str]:
@@ -46,6 +48,11 @@ def telling(gaits: Sequence[Gait]) -> Iterator[str]:
             continue
         if word != "roads" or len(gaits) == 1:
             yield word
+
+
+def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
+    """Words of the figures of a branch that are drawn unless others are asked for."""
+    return (*USUAL_BRANCH_FIGURES, *(CYCLE_FIGURES if any("steps" in record for record in records) else ()))
 
 
 def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:
