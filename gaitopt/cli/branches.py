@@ -1,10 +1,13 @@
-"""The branch in a run folder, as the continuation wrote it."""
+"""The branch in a run folder, as the continuation wrote it, and its special points."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gaitopt.gait import SpecialPoint
     from gaitopt.problem import Problem
+
+SPECIAL = "@special."
 
 
 def holds_branch(run: str) -> bool:
@@ -32,3 +35,25 @@ def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
     from gaitopt.runs import restore_branch
 
     return restore_branch.stored_branch(Path(run))
+
+
+def stored_special(place: str) -> "SpecialPoint":
+    """The special point RUN@special.K: the K-th of the branch in a run folder, from 0, in the order of the table.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds no branch, or the branch has no such special point.
+    """
+    from gaitopt.errors import StorageError
+    from gaitopt.runs.restore_special import restore_special
+
+    run, _, index = place.rpartition(SPECIAL)
+    if not holds_branch(run):
+        raise StorageError(f"{place}: {run} holds no branch; `gaitopt continue` writes one")
+    problem, parameter, records = stored_branch(run)
+    specials = [record for record in records if record.get("record") == "special"]
+    if not index.isdecimal() or int(index) >= len(specials):
+        known = f"0 to {len(specials) - 1}" if specials else "none"
+        raise StorageError(f"{place}: the special points of this branch are {known}, in the order of the table")
+    return restore_special(problem, parameter, specials[int(index)])

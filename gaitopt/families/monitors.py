@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, Step, curves
-from gaitopt.mechanics import Mode, ending_margin, margin_names, margin_scales
+from gaitopt.mechanics import Mode, ending_margin, margin_names, margin_scales, margin_unit
 
 Array = NDArray[np.float64]
 
@@ -37,10 +37,7 @@ class MonitorKey:
 
     Attributes
     ----------
-    kind : ``duration``, ``touchdown`` (a second one), a margin of ``margin_names``, or of the impact: ``impulse``,
-        ``impulse_cone_forward``, ``impulse_cone_backward``, ``impact_slip``, ``impact_painleve``, ``lift_velocity``;
-        with two coefficients of friction ``onset`` and ``impact_onset``, the force or impulse beyond the static cone
-        where a slip starts.
+    kind : ``duration``, or one of ``mechanics.margins``, where ``touchdown`` is a second one within the step.
     phase : index of the phase, None for an impact.
     step : index of the step that an impact ends.
     """
@@ -186,17 +183,8 @@ def _impact_monitors(gait: Gait, step: Step) -> Iterator[tuple[str, float]]:
     """Margins of one impact by name, in natural units."""
     assert step.impact is not None, "a gait is made of complete steps"
     mode, scales = step.impact.mode, gait.system.scales(gait.p)
-    outputs = gait.system.impact(mode)(step.arcs[-1].states[-1], gait.p)
-    _, impulse, slip, lift, painleve = (np.asarray(value).ravel() for value in outputs)
-    friction, f_t, f_n = float(gait.system.static_friction(gait.p)), *(impulse / scales.impulse)
-    yield "impulse", f_n
-    yield "lift_velocity", lift[0] / scales.speed
-    if mode is Mode.STICK:
-        yield "impulse_cone_forward", friction * f_n + f_t
-        yield "impulse_cone_backward", friction * f_n - f_t
-        return
-    yield "impact_slip", mode.direction * slip[0] / scales.speed
-    yield "impact_painleve", painleve[0] / scales.mass
-    if gait.system.friction_drops(gait.p):
-        f_t, f_n = step.impact.stick_impulse / scales.impulse
-        yield "impact_onset", -friction * f_n - mode.direction * f_t
+    values = np.asarray(gait.system.impact_margins(mode)(step.arcs[-1].states[-1], gait.p)).ravel()
+    for name, value in zip(gait.system.impact_margin_names(mode), values, strict=True):
+        if name == "touchdown_rate" or (name == "impact_onset" and not gait.system.friction_drops(gait.p)):
+            continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
+        yield name, value / margin_unit(name, scales)

@@ -15,7 +15,7 @@ They are proposals, the most plausible first; solving and simulating decides.
 from collections.abc import Iterable, Iterator
 
 from gaitopt.families.monitors import MonitorKey, MonitorValue
-from gaitopt.mechanics import Cycle, Mode, ModeSequence
+from gaitopt.mechanics import MARGINS, Cycle, Mode, ModeSequence
 
 EDGE = 0.02
 """Part of a phase at its ends within which an event is taken to be at the end."""
@@ -63,10 +63,10 @@ def _changed(steps: Steps, index: int, *, phases: Phases | None = None, impact: 
 
 def _phase_edits(phases: Phases, own: int, kind: str, where: float) -> Iterator[Phases]:
     before, mode, after = phases[:own], phases[own], phases[own + 1 :]
+    slip = None if kind == "duration" else MARGINS[kind].onset
     if kind == "duration":
         yield (*before, *after)
-    elif kind.startswith("cone_"):
-        slip = Mode.SLIP_FORWARD if kind == "cone_forward" else Mode.SLIP_BACKWARD
+    elif slip is not None:
         for middle in _ordered(where, first=(slip, mode), inside=(mode, slip, mode), last=(mode, slip)):
             yield (*before, *middle, *after)
     elif kind in ("slip_velocity", "onset"):
@@ -78,10 +78,10 @@ def _phase_edits(phases: Phases, own: int, kind: str, where: float) -> Iterator[
 
 def _impact_edits(phases: Phases, impact: Mode, kind: str) -> Iterator[tuple[Phases, Mode]]:
     """Phases of the step that follows an impact, and the impact."""
-    if kind.startswith("impulse_cone_"):
-        slip = Mode.SLIP_FORWARD if kind == "impulse_cone_forward" else Mode.SLIP_BACKWARD
+    slip = MARGINS[kind].onset
+    if slip is not None:
         yield (phases if phases[0] is slip else (slip, *phases)), slip
-    elif kind in ("impact_slip", "impact_onset"):
+    elif kind in ("impact_slip_velocity", "impact_onset"):
         yield phases[1:], Mode.STICK
         yield phases, Mode.STICK
         yield (Mode.slip(-impact.direction), *phases[1:]), Mode.STICK

@@ -5,6 +5,7 @@ Works on the records that a continuation writes: ``point`` records with ``branch
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import cycle, groupby, pairwise
 from typing import Any
 
@@ -23,6 +24,7 @@ LOG = 10.0
 """Multipliers beyond this go on a log axis, or those near the unit circle could not be told apart."""
 SPECIAL = {
     "fold": ("fold", "o"),
+    "branch_point": ("branches cross", "p"),
     "period_doubling": ("period doubling", "s"),
     "neimark_sacker": ("Neimark–Sacker", "D"),
     "mode_change": ("other phases begin", "^"),
@@ -33,10 +35,14 @@ SPECIAL = {
     "end": ("branch ends", "|"),
 }
 """Words and marker of every type of special point."""
+OF_EACH_STEP = ("period", "step_length")
+"""Scalars that are drawn for every step of a cycle: at a period doubling the curve splits."""
 
 
 def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quantity: str = "spectral_radius") -> Figure:
     """A scalar over the continued parameter: stable gaits as thick lines, unstable ones as thin dots.
+
+    Of cycles of several steps, the period and the length of every step are drawn.
 
     Parameters
     ----------
@@ -62,7 +68,11 @@ def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quant
         ):
             axes.set_yscale("log")
     axes.set_xlabel(str(label(parameter)))
-    axes.set_ylabel(str(label(quantity)))
+    written = label(quantity)
+    split = any(
+        len(_heights(point, quantity)) > 1 for records in curves.values() for point in _points(records, quantity)
+    )
+    axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
     legend_below(figure, [*handles, *_legend(present)])
     return figure
 
@@ -77,6 +87,13 @@ def _points(records: Sequence[Record], quantity: str) -> list[Record]:
     return [record for record in records if record["record"] == "point" and record.get(quantity) is not None]
 
 
+def _heights(point: Record, quantity: str) -> list[float]:
+    """The scalar of a gait, or of every step of a cycle where each has its own."""
+    if quantity in OF_EACH_STEP and "steps" in point:
+        return [step[quantity] for step in point["steps"]]
+    return [point[quantity]]
+
+
 def _order(point: Record) -> tuple[int, int]:
     return point["branch"], point["index"]
 
@@ -84,7 +101,7 @@ def _order(point: Record) -> tuple[int, int]:
 def _draw(axes: Axes, branch: Sequence[Record], quantity: str, colour: str) -> None:
     """One branch in runs of equal stability; neighbouring runs share a point, so that no gap opens between them."""
     values = np.array([point["value"] for point in branch])
-    heights = np.array([point[quantity] for point in branch])
+    heights = np.array([_heights(point, quantity) for point in branch])
     stable = np.array([is_stable(point) for point in branch])
     cuts = [0, *(np.flatnonzero(np.diff(stable)) + 1), len(branch)]
     for first, last in pairwise(cuts):
@@ -102,11 +119,11 @@ def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quan
             continue
         closest = min(near, key=lambda point: abs(point["value"] - special["value"]))
         own = (special.get("gait") or {}).get(quantity)
-        height = closest[quantity] if own is None else own
+        heights = _heights(closest if own is None else special["gait"], quantity)
         marker = SPECIAL.get(special["type"], (special["type"], "*"))[1]
-        axes.plot(
-            special["value"], height, marker, color=colour, markersize=7, markeredgewidth=1.4, markerfacecolor="white"
-        )
+        values = [special["value"]] * len(heights)
+        size = 7 if len(heights) == 1 else 4
+        axes.plot(values, heights, marker, color=colour, markersize=size, markeredgewidth=1.4, markerfacecolor="white")
         marked.add(special["type"])
     return marked
 

@@ -46,13 +46,9 @@ USUAL_WALK_FIGURES = ("section", "portrait")
 
 BRANCH_FIGURES = ("multipliers", *(key for key in QUANTITIES if key not in ("time", "force_ratio")))
 """Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
-_USUAL_OF_BRANCHES = ("multipliers", "spectral_radius", "speed", "cost_of_transport")
-
-
-def usual_branch_figures(records: Sequence[Record]) -> list[str]:
-    """Words of the figures of a branch that have something to show: no cost of passive walkers."""
-    works = any(record.get("work") for record in records)
-    return [word for word in _USUAL_OF_BRANCHES if works or word != "cost_of_transport"]
+USUAL_BRANCH_FIGURES = ("multipliers", "spectral_radius", "speed", "cost_of_transport")
+CYCLE_FIGURES = ("step_length",)
+"""What is drawn besides where cycles have several steps."""
 
 
 def telling(gaits: Sequence[Gait]) -> Iterator[str]:
@@ -64,6 +60,13 @@ def telling(gaits: Sequence[Gait]) -> Iterator[str]:
             continue
         if word != "roads" or len(gaits) == 1:
             yield word
+
+
+def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
+    """Words of the figures of a branch that have something to show: no cost of passive walkers."""
+    works = any(record.get("work") for record in records)
+    usual = [word for word in USUAL_BRANCH_FIGURES if works or word != "cost_of_transport"]
+    return (*usual, *(CYCLE_FIGURES if any("steps" in record for record in records) else ()))
 
 
 def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:

@@ -69,14 +69,16 @@ class SpecialPoint:
     Attributes
     ----------
     branch : number of the branch that it lies on.
-    type : ``fold``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, or one of
-        ``TERMINAL``.
+    type : ``fold``, ``branch_point``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, or
+        one of ``TERMINAL``.
     value : the parameter.
     status : ``converged`` when located to rounding, ``guess`` when only bracketed.
     reason : in words.
     before, after : cycles of modes on both sides of a change.
     next : numbers of the branches that go on from here.
     gait : the gait at this point, or None where there is none.
+    tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None where it is
+        not known.
     """
 
     branch: int
@@ -88,6 +90,7 @@ class SpecialPoint:
     after: Cycle | None = None
     next: tuple[int, ...] = ()
     gait: Gait | None = None
+    tangent: Array | None = None
 
     def __repr__(self) -> str:
         words = f": {self.reason}" if self.reason else ""
@@ -101,7 +104,8 @@ class SpecialPoint:
         for key, cycle in (("from", self.before), ("to", self.after)):
             if cycle is not None:
                 record[key] = cycle_data(cycle)
-        return record | {"gait": gait}
+        tangent = None if self.tangent is None else [float(entry) for entry in self.tangent]
+        return record | {"tangent": tangent, "gait": gait}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from gaitopt import search
 from gaitopt.errors import ProblemError
 from gaitopt.families.family import continuation as follow_gait
-from gaitopt.gait import Branch, Gait
+from gaitopt.gait import Branch, Gait, SpecialPoint
 from gaitopt.library.progress import Counter, Follower, following, job_progress, library_console, solver_progress
 from gaitopt.problem import Problem
 from gaitopt.runs import multistart as starts_run
@@ -58,7 +58,7 @@ def solve(problem: Problem, *, start: Gait | None = None, progress: Follower = T
 
 
 def continuation(
-    gait: Gait,
+    start: Gait | SpecialPoint,
     parameter: str,
     to: float | Sequence[float],
     *,
@@ -67,6 +67,7 @@ def continuation(
     max_points: int = 2000,
     max_seconds: float | None = None,
     verify_every: int = 10,
+    doublings: int = 0,
     progress: Follower = True,
     should_stop: Stop = None,
 ) -> Branch:
@@ -74,12 +75,15 @@ def continuation(
 
     Parameters
     ----------
-    gait : a converged gait.
+    start : a converged gait; or a special point of a branch, from which the other branches that begin there are
+        continued: at a ``period_doubling`` the cycles of twice as many steps, at a ``branch_point`` both halves of the
+        curve that crosses the known one, at a change of modes the mode sequences that were not followed.
     parameter : dotted key of any scalar of walker, friction or control.
     to : value of the parameter towards which to go, and at which to stop; two values to go both ways.
     lower, upper : further bounds of the parameter, for families that turn round.
     max_points, max_seconds : bounds on the work.
     verify_every : every so many points is confirmed by the simulator.
+    doublings : how many times in turn the family that begins at a period doubling is followed as well.
     progress : whether to show it, or a function of the number of points and the parameter.
     should_stop : polled before every point.
 
@@ -92,14 +96,14 @@ def continuation(
     UnknownNameError
         If there is no such parameter; the message lists the near misses.
     ProblemError
-        If a target lies beyond a bound.
+        If a target lies beyond a bound, or no other branch can begin at such a special point.
     SolveError
-        If ``gait`` is a failed attempt.
+        If ``start`` is a failed attempt, or no other branch is found at it.
     """
 
     def follow(show: Callable[[int, float], None]) -> Branch:
         return follow_gait(
-            gait,
+            start,
             parameter,
             to,
             lower=lower,
@@ -107,6 +111,7 @@ def continuation(
             max_points=max_points,
             max_seconds=max_seconds,
             verify_every=verify_every,
+            doublings=doublings,
             progress=show,
             should_stop=should_stop,
         )

@@ -13,14 +13,26 @@ from gaitopt.mechanics.control import (
     control_points,
 )
 from gaitopt.mechanics.friction import CoulombFriction, Friction, StaticKineticFriction
+from gaitopt.mechanics.margins import (
+    IMPACT_MARGINS,
+    MARGINS,
+    PHASE_MARGINS,
+    ending_margin,
+    margin_names,
+    margin_scales,
+    margin_unit,
+)
 from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.scales import Scales
-from gaitopt.mechanics.system import HybridSystem, ending_margin, margin_names, margin_scales, margin_unit
+from gaitopt.mechanics.system import HybridSystem
 from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, refused_walkers, registered_walkers
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 __all__ = [
+    "IMPACT_MARGINS",
+    "MARGINS",
+    "PHASE_MARGINS",
     "BeyondEnd",
     "BezierTracking",
     "Body",

@@ -124,6 +124,12 @@ class Cycle:
         """The impact with which a phase begins, that of the last step before the first; None in mid-step."""
         return self.steps[self.step_of(phase) - 1].impact if phase in self.first_phases else None
 
+    def phase_words(self, phase: int) -> str:
+        """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
+        step = self.step_of(phase)
+        words = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase]})"
+        return words if len(self.steps) == 1 else f"step {step + 1}, {words}"
+
     def onset_order(self, phase: int, *, jump: bool = False) -> int:
         """Order of the zero that the slip velocity has where a slip phase starts.
 

@@ -20,44 +20,14 @@ from numpy.typing import NDArray
 from gaitopt.mechanics.contact import Motion, motion
 from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.friction import CoulombFriction, Friction
-from gaitopt.mechanics.impact import impact
+from gaitopt.mechanics.impact import Impact, impact
 from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
+from gaitopt.mechanics.margins import impact_margin_names, margin_names
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.walker import Walker
 
 COULOMB = CoulombFriction()
-STICK_MARGINS = ("touchdown", "upright", "normal_force", "cone_forward", "cone_backward")
-SLIP_MARGINS = ("touchdown", "upright", "normal_force", "slip_velocity", "painleve")
-
-
-def margin_names(mode: Mode) -> tuple[str, ...]:
-    """Names of the margins of a mode, in the order of ``HybridSystem.margins``.
-
-    ``touchdown`` is minus the walker's guard; ``cone_forward`` is mu f_n + f_t, whose end lets the foot slip
-    forward, ``cone_backward`` mu f_n - f_t; ``slip_velocity`` is the speed in the mode's direction.
-    """
-    return STICK_MARGINS if mode is Mode.STICK else SLIP_MARGINS
-
-
-def margin_scales(mode: Mode, scales: Scales) -> NDArray[np.float64]:
-    """Natural unit of every margin of a mode, in the order of ``margin_names``."""
-    return np.array([margin_unit(name, scales) for name in margin_names(mode)])
-
-
-def margin_unit(name: str, scales: Scales) -> float:
-    """Natural unit of one margin."""
-    units = {"touchdown": 1.0, "upright": 1.0, "slip_velocity": scales.speed, "painleve": scales.mass}
-    return units.get(name, scales.force)
-
-
-def ending_margin(mode: Mode, after: Mode | None) -> str:
-    """The margin whose fall to zero ends a phase in ``mode`` that is followed by ``after`` (None: the impact)."""
-    if after is None:
-        return "touchdown"
-    if mode is not Mode.STICK:
-        return "slip_velocity"
-    return "cone_forward" if after is Mode.SLIP_FORWARD else "cone_backward"
 
 
 class HybridSystem:
@@ -102,6 +72,7 @@ class HybridSystem:
         self._coefficients = SX.sym("c", n_friction)
         self._scalars = SX.sym("k", len(control.parameters))
         self._motions: dict[Mode, Motion] = {}
+        self._impacts: dict[Mode, Impact] = {}
         self._functions: dict[str, Function] = {}
         self._data: dict[int, NDArray[np.float64]] = {}
 
@@ -158,7 +129,7 @@ class HybridSystem:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
 
         def outputs() -> list[SX]:
-            result = impact(self._eom, _slip(mode), self.law, self._kinetic)
+            result = self._impact(mode)
             return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
 
         return self._build(f"impact_{mode}", outputs, inputs=[self._eom.z, self._p])
@@ -167,9 +138,22 @@ class HybridSystem:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
 
         def outputs() -> list[SX]:
-            return [jacobian(impact(self._eom, _slip(mode), self.law, self._kinetic).z_plus, self._eom.z)]
+            return [jacobian(self._impact(mode).z_plus, self._eom.z)]
 
         return self._build(f"impact_jacobian_{mode}", outputs, inputs=[self._eom.z, self._p])
+
+    def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
+        """Names of the margins of an impact, in the order of ``impact_margins``."""
+        return impact_margin_names(mode, two_coefficients=self.friction.two_coefficients)
+
+    def impact_margins(self, mode: Mode) -> Function:
+        """(z, p) -> margins of an impact in the order of ``impact_margin_names(mode)``."""
+
+        def outputs() -> list[SX]:
+            margins = self._impact_margins(mode)
+            return [vertcat(*(margins[name] for name in self.impact_margin_names(mode)))]
+
+        return self._build(f"impact_margins_{mode}", outputs, inputs=[self._eom.z, self._p])
 
     @cached_property
     def open_flow(self) -> Function:
@@ -294,14 +278,39 @@ class HybridSystem:
         drag = SX(self.friction.drag(self._coefficients, self._eom.z[-1]))
         return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, torque=self._torque)
 
+    def _impact(self, mode: Mode) -> Impact:
+        if mode not in self._impacts:
+            self._impacts[mode] = impact(self._eom, _slip(mode), self.law, self._kinetic)
+        return self._impacts[mode]
+
     def _margins(self, mode: Mode) -> SX:
-        state = self._motion(mode)
+        state, mu = self._motion(mode), self.friction.static(self._coefficients)
         f_t, f_n = state.force[0], state.force[1]
-        common = (-self._eom.mechanism.touchdown, self._eom.mechanism.upright, f_n)
-        if mode is Mode.STICK:
-            mu = self.friction.static(self._coefficients)
-            return vertcat(*common, mu * f_n + f_t, mu * f_n - f_t)
-        return vertcat(*common, mode.direction * self._eom.z[-1], state.painleve)
+        margins = {
+            "touchdown": -self._eom.mechanism.touchdown,
+            "upright": self._eom.mechanism.upright,
+            "normal_force": f_n,
+            "cone_forward": mu * f_n + f_t,
+            "cone_backward": mu * f_n - f_t,
+            "slip_velocity": mode.direction * self._eom.z[-1],
+            "painleve": state.painleve,
+        }
+        return vertcat(*(margins[name] for name in margin_names(mode)))
+
+    def _impact_margins(self, mode: Mode) -> dict[str, SX]:
+        result, stick, mu = self._impact(mode), self._impact(Mode.STICK), self.friction.static(self._coefficients)
+        f_t, f_n = result.impulse[0], result.impulse[1]
+        z, n = self._eom.z, self.n_shape + 1
+        return {
+            "impulse": f_n,
+            "lift_velocity": result.lift_velocity,
+            "touchdown_rate": jtimes(SX(self._eom.mechanism.touchdown), z[:n], z[n:]),
+            "impulse_cone_forward": mu * f_n + f_t,
+            "impulse_cone_backward": mu * f_n - f_t,
+            "impact_slip_velocity": mode.direction * result.slip_velocity,
+            "impact_painleve": result.painleve,
+            "impact_onset": -mu * stick.impulse[1] - mode.direction * stick.impulse[0],
+        }
 
     def _build(self, name: str, outputs: Callable[[], list[SX]], inputs: list[SX] | None = None) -> Function:
         if name not in self._functions:

@@ -7,38 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Cause
-from gaitopt.mechanics import Cycle, ending_margin, margin_names
+from gaitopt.mechanics import MARGINS, Cycle, ending_margin, margin_names
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
 
 Array = NDArray[np.float64]
 
 
-ENDLESS = {
-    "touchdown": "the swing foot does not come down",
-    "slip_velocity": "the foot does not come to rest before touchdown",
-    "cone_forward": "sticking needs no more friction than there is before touchdown, so that no slip sets in",
-}
-ENDLESS["cone_backward"] = ENDLESS["cone_forward"]
 SAMPLES = 33
 """Points of an arc on which an early touchdown is looked for."""
 AIRBORNE = 1e-9
 """A guard this close to zero is a foot on the ground, up to rounding."""
 RUNAWAY = 1e3
 """In natural units: violations of a thousand times what moves a walker belong to no walk."""
-
-SIMPLE_MARGINS = {
-    "normal_force": "normal force is {value:.4g} N, must be positive",
-    "slip_velocity": "slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative",
-    "painleve": "apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)",
-    "onset": "static friction holds the foot: the force misses the edge of its cone by {value:.4g} N",
-    "impact_onset": "the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s",
-    "impulse": "normal impulse is {value:.4g} N s, must be positive",
-    "lift_velocity": "the former stance foot does not lift: its normal velocity is {value:.4g} m/s",
-    "touchdown_rate": "the swing foot leaves the ground instead of landing (guard rate {value:.4g})",
-    "impact_slip_velocity": "slip velocity after impact is {value:.4g} m/s in the direction of the mode",
-    "impact_painleve": "apparent mass of the colliding foot is {value:.4g} kg, must be positive",
-}
 
 
 def violations(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Cause]:
@@ -77,15 +58,8 @@ def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
 def missing_event(cycle: Cycle, phase: int) -> Cause:
     """Why a phase of the guess does not end as the sequence wants it to."""
     ending = ending_margin(cycle.phases[phase], cycle.after(phase))
-    words = f"{phase_words(cycle, phase)} has no end: from the guess, {ENDLESS[ending]}"
+    words = f"{cycle.phase_words(phase)} has no end: from the guess, {MARGINS[ending].absent}"
     return Cause(what=ending, words=words, phase=phase, step=cycle.step_of(phase))
-
-
-def phase_words(cycle: Cycle, phase: int) -> str:
-    """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
-    step = cycle.step_of(phase)
-    words = f"phase {phase - cycle.first_phases[step] + 1} ({cycle.phases[phase]})"
-    return words if len(cycle.steps) == 1 else f"step {step + 1}, {words}"
 
 
 def largest_residual(problem: Transcription, w: Array, p: Array, residual: Array) -> Cause:
@@ -101,12 +75,12 @@ def largest_residual(problem: Transcription, w: Array, p: Array, residual: Array
     if row < n_defects:
         arcs = problem.layout.arcs
         phase = arcs[int(np.searchsorted(np.cumsum([arc.intervals for arc in arcs]), row // n_z, side="right"))].phase
-        place, name = phase_words(cycle, phase), problem.system.state_names[row % n_z]
+        place, name = cycle.phase_words(phase), problem.system.state_names[row % n_z]
         words = f"{place}: the motion does not close, off by {size:.3g} in {name}"
         return Cause(what="motion", words=words, phase=phase, needed=0.0, available=size)
     row -= n_defects
     if row < len(cycle.phases):
-        words = f"{phase_words(cycle, row)}: the event that should end it is missed by {size:.3g}"
+        words = f"{cycle.phase_words(row)}: the event that should end it is missed by {size:.3g}"
         return Cause(what="event", words=words, phase=row, needed=0.0, available=size)
     name = problem.system.state_names[(row - len(cycle.phases)) % n_z]
     words = f"not periodic: {name} after the impact is off by {size:.3g}"
@@ -137,8 +111,8 @@ def _margin_violations(problem: Transcription, w: Array, p: Array, margins: Arra
     _, labels = problem.inequalities
     units = problem.units(problem.full_parameters(p, problem.unpack(w)[2])).margins
     for label, value, unit in zip(labels, margins, units, strict=True):
-        if label.name in SIMPLE_MARGINS and value < 0:
-            text = f"{_place(problem, w, label)}: {SIMPLE_MARGINS[label.name].format(value=value)}"
+        if value < 0 and MARGINS[label.name].violated:
+            text = f"{_place(problem, w, label)}: {MARGINS[label.name].violated.format(value=value)}"
             numbers = {"needed": 0.0, "available": float(value), "severity": float(-value / unit)}
             yield _cause(label.name, text, problem, w, label, **numbers)
 
@@ -148,7 +122,7 @@ def _duration_violations(problem: Transcription, w: Array) -> Iterator[Cause]:
     period = float(durations.sum())
     for phase, duration in enumerate(durations):
         if duration < 0:
-            place = phase_words(problem.layout.cycle, phase)
+            place = problem.layout.cycle.phase_words(phase)
             words = f"{place}: its duration is {duration:.4g} s, so it does not take place"
             severity = float(-duration / abs(period))
             yield Cause(
@@ -166,4 +140,4 @@ def _cause(what: str, words: str, problem: Transcription, w: Array, label: Label
 def _place(problem: Transcription, w: Array, label: Label) -> str:
     if label.phase is None or label.node is None:
         return "impact" if len(problem.layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
-    return f"{phase_words(problem.layout.cycle, label.phase)}, t = {problem.node_times(w)[label.node]:.4f} s"
+    return f"{problem.layout.cycle.phase_words(label.phase)}, t = {problem.node_times(w)[label.node]:.4f} s"

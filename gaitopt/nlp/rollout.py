@@ -80,18 +80,23 @@ def roll_out(
 ) -> Rollout:
     """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, missing ones are found.
 
-    No phase whose end is looked for lasts beyond ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
+    ``state`` is that of the first step, shape (n_z,), or those with which the first steps start, shape (k, n_z): where
+    durations are kept, errors of one step would grow in the next ones. No phase whose end is looked for lasts beyond
+    ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
     """
     scales = system.scales(p)
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
-    time, z = 0.0, state.copy()
-    transit = transit_time(system, p, cycle, state)
+    starts = np.atleast_2d(state)
+    time, z = 0.0, starts[0].copy()
+    transit = transit_time(system, p, cycle, z)
     found: list[float] = []
     motions: list[OdeSolution] = []
     endless = None
     for phase, mode in enumerate(cycle.phases):
         if phase > 0 and cycle.impact_before(phase) is not None:
-            time, z = 0.0, after_impact(system, p, cycle.impacts[cycle.step_of(phase) - 1], z)
+            time, step = 0.0, cycle.step_of(phase)
+            known_start = step < len(starts)
+            z = starts[step].copy() if known_start else after_impact(system, p, cycle.impacts[step - 1], z)
         z = np.nan_to_num(z)  # of a motion that has broken down
         if mode is Mode.STICK:
             z[-1] = 0.0

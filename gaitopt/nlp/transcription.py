@@ -260,23 +260,6 @@ class Transcription:
 
     def _margins_of_impact(self, step: int) -> Iterator[tuple[MX, Label]]:
         mode, z = self.layout.cycle.impacts[step], self.Z[:, self.layout.impact_nodes[step]]
-        _, impulse, slip, lift, painleve = self.system.impact(mode)(z, self.p)
-        F_t, F_n = impulse[0], impulse[1]
-        mu = self.system.static_friction(self.p)
-        rows = {"impulse": F_n, "lift_velocity": lift, "touchdown_rate": -self._guard_rate(step)}
-        if mode is Mode.STICK:
-            rows |= {"impulse_cone_forward": mu * F_n + F_t, "impulse_cone_backward": mu * F_n - F_t}
-        else:
-            rows |= {"impact_slip_velocity": mode.direction * slip, "impact_painleve": painleve}
-            if self.system.friction.two_coefficients:
-                stick = self.system.impact(Mode.STICK)(z, self.p)[1]
-                rows["impact_onset"] = -mu * stick[1] - mode.direction * stick[0]
-        for name, expression in rows.items():
-            yield expression, Label(name=name, step=step)
-
-    def _guard_rate(self, step: int) -> MX:
-        """Rate of the touchdown margin just before an impact."""
-        phase = (*self.layout.cycle.first_phases, self.n_phases)[step + 1] - 1
-        arc = [arc for arc in self.layout.arcs if arc.phase == phase][-1]
-        z, data = self.Z[:, self.layout.impact_nodes[step]], self.system.control.data(arc.segment)
-        return self.system.events(arc.mode)(self._switches[phase][1], z, self.p, data)[1][0]
+        values = self.system.impact_margins(mode)(z, self.p)
+        for row, name in enumerate(self.system.impact_margin_names(mode)):
+            yield values[row], Label(name=name, step=step)

@@ -9,9 +9,10 @@ import numpy as np
 
 from gaitopt.errors import StorageError
 from gaitopt.families.change import with_cycle
+from gaitopt.families.coefficients import with_friction
+from gaitopt.families.records import recorded_cycle, restored_special
 from gaitopt.gait import MEASURES, Branch, BranchPoint, Gait, SpecialPoint, Status
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, ModeSequence
-from gaitopt.problem import FrictionCoefficients, Problem
+from gaitopt.problem import Problem
 from gaitopt.runs.recorded import recorded_steps
 from gaitopt.store import BRANCH_FILE, read_problem, stored_lines
 from gaitopt.study.system import build_system
@@ -44,67 +45,44 @@ def restore_branch(folder: Path) -> Branch:
         As ``stored_branch``, or if a record is no gait.
     """
     problem, parameter, records = stored_branch(folder)
-    problem = _with_parameter(problem, parameter)
     system = build_system(problem)
+    stated = Gait(
+        problem=problem, system=system, p=system.values(problem.parameters), status=Status.CONVERGED, message=""
+    )
+    family = with_friction(stated, parameter)
     try:
-        points = [_point(problem, system, parameter, record) for record in records if record["record"] == "point"]
-        specials = [_special(problem, system, parameter, record) for record in records if record["record"] == "special"]
+        points = [_point(family, parameter, record) for record in records if record["record"] == "point"]
+        specials = [_special(family, parameter, record) for record in records if record["record"] == "special"]
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise StorageError(f"{folder / BRANCH_FILE} does not hold a branch ({error!r})") from error
     return Branch(parameter=parameter, points=tuple(points), specials=tuple(specials))
 
 
-def _with_parameter(problem: Problem, parameter: str) -> Problem:
-    """The problem under the friction law that has the parameter."""
-    if parameter.startswith("friction.") and isinstance(problem.friction, float):
-        both = FrictionCoefficients(static=problem.friction, kinetic=problem.friction)
-        return replace(problem, friction=both)
-    if parameter == "friction" and isinstance(problem.friction, FrictionCoefficients):
-        return replace(problem, friction=problem.friction.static)
-    return problem
-
-
-def _point(problem: Problem, system: HybridSystem, parameter: str, record: Record) -> BranchPoint:
+def _point(family: Gait, parameter: str, record: Record) -> BranchPoint:
     return BranchPoint(
         branch=record["branch"],
         index=record["index"],
         value=record["value"],
-        gait=_gait(problem, system, parameter, record["value"], record),
+        gait=_gait(family, parameter, record["value"], record),
         tangent=np.array(record["tangent"], dtype=float),
         length=float(record["length"]),
     )
 
 
-def _special(problem: Problem, system: HybridSystem, parameter: str, record: Record) -> SpecialPoint:
+def _special(family: Gait, parameter: str, record: Record) -> SpecialPoint:
+    bare = restored_special(family, parameter, {**record, "gait": {}})
     gait = record["gait"]
-    return SpecialPoint(
-        branch=record["branch"],
-        type=record["type"],
-        value=record["value"],
-        status=record["status"],
-        reason=record["reason"],
-        before=_cycle(record["from"]) if "from" in record else None,
-        after=_cycle(record["to"]) if "to" in record else None,
-        next=tuple(record["next"]),
-        gait=_gait(problem, system, parameter, record["value"], gait) if gait else None,
-    )
+    return replace(bare, gait=_gait(family, parameter, record["value"], gait) if gait else None)
 
 
-def _cycle(record: Record) -> Cycle:
-    """The modes of a gait's record, or of one side of a change."""
-    sequences = []
-    for step in record.get("steps", (record,)):
-        modes = [phase["mode"] if isinstance(phase, dict) else phase for phase in step["phases"]]
-        sequences.append(ModeSequence(tuple(map(Mode, modes)), Mode(step["impact"])))
-    return Cycle(tuple(sequences))
-
-
-def _gait(problem: Problem, system: HybridSystem, parameter: str, value: float, record: Record) -> Gait:
+def _gait(family: Gait, parameter: str, value: float, record: Record) -> Gait:
+    """The gait of a record, integrated again from its state; ``family`` has its system."""
+    system, problem = family.system, family.problem
     freed = {name: float(number) for name, number in record["parameters"].items()}
     p = system.values({**problem.parameters, **freed, parameter: value})
     state = np.array([record["state"][name] for name in system.state_names])
     return Gait(
-        problem=with_cycle(problem.replace({parameter: value}), system, _cycle(record), state),
+        problem=with_cycle(problem.replace({parameter: value}), system, recorded_cycle(record), state),
         system=system,
         p=p,
         status=Status(record["status"]),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import PHASE_MARGINS, HybridSystem, Mode
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
@@ -26,11 +26,9 @@ MAX_STEP_TIME = 50.0
 MAX_SWITCHES = 50
 """Mode switches within a step after which it is called chattering; walking takes a handful."""
 
-ONSETS: Mapping[str, Mode] = {"cone_forward": Mode.SLIP_FORWARD, "cone_backward": Mode.SLIP_BACKWARD}
+ONSETS: Mapping[str, Mode] = {name: margin.onset for name, margin in PHASE_MARGINS.items() if margin.onset}
 FATAL: Mapping[str, Termination] = {
-    "normal_force": Termination(Ending.LIFT_OFF, "the ground would have to pull: the normal force is not positive"),
-    "painleve": Termination(Ending.PAINLEVE, "the slip has no unique solution: C_tt + mu s C_nt is not positive"),
-    "upright": Termination(Ending.FALL, "the walker is no longer upright"),
+    name: Termination(Ending(margin.ending), margin.lost) for name, margin in PHASE_MARGINS.items() if margin.ending
 }
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt import cli, study
+from gaitopt import cli, search, study
 from gaitopt.library import progress as cli_progress
 from gaitopt.store.manifest import seal
 from gaitopt.study import Claim, Verification
@@ -112,7 +112,7 @@ def test_output_names_the_run_folder(run):
 def test_a_finished_run_is_verified_from_its_files_alone(run, monkeypatch):
     _, out, _ = run("solve", PROBLEM, "--json")
     solved = json.loads(out)
-    monkeypatch.setattr(study, "solve_as_own", None)
+    monkeypatch.setattr(search, "solve_as_own", None)
     for name in (PROBLEM, solved["run"]):
         code, out, _ = run("verify", name, "--json")
         verified = json.loads(out)
@@ -224,7 +224,7 @@ def test_a_wrong_override_is_3_and_named(run, changes, words):
 
 def test_a_foreign_folder_is_6_before_anything_is_solved(run, monkeypatch):
     Path("thesis.tex").write_text("precious")
-    monkeypatch.setattr(study, "solve_as_own", None)
+    monkeypatch.setattr(search, "solve_as_own", None)
     code, _, err = run("solve", PROBLEM, "-o", ".")
     assert code == 6
     assert "not a run of gaitopt" in err
@@ -277,11 +277,11 @@ def test_an_unexpected_error_is_one_line_and_a_traceback_only_on_request(run, mo
     def broken(*_, **__):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr(study, "solve_as_own", broken)
+    monkeypatch.setattr(search, "solve_as_own", broken)
     code, _, err = run("solve", PROBLEM, "--quiet")
     assert code == 1
     (line,) = err.splitlines()
-    assert line.startswith("gaitopt: internal error: ZeroDivisionError: oops (tests/cli/test_cli.py:")
+    assert line.startswith("gaitopt: internal error: ZeroDivisionError: oops (cli/test_cli.py:")
     assert line.endswith("; rerun with --debug for the traceback")
     code, _, err = run("solve", PROBLEM, "--quiet", "--debug")
     assert code == 1

@@ -88,7 +88,7 @@ def test_an_internal_error_without_words_says_where_it_was_raised(run, monkeypat
     monkeypatch.setattr("gaitopt.problem.load_problem", fail)
     code, _, err = run("validate", WHEEL)
     assert code == 1
-    assert "internal error: TimeoutError (tests/cli/test_cli_input.py:" in err
+    assert "internal error: TimeoutError (cli/test_cli_input.py:" in err
 
 
 def test_a_level_wheel_lacks_energy(run):

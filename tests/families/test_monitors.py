@@ -99,7 +99,7 @@ def test_a_slip_after_the_impact_that_fades_is_seen_before_it_is_gone() -> None:
     for friction in (0.28, 0.30, 0.304):
         gait = go.solve(go.load_problem("compass-passive-b").replace({"friction": friction}))
         found = monitor_values(gait)
-        values.append((found[MonitorKey("impact_slip")].value, found[MonitorKey("duration", 0)].value))
+        values.append((found[MonitorKey("impact_slip_velocity")].value, found[MonitorKey("duration", 0)].value))
     assert np.all(np.diff(values, axis=0) < 0)
     assert np.all(np.array(values) > 0)
     assert values[-1][0] < 0.05 * values[0][0]

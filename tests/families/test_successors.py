@@ -26,7 +26,7 @@ def proposed(phases: tuple[Mode, ...], impact: Mode, kind: str, phase: int | Non
         ((F,), F, "slip_velocity", 0, 0.5, ((F, T, F), F)),
         ((T,), T, "impulse_cone_forward", None, 1.0, ((F, T), F)),
         ((F, T, B), T, "impulse_cone_forward", None, 1.0, ((F, T, B), F)),
-        ((F, T), F, "impact_slip", None, 1.0, ((T,), T)),
+        ((F, T), F, "impact_slip_velocity", None, 1.0, ((T,), T)),
     ],
 )
 def test_the_first_proposal_is_what_the_physics_suggests(

@@ -56,7 +56,7 @@ def test_the_foot_at_rest_does_the_only_thing_that_is_possible() -> None:
     for _ in range(1500):
         p = wheel_parameters(10 ** rng.uniform(-2, 1.2), rng.uniform(0.05, 1), rng.uniform(-1, 1))
         z = np.array([rng.uniform(-0.39, 0.39), 0, rng.normal(), 0])
-        decision = ContactResolver(wheel(), p).at_rest(0.0, z, NO_DATA)
+        decision = ContactResolver(wheel(), p).mode_at_rest(0.0, z, NO_DATA)
         outcome = str(decision.ending if isinstance(decision, Termination) else decision)
         possible = everything_possible(p, z)
         assert outcome == (possible[0] if len(possible) == 1 else "painleve"), (p, z)
@@ -66,9 +66,9 @@ def test_the_foot_at_rest_does_the_only_thing_that_is_possible() -> None:
 
 @pytest.mark.parametrize(("slope", "mode"), [(0.2, Mode.SLIP_FORWARD), (-0.2, Mode.SLIP_BACKWARD)])
 def test_an_upright_wheel_slides_downhill_without_friction(slope: float, mode: Mode) -> None:
-    assert ContactResolver(wheel(), wheel_parameters(0.0, slope=slope)).at_rest(0.0, np.zeros(4), NO_DATA) is mode
+    assert ContactResolver(wheel(), wheel_parameters(0.0, slope=slope)).mode_at_rest(0.0, np.zeros(4), NO_DATA) is mode
     assert (
-        ContactResolver(wheel(), wheel_parameters(np.tan(0.201), slope=slope)).at_rest(0.0, np.zeros(4), NO_DATA)
+        ContactResolver(wheel(), wheel_parameters(np.tan(0.201), slope=slope)).mode_at_rest(0.0, np.zeros(4), NO_DATA)
         is Mode.STICK
     )
 
@@ -81,12 +81,12 @@ def test_at_the_edge_of_the_cone_the_rate_of_the_margin_decides() -> None:
         p = wheel_parameters(abs(f_t) / f_n)
         _, rates = wheel().events(Mode.STICK)(0, z, p, [])
         falling = float(rates[3 if f_t < 0 else 4]) < 0
-        assert ContactResolver(wheel(), p).at_rest(0.0, z, NO_DATA) is (Mode.slip(-f_t) if falling else Mode.STICK)
+        assert ContactResolver(wheel(), p).mode_at_rest(0.0, z, NO_DATA) is (Mode.slip(-f_t) if falling else Mode.STICK)
         assert falling == (mode is not Mode.STICK)
 
 
 def test_forces_that_are_not_finite_are_a_numerical_ending() -> None:
-    termination = ContactResolver(wheel(), wheel_parameters(1)).at_rest(0.0, np.array([0, 0, 1e200, 0]), NO_DATA)
+    termination = ContactResolver(wheel(), wheel_parameters(1)).mode_at_rest(0.0, np.array([0, 0, 1e200, 0]), NO_DATA)
     assert isinstance(termination, Termination)
     assert termination.ending is Ending.NUMERICAL
 

@@ -1,0 +1,191 @@
+"""What modes and impacts assume, as margins that are positive while it holds: names, units, words, consequences.
+
+The expressions of the margins are those of ``HybridSystem``; everything else that is known of a margin stands here.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.mechanics.modes import Mode
+from gaitopt.mechanics.scales import Scales
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Margin:
+    """One margin.
+
+    Attributes
+    ----------
+    unit : its natural unit.
+    violated : words for a negative value, which replaces ``{value}``; empty where it is judged together with others.
+    lost : words for its fall to zero, in a motion or along a branch.
+    absent : words for a phase that it should end, but in which it does not fall.
+    ending : how a motion ends where it falls (``gaitopt.gait.Ending``); None where a mode or the impact follows.
+    onset : the slip that begins where it falls, if one does.
+    """
+
+    unit: Callable[[Scales], float]
+    violated: str = ""
+    lost: str
+    absent: str = ""
+    ending: str | None = None
+    onset: Mode | None = None
+
+
+def _angle(_: Scales) -> float:
+    return 1.0
+
+
+def _speed(scales: Scales) -> float:
+    return scales.speed
+
+
+def _force(scales: Scales) -> float:
+    return scales.force
+
+
+def _impulse(scales: Scales) -> float:
+    return scales.impulse
+
+
+def _mass(scales: Scales) -> float:
+    return scales.mass
+
+
+NO_SLIP = "sticking needs no more friction than there is before touchdown, so that no slip sets in"
+
+PHASE_MARGINS: Mapping[str, Margin] = {
+    "touchdown": Margin(
+        unit=_angle,
+        lost="the swing foot touches the ground earlier in the step",
+        absent="the swing foot does not come down",
+    ),
+    "upright": Margin(unit=_angle, lost="the walker is no longer upright", ending="fall"),
+    "normal_force": Margin(
+        unit=_force,
+        violated="normal force is {value:.4g} N, must be positive",
+        lost="the stance foot lifts off: its normal force falls to zero",
+        ending="lift_off",
+    ),
+    "cone_forward": Margin(
+        unit=_force,
+        lost="the force reaches the edge of the friction cone, the foot slips forward",
+        absent=NO_SLIP,
+        onset=Mode.SLIP_FORWARD,
+    ),
+    "cone_backward": Margin(
+        unit=_force,
+        lost="the force reaches the edge of the friction cone, the foot slips backward",
+        absent=NO_SLIP,
+        onset=Mode.SLIP_BACKWARD,
+    ),
+    "slip_velocity": Margin(
+        unit=_speed,
+        violated="slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative",
+        lost="the foot comes to rest",
+        absent="the foot does not come to rest before touchdown",
+    ),
+    "painleve": Margin(
+        unit=_mass,
+        violated="apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)",
+        lost="the slip has no unique solution: the apparent mass of the foot falls to zero",
+        ending="painleve",
+    ),
+    "onset": Margin(
+        unit=_force,
+        violated="static friction holds the foot: the force misses the edge of its cone by {value:.4g} N",
+        lost="static friction holds the foot where the slip should start",
+    ),
+}
+"""Margins of phases. ``touchdown`` is minus the walker's guard; ``cone_forward`` is mu f_n + f_t, ``cone_backward``
+mu f_n - f_t; ``slip_velocity`` is the speed in the mode's direction; ``onset`` the force beyond the static cone where a
+slip starts from rest, needed only where friction has two coefficients."""
+
+IMPACT_MARGINS: Mapping[str, Margin] = {
+    "impulse": Margin(
+        unit=_impulse,
+        violated="normal impulse is {value:.4g} N s, must be positive",
+        lost="the normal impulse of the impact falls to zero",
+        ending="lift_off",
+    ),
+    "lift_velocity": Margin(
+        unit=_speed,
+        violated="the former stance foot does not lift: its normal velocity is {value:.4g} m/s",
+        lost="the former stance foot no longer lifts at the impact",
+        ending="double_support",
+    ),
+    "touchdown_rate": Margin(
+        unit=lambda scales: 1 / scales.time,
+        violated="the swing foot leaves the ground instead of landing (guard rate {value:.4g})",
+        lost="the swing foot no longer comes down",
+        ending="impact_inconsistent",
+    ),
+    "impulse_cone_forward": Margin(
+        unit=_impulse, lost="the impact can no longer stick, the foot slips forward", onset=Mode.SLIP_FORWARD
+    ),
+    "impulse_cone_backward": Margin(
+        unit=_impulse, lost="the impact can no longer stick, the foot slips backward", onset=Mode.SLIP_BACKWARD
+    ),
+    "impact_slip_velocity": Margin(
+        unit=_speed,
+        violated="slip velocity after impact is {value:.4g} m/s in the direction of the mode",
+        lost="the slip after the impact fades",
+    ),
+    "impact_painleve": Margin(
+        unit=_mass,
+        violated="apparent mass of the colliding foot is {value:.4g} kg, must be positive",
+        lost="the slipping impact has no unique solution any more",
+        ending="painleve",
+    ),
+    "impact_onset": Margin(
+        unit=_impulse,
+        violated="the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s",
+        lost="static friction holds the impact: it can no longer slip",
+    ),
+}
+"""Margins of impacts, with impulses in place of forces."""
+
+MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS}
+
+_STICK = ("touchdown", "upright", "normal_force", "cone_forward", "cone_backward")
+_SLIP = ("touchdown", "upright", "normal_force", "slip_velocity", "painleve")
+
+
+def margin_names(mode: Mode) -> tuple[str, ...]:
+    """Names of the margins of a mode, in the order of ``HybridSystem.margins``."""
+    return _STICK if mode is Mode.STICK else _SLIP
+
+
+def impact_margin_names(mode: Mode, *, two_coefficients: bool) -> tuple[str, ...]:
+    """Names of the margins of an impact, in the order of ``HybridSystem.impact_margins``.
+
+    Parameters
+    ----------
+    two_coefficients : whether static and kinetic friction may differ.
+    """
+    common = ("impulse", "lift_velocity", "touchdown_rate")
+    if mode is Mode.STICK:
+        return (*common, "impulse_cone_forward", "impulse_cone_backward")
+    return (*common, "impact_slip_velocity", "impact_painleve", *(("impact_onset",) if two_coefficients else ()))
+
+
+def margin_scales(mode: Mode, scales: Scales) -> NDArray[np.float64]:
+    """Natural unit of every margin of a mode, in the order of ``margin_names``."""
+    return np.array([margin_unit(name, scales) for name in margin_names(mode)])
+
+
+def margin_unit(name: str, scales: Scales) -> float:
+    """Natural unit of one margin of a phase or an impact."""
+    return MARGINS[name].unit(scales)
+
+
+def ending_margin(mode: Mode, after: Mode | None) -> str:
+    """The margin whose fall to zero ends a phase in ``mode`` that is followed by ``after`` (None: the impact)."""
+    if after is None:
+        return "touchdown"
+    if mode is not Mode.STICK:
+        return "slip_velocity"
+    return next(name for name in margin_names(mode) if PHASE_MARGINS[name].onset is after)
