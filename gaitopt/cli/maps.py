@@ -42,7 +42,10 @@ def draw_sweep(found: "Sweep", scalars: "Sequence[str]", formats: "Sequence[str]
     from gaitopt.figures.style import save
     from gaitopt.figures.sweep import sweep
 
-    drawn = [save(sweep(found.grid, found.records, scalar), folder / scalar, formats) for scalar in scalars]
+    drawn = [
+        save(sweep(found.grid, found.records, scalar, searched=found.problem.is_open), folder / scalar, formats)
+        for scalar in scalars
+    ]
     return [path for paths in drawn for path in paths]
 
 

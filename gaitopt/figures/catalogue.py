@@ -72,5 +72,5 @@ def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
 def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:
     """The figure of a branch that ``word``, one of ``BRANCH_FIGURES``, asks for."""
     if word == "multipliers":
-        return multiplier_paths([record for record in records if record["record"] == "point"], parameter)
+        return multiplier_paths(records, parameter)
     return over_parameter({name: records}, parameter, word)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from gaitopt.figures.labels import Label, label
 from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.runs.recorded import POINTS, recorded_steps
@@ -123,3 +124,9 @@ def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:
 def running(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
     """Time from the start of the first step to that of each step [s], and the step."""
     return zip(accumulate((step.period for step in steps[:-1]), initial=0.0), steps, strict=True)
+
+
+def time_label(motions: Sequence[Motion]) -> str:
+    """What the time axis counts from: the one impact, or the start of several steps."""
+    single = all(len(motion.steps) == 1 for motion in motions)
+    return str(label("time") if single else Label(words="time since the start", unit="s"))

@@ -93,7 +93,8 @@ def _(result: Branch, what: str | None = None) -> Figure:
 
 @draw.register
 def _(result: Sweep, what: str | None = None) -> Figure:
-    return sweep_figure(result.grid, result.records, _known(what, "spectral_radius", SCALARS))
+    scalar = _known(what, "spectral_radius", SCALARS)
+    return sweep_figure(result.grid, result.records, scalar, searched=result.problem.is_open)
 
 
 @draw.register
