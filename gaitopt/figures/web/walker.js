@@ -10,9 +10,9 @@ const MARK_DEPTH = { slip_forward: 0.025, slip_backward: 0.06 }; // below the gr
 
 class Walker {
   constructor(host, film) {
-    this.film = film;
+    this.film = film.columns ? film : unrolled(film);
     this.repeats = film.repeats;
-    this.frames = unpack(film.frames);
+    this.frames = this.film.columns;
     this.count = Object.keys(this.frames).filter((name) => /^y\d+$/.test(name)).length;
     this.duration = film.period * this.repeats;
     this.height = Math.max(...Array.from({ length: this.count }, (_, k) => Math.max(...this.frames[`y${k}`])));

@@ -9,6 +9,38 @@ const LOG = 10; // multipliers beyond this go on a log axis
 const SMALLEST = 1e-3; // what a multiplier of zero is drawn as there
 const NEAR = 40; // pixels within which a gait is under the pointer
 
+// Outlines around (0, 0) of unit size, one for every type of special point.
+const MARKS = {
+  fold: [[0.9, 0], [0.64, 0.64], [0, 0.9], [-0.64, 0.64], [-0.9, 0], [-0.64, -0.64], [0, -0.9], [0.64, -0.64]],
+  branch_point: [[0, -1], [0.95, -0.3], [0.6, 0.8], [-0.6, 0.8], [-0.95, -0.3]],
+  period_doubling: [[-0.8, -0.8], [0.8, -0.8], [0.8, 0.8], [-0.8, 0.8]],
+  neimark_sacker: [[0, -1], [1, 0], [0, 1], [-1, 0]],
+  mode_change: [[0, -1], [0.95, 0.8], [-0.95, 0.8]],
+  impact_change: [[0, 1], [0.95, -0.8], [-0.95, -0.8]],
+};
+const CROSS = [[-0.8, -0.8], [0, -0.25], [0.8, -0.8], [0.25, 0], [0.8, 0.8], [0, 0.25], [-0.8, 0.8], [-0.25, 0]]; // where families end
+
+// Whether a branch ends only where it was asked to end.
+function isBound(special) {
+  return special.type === "end" && special.reason?.startsWith("reached ");
+}
+
+function markPath(type, x, y, size) {
+  return `M${(MARKS[type] ?? CROSS).map(([a, b]) => `${x + size * a} ${y + size * b}`).join("L")}Z`;
+}
+
+function specialKey(specials) {
+  const key = html("p", { class: "key" });
+  for (const type of new Set(specials.filter((special) => !isBound(special)).map((special) => special.type))) {
+    const sample = html("span", {});
+    const picture = svg(sample, "svg", { width: 16, height: 16, "aria-hidden": "true" });
+    svg(picture, "path", { class: `special ${type}`, d: markPath(type, 8, 8, 6) });
+    sample.append(` ${SPECIAL_WORDS[type] ?? type}`);
+    key.append(sample);
+  }
+  return key;
+}
+
 class BranchDiagram {
   constructor(host, data, choose) {
     Object.assign(this, { ...data, choose, chosen: 0 });
@@ -55,7 +87,8 @@ class BranchDiagram {
     this.diagram.replaceChildren();
     this.chart = new Chart(this.diagram, options, (chart) => this.paint(chart, level));
     const entries = this.numbers.map((number, n) => [COLOURS[n % COLOURS.length], `branch ${number}`]);
-    legend(this.diagram, entries, "Thick: stable. Thin, dotted: unstable. Diamonds: special points.");
+    legend(this.diagram, entries, "Thick: stable. Thin, dotted: unstable.");
+    this.diagram.lastElementChild.append(specialKey(this.specials));
     this.chart.box.append(this.tip);
   }
 
@@ -87,12 +120,12 @@ class BranchDiagram {
     const own = special.scalars[this.quantity.value];
     const nearest = this.gaits[this.nearestTo(special)];
     const values = typeof own === "number" ? (special.steps?.[this.quantity.value] ?? [own]) : nearest ? this.values(nearest) : [];
-    if (typeof special.value !== "number") return;
+    if (typeof special.value !== "number" || isBound(special)) return;
     const size = values.length > 1 ? 4 : 7;
     for (const y of values.filter((value) => typeof value === "number")) {
       const [a, b] = [chart.px(special.value), chart.py(this.height(y))];
-      const diamond = svg(chart.svg, "path", { class: "special", d: `M${a} ${b - size}l${size} ${size}l-${size} ${size}l-${size} -${size}z` });
-      svg(diamond, "title").textContent = SPECIAL_WORDS[special.type] ?? special.type;
+      const mark = svg(chart.svg, "path", { class: `special ${special.type}`, d: markPath(special.type, a, b, size) });
+      svg(mark, "title").textContent = SPECIAL_WORDS[special.type] ?? special.type;
     }
   }
 
@@ -159,7 +192,7 @@ class BranchDiagram {
     const head = ["branch", "one step", "mode sequence", this.parameter, "stable gaits"].map((words) => html("th", { scope: "col" }, words));
     const table = html("table", { class: "sequences" }, html("thead", {}, html("tr", {}, ...head)), html("tbody", {}, ...rows));
     const modes = this.gaits.flatMap((gait) => gait.film.phases.map((phase) => phase.mode));
-    return html("div", { class: "scroll" }, table, modeKey(modes));
+    return html("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": "mode sequences" }, table, modeKey(modes));
   }
 
   specialList() {
