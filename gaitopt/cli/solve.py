@@ -81,9 +81,9 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
     from gaitopt import study
-    from gaitopt.cli.progress import solver_progress
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
+    from gaitopt.library.progress import solver_progress
     from gaitopt.search.own import solve_as_own
 
     with interruptible() as interrupted:
@@ -109,12 +109,13 @@ def report(
 ) -> int:
     """Store if asked to, print a gait (and what else is known about it) or the failure, and return the exit code."""
     from gaitopt.cli.console import print_json, results
-    from gaitopt.cli.tables import print_gait
+    from gaitopt.library.stored import save
+    from gaitopt.library.tables import print_gait
 
     record = {**gait.to_record(), "run": None if folder is None else str(folder), **(about or {})}
     try:
         if store and folder is not None:
-            store_gait(gait, folder)
+            save(gait, folder)
     finally:  # what was computed is printed even where it cannot be kept
         if json:
             print_json(record)
@@ -128,13 +129,3 @@ def report(
     if folder is not None and not json:
         results().print(f"run: {folder}", soft_wrap=True)
     return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED
-
-
-def store_gait(gait: "Gait", folder: Path) -> None:
-    """Write the run of a gait."""
-    from gaitopt.cli.runs import motion_table
-    from gaitopt.store import write_run
-
-    assert gait.steps, "only a gait is stored"
-    table = motion_table(gait.system, gait.p, gait.steps)
-    write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table)

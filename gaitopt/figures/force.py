@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitopt.figures.labels import label, symbol
-from gaitopt.figures.motion import Motion, running, smooth
+from gaitopt.figures.labels import symbol
+from gaitopt.figures.motion import Motion, running, smooth, time_label
 from gaitopt.figures.style import (
     COLOURS,
     MODE_COLOURS,
@@ -45,7 +45,7 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     for motion, colour in zip(motions, cycle(COLOURS), strict=False):
         handles.append(entry(motion.name, color=colour))
         _draw_ratio(axes, motion, against, colour)
-    axes.set_xlabel(str(label("time")) if against == "time" else f"angle {symbol(against)} [rad]")
+    axes.set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
     axes.set_ylabel("force ratio σ = $f_t/f_n$")
     handles.extend(_cones(axes, motions))
     modes = [mode for motion in motions for mode in motion.modes]
@@ -64,7 +64,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
         for began, arc in smooth(motion.steps):
             axes.plot(began + arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
     axes.axhline(0, color="#808080", linewidth=0.8)
-    axes.set_xlabel(str(label("time")))
+    axes.set_xlabel(time_label(motions))
     axes.set_ylabel("slip of the stance foot x [mm]")
     modes = [mode for motion in motions for mode in motion.modes]
     legend_below(figure, [*handles, *mode_legend(modes)])
@@ -83,7 +83,7 @@ def torques(motions: Sequence[Motion]) -> Figure:
             handles.append(entry(f"{prefix}{name}", color=colour))
             for began, arc in smooth(motion.steps):
                 axes.plot(began + arc.times, motion.observe(arc).torque[:, k], color=colour)
-    axes.set_xlabel(str(label("time")))
+    axes.set_xlabel(time_label(motions))
     axes.set_ylabel("torque [N m]")
     legend_below(figure, [*handles, *mode_strip(strip, motions)])
     return figure

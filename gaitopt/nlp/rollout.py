@@ -82,18 +82,24 @@ def roll_out(
 ) -> Rollout:
     """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, missing ones are found.
 
-    No phase whose end is looked for lasts beyond ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
+    ``state`` is that of the first step, shape (n_z,), or those with which the first steps start, shape (k, n_z): where
+    durations are kept, errors of one step would grow in the next ones. No phase whose end is looked for lasts beyond
+    ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
     """
     scales = system.scales(p)
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
-    time, z = 0.0, state.copy()
+    starts = np.atleast_2d(state)
+    time, z = 0.0, starts[0].copy()
     found: list[float] = []
     motions: list[OdeSolution] = []
     endless = None
     for phase, mode in enumerate(cycle.phases):
         impact = cycle.impact_before(phase) if phase > 0 else None
         if impact is not None:
-            time, z = time if impact.locked else 0.0, after_impact(system, p, impact, z)
+            step = cycle.step_of(phase)
+            known_start = phase in cycle.first_phases and step < len(starts)
+            z = starts[step].copy() if known_start else after_impact(system, p, impact, z)
+            time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # of a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
@@ -104,7 +110,7 @@ def roll_out(
             end = flow.end(motion)
             if end is None:
                 endless = phase if endless is None else endless
-                end = flow.lost_end(motion, transit_time(system, p, cycle, state))
+                end = flow.lost_end(motion, transit_time(system, p, cycle, starts[0]))
             duration = end - time
         else:
             motion = flow.integrate(time, z, duration, until_end=False)

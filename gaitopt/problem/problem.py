@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.mechanics.modes import Cycle, ImpactLaw
 from gaitopt.mechanics.walker import Walker, registered_walkers
@@ -34,7 +35,7 @@ from gaitopt.problem.source import parse_source, read_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
+class Problem(Tabulated):
     """One gait to be found, complete and validated.
 
     Attributes
@@ -74,6 +75,9 @@ class Problem:
     place: Place = field(compare=False, repr=False)
     remarks: tuple[str, ...] = field(default=(), compare=False)
     origin: "Problem | None" = None
+
+    def __repr__(self) -> str:
+        return f"<Problem {self.name}: {self.walker.model}, {self.modes}>"
 
     @property
     def is_open(self) -> bool:

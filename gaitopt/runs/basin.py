@@ -180,4 +180,9 @@ class Attractors:
 def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:
     """How many walks failed in which way, by name; ``undecided`` is one of them."""
     values, counts = np.unique(endings[endings != 0], return_counts=True)
-    return {"undecided" if v == UNDECIDED else str(ENDINGS[v]): int(c) for v, c in zip(values, counts, strict=True)}
+    return {ending_name(int(v)): int(c) for v, c in zip(values, counts, strict=True)}
+
+
+def ending_name(code: int) -> str:
+    """How a walk failed; ``undecided`` where it neither settled nor failed."""
+    return "undecided" if code == UNDECIDED else str(ENDINGS[code])

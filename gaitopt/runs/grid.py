@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
+from gaitopt.mechanics.units import parse_angle
 from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ JOB_BYTES_MEMORY = 40_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """``count`` values from ``lower`` to ``upper``, both included.
+    """``count`` values from ``lower`` to ``upper``, both included; ``unit`` is ``deg`` where they were given so.
 
     Raises
     ------
@@ -39,6 +40,7 @@ class Axis:
     lower: float
     upper: float
     count: int
+    unit: str = ""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
@@ -76,6 +78,33 @@ class Axis:
 
     def __str__(self) -> str:
         return f"{self.key}={self.lower!r}:{self.upper!r}:{self.count}"
+
+
+def axis_of(key: str, lower: float | str, upper: float | str, count: int) -> Axis:
+    """The axis between two numbers, or texts of numbers or angles; in degrees where an end is given so.
+
+    Raises
+    ------
+    ValueError
+        If an end is no number, or the range is empty or not finite.
+    """
+    degrees = any(isinstance(end, str) and end.strip().endswith("deg") for end in (lower, upper))
+    unit = "deg" if degrees else ""
+    return Axis(key=key, lower=number_or_angle(lower), upper=number_or_angle(upper), count=count, unit=unit)
+
+
+def number_or_angle(end: float | str) -> float:
+    """A number, or an angle with its unit in rad.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    try:
+        return float(end)
+    except ValueError:
+        return float(str(parse_angle(str(end).strip())))
 
 
 @dataclass(frozen=True, slots=True)

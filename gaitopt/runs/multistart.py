@@ -42,6 +42,10 @@ class Optimum:
     problem: Problem
     starts: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        words = f"period {self.record['period']:.6g} s, radius {self.radius:.4g}, {len(self.starts)} starts"
+        return f"<Optimum {self.problem.name}: objective {self.objective:.9g}, {words}>"
+
     @property
     def objective(self) -> float:
         """Its objective; 0 where nothing is minimised."""

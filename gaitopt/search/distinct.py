@@ -6,6 +6,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from gaitopt.display import Reported
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.ipopt import Progress
@@ -22,7 +23,7 @@ SAME_GAIT = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gaits(Sequence[Gait]):
+class Gaits(Reported, Sequence[Gait]):
     """The gaits that a search has found, stable ones first.
 
     Attributes
@@ -37,6 +38,10 @@ class Gaits(Sequence[Gait]):
     gaits: tuple[Gait, ...]
     starts: tuple[tuple[str, ...], ...]
     searched: Mapping[str, Any] = field(repr=False)
+
+    def __repr__(self) -> str:
+        stable = sum(is_stable(gait) for gait in self.gaits)
+        return f"<Gaits of {self.problem.name}: {len(self)}, {stable} of them stable>"
 
     def __len__(self) -> int:
         return len(self.gaits)

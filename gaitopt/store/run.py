@@ -131,6 +131,19 @@ def read_run(folder: Path) -> Run:
     )
 
 
+def read_walk(folder: Path) -> tuple[dict[str, Any], Table]:
+    """The record and the table of the walk in a run folder.
+
+    Raises
+    ------
+    StorageError
+        If it is missing, unfinished, broken or newer.
+    """
+    record = read_object(folder, WALK_FILE)
+    table = parsed(parse_csv, read_sealed(folder, WALK_TRAJECTORY_FILE), folder / WALK_TRAJECTORY_FILE)
+    return record, table
+
+
 def read_problem(folder: Path) -> Problem:
     """The problem of a run folder, whatever else it holds.
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt import cli, study
-from gaitopt.cli import progress as cli_progress
+from gaitopt.library import progress as cli_progress
 from gaitopt.search import own
 from gaitopt.store.manifest import seal
 from gaitopt.study import Claim, Verification

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import count
 
 import numpy as np
 import pytest
@@ -92,7 +93,7 @@ def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | Spe
     point = segment.start(w, np.append(np.zeros(w.size - 1), to - value))
     assert isinstance(point, Point)
     limits = Limits(lower=min(to, value), upper=max(to, 2 * value - to))
-    return Continuer(segment, point, limits).records()
+    return Continuer(segment, point, limits, numbers=count(1)).records()
 
 
 def test_neighbours_on_a_family_are_neighbours() -> None:

@@ -17,7 +17,8 @@ from gaitopt.runs.front import design_front
 from gaitopt.runs.grid import Axis, Grid, check_room, size_words
 from gaitopt.runs.multistart import multistart
 from gaitopt.runs.solved import JOBS_FILE
-from gaitopt.runs.sweep import TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
+from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep, sweep_record
+from gaitopt.runs.sweep_table import TABLE_FILE
 from gaitopt.store import read_lines
 from gaitopt.store.manifest import seal
 from gaitopt.workers.jobs import FailedJob, Workers
@@ -27,7 +28,9 @@ FRICTIONS = Axis(key="friction", lower=0.36, upper=0.44, count=3)
 
 
 def wheel_sweep(folder, *axes, warm=False):
-    return Sweep(problem=load_problem("rimless-wheel-slip"), grid=Grid(axes or (FRICTIONS,)), warm=warm, folder=folder)
+    return SweepPlan(
+        problem=load_problem("rimless-wheel-slip"), grid=Grid(axes or (FRICTIONS,)), warm=warm, folder=folder
+    )
 
 
 def table(sweep):
