@@ -32,7 +32,8 @@ Record = BranchPoint | SpecialPoint
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
 ASIDE = 1e-3
-"""Arclength from a branch point at which tangents are taken: rounding does not reach so far, curvature hardly counts."""
+"""Arclength from a branch point at which tangents are taken: rounding does not reach so far, and curvature hardly counts
+there."""
 HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
 
 
@@ -119,7 +120,8 @@ class Continuer:
         """Folds and losses of stability between the last point and ``point``, in order."""
         kinds = bifurcations_between(self._state.point.tests, point.tests)
         found = [
-            (self._state.locate(partial(Point.test, name=name), length, point), kind, name) for kind, name in kinds.items()
+            (self._state.locate(partial(Point.test, name=name), length, point), kind, name)
+            for kind, name in kinds.items()
         ]
         for location, kind, name in sorted(found, key=lambda entry: entry[0].length):
             gait = location.point.gait
