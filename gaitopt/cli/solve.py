@@ -2,14 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from gaitopt.cli.grids import SchedulerOption, WorkersOption
 from gaitopt.cli.options import (
     DebugOption,
     JsonOption,
     OutOption,
-    ProblemArgument,
     QuietOption,
     SetOption,
 )
@@ -23,12 +24,22 @@ if TYPE_CHECKING:
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
+ATTRACTOR = "@attractor."
 NOT_A_GAIT = 4
 NOT_VERIFIED = 5
 
 
+SolvedArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="PROBLEM",
+        help="A name from `gaitopt list`, a .yaml file, or RUN@attractor.K, the K-th gait in the table of a basin.",
+    ),
+]
+
+
 def solve(
-    problem: ProblemArgument,
+    problem: SolvedArgument,
     start: StartOption = None,
     starts: StartsOption = 1,
     seed: SeedOption = 0,
@@ -54,6 +65,10 @@ def solve(
     from gaitopt.workers.jobs import make_workers
 
     console = narration(quiet=quiet)
+    if ATTRACTOR in problem:
+        if changes or start or starts > 1:
+            raise typer.BadParameter(f"{problem} is a gait as it is: --set, --start and --starts change a problem")
+        return _solve_attractor(problem, output, console, json=json)
     found = asked(problem, changes, console)
     found = started(found, start, console) if start else found
     folder = output or run_folder(found)
@@ -72,6 +87,26 @@ def solve(
         return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
 
 
+def _solve_attractor(place: str, output: Path | None, console: "Console", *, json: bool) -> int:
+    """Solve the gait of RUN@attractor.K, verify it and store it."""
+    from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import solver_progress
+    from gaitopt.runs.basin_tiles import stored_attractor
+    from gaitopt.search.attractor import solve_attractor
+    from gaitopt.store import run_folder, writing
+
+    run, _, index = place.rpartition(ATTRACTOR)
+    attractor = stored_attractor(Path(run), index)
+    with interruptible() as interrupted, solver_progress(console, f"solving {place}") as progress:
+        gait = solve_attractor(attractor, progress=progress, should_stop=interrupted)
+        if interrupted():
+            raise KeyboardInterrupt
+    gait = verified(gait, console)
+    folder = output or run_folder(gait.problem)
+    with writing(folder, gait.problem):
+        return report(gait, folder if gait.converged else None, json=json, store=True)
+
+
 def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     """The gait of a problem with its verification, or the failed attempt.
 
@@ -80,7 +115,6 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     KeyboardInterrupt
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
-    from gaitopt import study
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
     from gaitopt.library.progress import solver_progress
@@ -96,12 +130,19 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
             raise
         if interrupted():
             raise KeyboardInterrupt
-        if not gait.converged:
-            return gait
-        if gait.message != "solved":
-            console.print(gait.message)
-        console.print("verifying by forward simulation")
-        return gait.verified(study.verify(gait).to_record())
+        return verified(gait, console)
+
+
+def verified(gait: "Gait", console: "Console") -> "Gait":
+    """A gait with its verification; a failed attempt as it is."""
+    from gaitopt import study
+
+    if not gait.converged:
+        return gait
+    if gait.message != "solved":
+        console.print(gait.message)
+    console.print("verifying by forward simulation")
+    return gait.verified(study.verify(gait).to_record())
 
 
 def report(
