@@ -54,7 +54,7 @@ def test_the_passive_gait_walks_from_sticking_into_stick_slip_by_itself() -> Non
     assert branch[-1].value == pytest.approx(0.171, abs=1e-14)
 
 
-@pytest.mark.parametrize(("start", "to"), [(0.177, 0.165), (0.2, 0.14)])
+@pytest.mark.parametrize(("start", "to"), [(0.177, 0.165), pytest.param(0.2, 0.14, marks=pytest.mark.slow)])
 def test_scales_and_starts_do_not_decide_where_special_points_are(start: float, to: float) -> None:
     found = changes(continuation(passive(start), "friction", to, verify_every=0))
     assert found == pytest.approx(changes(downwards()), rel=0, abs=AGREEMENT)
@@ -66,7 +66,7 @@ def test_both_directions_meet_the_same_special_points() -> None:
     assert upwards[-1].gait.state == pytest.approx(passive(0.18).state, rel=0, abs=1e-9)
 
 
-@pytest.mark.parametrize("intervals", [30, 60])
+@pytest.mark.parametrize("intervals", [30, pytest.param(60, marks=pytest.mark.slow)])
 def test_the_mesh_does_not_decide_what_is_found(intervals: int) -> None:
     records = list(on_mesh(passive(0.18), intervals, 0.171))
     branch = Branch(

@@ -1,5 +1,6 @@
 """Thousands of states at once are what each of them would be by itself."""
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,9 +101,10 @@ def test_engines_map_alike(mapped):
     np.testing.assert_allclose(other.states, batch.states[:40], rtol=0, atol=1e-9)
 
 
-def test_processes_map_alike():
+def test_processes_map_alike(monkeypatch):
+    monkeypatch.setattr(sys.modules["gaitopt.study.return_map"], "CHUNK", 150)
     problem = load_problem("rimless-wheel-slip")
-    xi = wild_states(problem, 9000)
+    xi = wild_states(problem, 400)
     one, two = return_map(problem, xi, engine="heyoka"), return_map(problem, xi, engine="heyoka", workers=2)
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
