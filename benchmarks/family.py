@@ -15,7 +15,7 @@ from plain import PlainCompass
 from timing import Row
 
 import gaitopt as go
-from gaitopt.families.family import Request, follow_family
+from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait
 
 NAME, START, END = "compass-passive-a", 0.165, 0.125

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid, job_progress
+from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid
 from gaitopt.cli.maps import DEFAULT_FORMATS, draw_basin
 from gaitopt.cli.options import DebugOption, EngineOption, JsonOption, OutOption, QuietOption, RunArgument, SetOption
 
@@ -34,9 +34,11 @@ def basin(
     """Walk from every state of a grid until it settles on a gait or fails.
 
     The other coordinates are those of RUN's gait. Finished tiles are kept; the same command goes on where it was.
+    `gaitopt solve RUN@attractor.K` makes a gait of the K-th one, RUN being the folder that is printed.
     """
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import job_progress
     from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
     from gaitopt.simulation.engine import INSTALL, Engine, choose_engine, is_installed
     from gaitopt.store import adding, writing
@@ -72,12 +74,12 @@ def _start(
 ) -> "tuple[Gait | Problem, Path]":
     """The gait that the grid lies around, or the problem with its guess where there is none; and the run folder."""
     from gaitopt.cli.runs import gait_of
-    from gaitopt.cli.solve import store_gait
+    from gaitopt.library.stored import save
     from gaitopt.store import begin_run
 
     gait, folder, fresh = gait_of(run, changes, output, console)
     if gait.converged and fresh:
-        store_gait(gait, folder)
+        save(gait, folder)
     elif fresh:
         console.print(f"{gait.problem.name} is {gait.status}; the grid lies around its guess")
         begin_run(folder, gait.problem)
@@ -88,12 +90,18 @@ def _print(console: "Console", record: dict[str, Any]) -> None:
     from rich.table import Table
 
     table = Table(title=f"{record['problem']}: {record['states']:,} states", box=None, title_justify="left")
-    for name, justify in (("ends on", "left"), ("states", "right"), ("share", "right"), ("modes; impact", "left")):
+    for name, justify in (
+        ("", "right"),
+        ("ends on", "left"),
+        ("states", "right"),
+        ("share", "right"),
+        ("modes; impact", "left"),
+    ):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
-    for gait in record["gaits"]:
+    for number, gait in enumerate(record["gaits"]):
         modes = f"{', '.join(gait['phases'])}; {gait['impact']}"
-        table.add_row(gait["kind"], f"{gait['states']:,}", f"{gait['share']:.2%}", modes)
+        table.add_row(str(number), gait["kind"], f"{gait['states']:,}", f"{gait['share']:.2%}", modes)
     for name, count in sorted(record["failures"].items(), key=lambda item: -item[1]):
-        table.add_row(name.replace("_", " "), f"{count:,}", f"{count / record['states']:.2%}", "")
+        table.add_row("", name.replace("_", " "), f"{count:,}", f"{count / record['states']:.2%}", "")
     console.print(table)
     console.print(f"run: {record['run']}", soft_wrap=True)

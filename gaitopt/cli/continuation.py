@@ -9,18 +9,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.options import DebugOption, OutOption, QuietOption, SetOption
+from gaitopt.mechanics.modes import Mode
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from gaitopt.families import Request
-    from gaitopt.gait import Gait
+    from gaitopt.gait import Gait, SpecialPoint
+    from gaitopt.problem import Problem
 
 NOT_A_GAIT = 4
 DISAGREES = 5
 
 GaitArgument = Annotated[
-    str, typer.Argument(metavar="PROBLEM", help="A name, a .yaml file, or the run folder of a gait.")
+    str,
+    typer.Argument(
+        metavar="PROBLEM",
+        help="A name, a .yaml file, the run folder of a gait, or RUN@special.K: the other branches through the K-th "
+        "special point of a branch, as its table counts them.",
+    ),
 ]
 ParamOption = Annotated[str, typer.Option("--param", metavar="KEY", help="What is varied: friction, walker.slope, ...")]
 ToOption = Annotated[
@@ -32,6 +39,14 @@ PointsOption = Annotated[int, typer.Option("--max-points", min=1, help="Most poi
 SecondsOption = Annotated[float | None, typer.Option("--max-seconds", min=0.0, help="Wall time for this time [s].")]
 VerifyOption = Annotated[
     int, typer.Option("--verify-every", min=0, help="Every so many points is confirmed by simulation; 0: none.")
+]
+FollowOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--follow",
+        metavar="doublings=N",
+        help="Follow the families that begin at period doublings too, N times in turn.",
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object per line, as soon as it is found.")]
 
@@ -45,6 +60,7 @@ def continue_(
     max_points: PointsOption = 2000,
     max_seconds: SecondsOption = None,
     verify_every: VerifyOption = 10,
+    follow: FollowOption = None,
     changes: SetOption = None,
     output: OutOption = None,
     json: JsonOption = False,
@@ -53,12 +69,14 @@ def continue_(
 ) -> int:
     """Continue a gait in a parameter, through folds and changes of the mode sequence.
 
+    From a special point RUN@special.K its other branches are continued: at a period doubling the cycles of twice as
+    many steps, at a branch point the curve that crosses, at a change of modes the sequences that were not followed.
     What is found is kept at once; the same command takes up a walk that was cut short.
     """
     from gaitopt.cli.console import narration, print_json
-    from gaitopt.cli.runs import gait_of
     from gaitopt.cli.solve import report
     from gaitopt.families import Request, check_request
+    from gaitopt.gait import SpecialPoint
     from gaitopt.store import branch_folder, writing
 
     request = Request(
@@ -69,19 +87,58 @@ def continue_(
         max_points=max_points,
         max_seconds=max_seconds,
         verify_every=verify_every,
+        doublings=_doublings(follow),
     )
     console = narration(quiet=quiet)
-    gait, _, _ = gait_of(problem, changes, None, console)
-    if not gait.converged:
+    start = _start(problem, changes, console)
+    gait = start.gait if isinstance(start, SpecialPoint) else start
+    if gait is None or not gait.converged:
+        assert gait is not None, "a special point without a gait is refused"
         report(gait, None, json=json)
         return NOT_A_GAIT
     check_request(gait, request)
-    folder = output or branch_folder(gait.problem, request.to_record())
+    record = request.to_record() | ({"start": start.type} if isinstance(start, SpecialPoint) else {})
+    folder = output or branch_folder(gait.problem, record)
     with writing(folder, gait.problem):
-        records = _walk(gait, request, folder, console, print_json if json else None)
+        records = _walk(start, gait.problem, request, record, folder, console, print_json if json else None)
     if not json:
         _print_summary(records, folder)
     return DISAGREES if any("the simulator disagrees" in record.get("reason", "") for record in records) else 0
+
+
+def _start(problem: str, changes: list[str] | None, console: "Console") -> "Gait | SpecialPoint":
+    """The gait of a problem or run, or a special point of a branch.
+
+    Raises
+    ------
+    SolveError
+        If there is no gait at the special point.
+    """
+    from gaitopt.cli.branches import SPECIAL, stored_special
+    from gaitopt.cli.runs import gait_of
+    from gaitopt.errors import SolveError
+
+    if SPECIAL not in problem:
+        return gait_of(problem, changes, None, console)[0]
+    if changes:
+        raise typer.BadParameter(f"--set changes a problem, but {problem} is a point of a finished run")
+    special = stored_special(problem)
+    if special.gait is None:
+        raise SolveError(f"{problem}: there is no gait at this {special.type}")
+    return special
+
+
+def _doublings(follow: list[str] | None) -> int:
+    """N of ``--follow doublings=N``."""
+    from gaitopt.cli.options import key_value
+
+    count = 0
+    for text in follow or ():
+        key, value = key_value(text, "--follow")
+        if key != "doublings" or not value.isdecimal():
+            raise typer.BadParameter(f"--follow {text}: write --follow doublings=N with a whole number N")
+        count = int(value)
+    return count
 
 
 def _number(text: str, option: str) -> float:
@@ -98,16 +155,25 @@ def _number(text: str, option: str) -> float:
 
 
 def _walk(
-    gait: "Gait", request: "Request", folder: Path, console: "Console", emit: Callable[[Mapping[str, Any]], None] | None
+    start: "Gait | SpecialPoint",
+    problem: "Problem",
+    request: "Request",
+    head: Mapping[str, Any],
+    folder: Path,
+    console: "Console",
+    emit: Callable[[Mapping[str, Any]], None] | None,
 ) -> list[dict[str, Any]]:
-    """Walk along the family, each record on the disk before it is shown; returns all of them, in short."""
+    """Walk along the family, each record on the disk before it is shown; returns all of them, in short.
+
+    ``head`` is the first line of the file: the request, and the kind of special point that it starts from.
+    """
     from gaitopt.cli.signals import interruptible
     from gaitopt.families import follow_family, resumable
     from gaitopt.gait import branch_header, branch_rows
     from gaitopt.store import BRANCH_FILE, begin_branch, growing, stored_lines, stored_records, write_branch_table
 
-    done = resumable(stored_records(folder, gait.problem, request.to_record()))
-    begin_branch(folder, gait.problem, request.to_record(), done)
+    done = resumable(stored_records(folder, problem, head))
+    begin_branch(folder, problem, head, done)
     if done:
         console.print(f"taken up from {folder} after {len(done)} records", soft_wrap=True)
     summary = [_short(record) for record in done]
@@ -119,7 +185,7 @@ def _walk(
         growing(folder, BRANCH_FILE) as lines,
         _live(console, request.parameter) as show,
     ):
-        for found in follow_family(gait, request, done=done, should_stop=interrupted):
+        for found in follow_family(start, request, done=done, should_stop=interrupted):
             record = found.to_record()
             lines.append(record)
             summary.append(_short(record))
@@ -136,14 +202,30 @@ def _walk(
 
 def _short(record: Mapping[str, Any]) -> dict[str, Any]:
     """What the summary needs of a record, so that memory does not grow with the gaits."""
-    keys = ("record", "branch", "index", "value", "type", "status", "reason", "next", "from", "to", "spectral_radius")
+    keys = (
+        "record",
+        "branch",
+        "index",
+        "n_steps",
+        "value",
+        "type",
+        "status",
+        "reason",
+        "next",
+        "from",
+        "to",
+        "spectral_radius",
+    )
     short = {key: record[key] for key in keys if key in record}
     return short | {"sequence": _sequence(record)} if record["record"] == "point" else short
 
 
 def _sequence(record: Mapping[str, Any]) -> str:
-    phases = [phase["mode"] if isinstance(phase, dict) else phase for phase in record["phases"]]
-    return f"{', '.join(phases)}; {record['impact']}"
+    steps = [
+        f"{', '.join(Mode.from_record(phase) for phase in step['phases'])}; {step['impact']}"
+        for step in record.get("steps", (record,))
+    ]
+    return f"{len(steps)} times {steps[0]}" if len(steps) > 1 and len(set(steps)) == 1 else " | ".join(steps)
 
 
 @contextmanager
@@ -184,10 +266,11 @@ def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
 
     from gaitopt.cli.console import results
     from gaitopt.gait import TERMINAL
+    from gaitopt.gait.cascade import cascades
 
     console = results()
     table = Table(title="Branches", title_justify="left")
-    for heading in ("branch", "mode sequence", "from", "to", "points", "|multiplier|", "ends with"):
+    for heading in ("branch", "mode sequence", "from", "to", "points", "|multiplier|", "joints"):
         table.add_column(heading, overflow="fold")
     for number in sorted({record["branch"] for record in records}):
         points = [record for record in records if record["branch"] == number and record["record"] == "point"]
@@ -195,9 +278,8 @@ def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
             continue
         radii = [point["spectral_radius"] for point in points]
         last = [record for record in records if record["branch"] == number and record["record"] == "special"]
-        ends = [r for r in last if r["next"] or r["type"] in TERMINAL]
-        joined = f"{ends[-1]['type'].replace('_', ' ')}" if ends else ""
-        joined += "".join(f" -> {following}" for following in (ends[-1]["next"] if ends else ()))
+        joints = [r for r in last if r["next"] or r["type"] in TERMINAL]
+        joined = ", ".join(" -> ".join([r["type"].replace("_", " "), *map(str, r["next"])]) for r in joints)
         table.add_row(
             str(number),
             points[0]["sequence"],
@@ -208,8 +290,9 @@ def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
             joined,
         )
     console.print(table)
-    for record in records:
-        if record["record"] == "special":
-            guess = "" if record["status"] == "converged" else " (only bracketed)"
-            console.print(f"branch {record['branch']}, {record['value']:.10g}{guess}: {_event(record)}")
+    for number, record in enumerate(record for record in records if record["record"] == "special"):
+        guess = "" if record["status"] == "converged" else " (only bracketed)"
+        console.print(f"{number}: branch {record['branch']}, {record['value']:.12g}{guess}: {_event(record)}")
+    for cascade in cascades(records):
+        console.print(f"cascade: {cascade}")
     console.print(f"run: {folder}", soft_wrap=True)

@@ -5,6 +5,7 @@ negligible duration; it is taken when Newton's method converges next to the even
 simulator, which does not know the sequence, walks it. A family may also turn back at an event: both sides are tried.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 from gaitopt.errors import ProblemError
 from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey, MonitorValue
+from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.segment import Point, Segment, segment_through
 from gaitopt.families.successors import successors
-from gaitopt.mechanics import MARGINS, Cycle, HybridSystem, Mode
+from gaitopt.mechanics import MARGINS, Cycle, HybridSystem
 from gaitopt.nlp.rollout import after_impact, roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
@@ -57,7 +59,7 @@ def find_change(segment: Segment, event: Location) -> Change:
     """The branch that goes on from an event."""
     assert event.name is not None
     ahead = np.sign(event.point.curve_point.tangent[-1]) or 1.0
-    candidates = successors(segment.cycle, _active(event))
+    candidates = successors(segment.cycle, _active(event.point, event.name))
     words = _words(event.name, segment.cycle)
     for side in (ahead, -ahead):
         for cycle in candidates:
@@ -72,6 +74,22 @@ def find_change(segment: Segment, event: Location) -> Change:
         words = f"{words}, and the return map jumps: static friction is above kinetic friction"
     tried = " or ".join(map(str, candidates)) or "none"
     return Change(segment=None, point=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
+
+
+def alternatives(segment: Segment, point: Point, known: Sequence[Cycle]) -> Iterator[tuple[Segment, Point]]:
+    """Gaits of all mode sequences but the ``known`` ones that begin at an event, on either side of it.
+
+    Among them are cycles of the known sequences in turn: at a border collision the period may double.
+    """
+    candidates = [cycle for cycle in successors(segment.cycle, _active(point)) if cycle not in known]
+    if len(known) == 2:
+        candidates.append(Cycle(known[0].steps + known[1].steps))
+    for cycle in candidates:
+        offsets = (side * distance * segment.metric.span for distance in DISTANCES for side in (1.0, -1.0))
+        attempts = (_attempt(segment, point, cycle, offset) for offset in offsets)
+        found = next((attempt for attempt in attempts if attempt is not None), None)
+        if found is not None and halved_cycle(found[1].gait) is None:
+            yield found
 
 
 def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Point, offset: float) -> bool:
@@ -89,12 +107,10 @@ def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Po
     return bool(near < max(APPROACH * far, SAME))
 
 
-def _active(event: Location) -> list[tuple[MonitorKey, MonitorValue]]:
+def _active(point: Point, located: MonitorKey | None = None) -> list[tuple[MonitorKey, MonitorValue]]:
     """The located monitor, and those that vanish with it; the impact's first."""
     active = [
-        (name, monitor)
-        for name, monitor in event.point.monitors.items()
-        if name == event.name or abs(monitor.value) < ACTIVE
+        (name, monitor) for name, monitor in point.monitors.items() if name == located or abs(monitor.value) < ACTIVE
     ]
     return sorted(active, key=lambda pair: pair[0].phase is not None)
 
@@ -105,17 +121,18 @@ def _attempt(segment: Segment, point: Point, cycle: Cycle, offset: float) -> tup
     value = point.value + offset
     p = segment.p.copy()
     p[point.gait.system.parameters.index(segment.parameter)] = value
-    state = _start_state(point, cycle, offset, p)
+    states = _start_states(segment, point, cycle, offset, p)
     try:
-        problem = with_cycle(segment.problem, point.gait.system, cycle, state)
+        problem = with_cycle(segment.problem, point.gait.system, cycle, states[0])
     except ProblemError:  # the state contradicts the impact
         return None
     system, period = point.gait.system, float(point.curve_point.at.w[-1 - segment.transcription.n_phases : -1].sum())
-    rolled = roll_out(system, p, cycle, state, longest=(1 + NEARBY) * period)
+    rolled = roll_out(system, p, cycle, states, longest=(1 + NEARBY) * period)
+    period *= len(cycle.steps) / len(segment.cycle.steps)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
     successor, w = segment_through(problem, system, segment.parameter, segment.metric, rolled, p)
-    found = successor.start(w, _forward(point, state, offset, w.size))
+    found = successor.start(w, _forward(point, states[0], offset, w.size))
     if found is None or not _holds(successor, found, point):
         return None
     return successor, found
@@ -140,24 +157,30 @@ def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point 
 
 def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Array) -> Problem:
     """A problem with other modes, and the state after impact from which it is looked for as its guess."""
-    names = system.walker.section_names(slipping=cycle.impact is not Mode.STICK)
+    names = system.walker.section_names(slipping=cycle.impact.slips)
     guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
     return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})
 
 
-def _start_state(point: Point, cycle: Cycle, offset: float, p: Array) -> Array:
-    """State after impact of the successor: along the old branch, and through the new impact."""
-    system = point.gait.system
-    slope = point.curve_point.tangent[-1]
+def _start_states(segment: Segment, point: Point, cycle: Cycle, offset: float, p: Array) -> Array:
+    """States after the impacts before the steps of the successor, (k, n_z): along the old branch, through new impacts.
+
+    Of a cycle with another number of steps it is the first one alone.
+    """
+    system, slope = point.gait.system, point.curve_point.tangent[-1]
     w = point.curve_point.at.w + point.curve_point.tangent * (offset / slope if slope else 0.0)
-    if cycle.impact is point.gait.problem.cycle.impact:
-        return w[: system.n_z]
-    n_w = point.gait.shooting.states.size if point.gait.shooting else 0
-    z_minus = w[n_w - system.n_z : n_w]
-    state = after_impact(system, p, cycle.impact, z_minus)
-    if cycle.impact is Mode.STICK:
-        state[-1] = 0.0
-    return state
+    nodes, ends = segment.transcription.unpack(w)[0], segment.transcription.layout.impact_nodes
+    count = len(cycle.steps) if len(cycle.steps) == len(segment.cycle.steps) else 1
+    states = []
+    for step in range(count):
+        impact = cycle.impacts[step - 1]
+        state = nodes[:, (ends[step - 1] + 1) % nodes.shape[1]]
+        if impact is not segment.cycle.impacts[step - 1]:
+            state = after_impact(system, p, impact, nodes[:, ends[step - 1]])
+            if impact.sticks:
+                state[-1] = 0.0
+        states.append(state)
+    return np.array(states)
 
 
 def _forward(point: Point, state: Array, offset: float, n_w: int) -> Array:
@@ -169,10 +192,13 @@ def _forward(point: Point, state: Array, offset: float, n_w: int) -> Array:
 
 
 def _holds(successor: Segment, found: Point, point: Point) -> bool:
-    """All monitors hold, the gait is next to the one at the event, and the simulator walks it."""
-    if any(monitor.value <= 0 for monitor in found.monitors.values()):
-        return False
-    return successor.metric.apart(found.gait.state, point.gait.state) < NEARBY and confirm(found.gait).passed
+    """The gait is next to the one at the event, all its monitors hold, and the simulator walks it."""
+    return successor.metric.apart(found.gait.state, point.gait.state) < NEARBY and holds(found)
+
+
+def holds(point: Point) -> bool:
+    """Whether all monitors of a gait hold and the simulator walks it."""
+    return all(monitor.value > 0 for monitor in point.monitors.values()) and confirm(point.gait).passed
 
 
 def _words(name: MonitorKey, cycle: Cycle) -> str:

@@ -12,11 +12,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.families.bifurcations import is_bifurcation
+from gaitopt.families.bifurcations import bifurcations_between, is_bifurcation
 from gaitopt.families.change import Change, find_change
 from gaitopt.families.limits import Limits
 from gaitopt.families.locate import Location
 from gaitopt.families.position import Position
+from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.rescue import rescue
 from gaitopt.families.segment import Point, Segment
 from gaitopt.families.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
@@ -30,6 +31,10 @@ Record = BranchPoint | SpecialPoint
 
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
+ASIDE = 1e-3
+"""Arclength from a branch point at which tangents are taken: rounding does not reach so far, and curvature hardly
+counts there."""
+HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
 
 
 class Continuer:
@@ -41,6 +46,7 @@ class Continuer:
     limits : where to stop.
     number, index, length : of the first point, and ``count`` the points before it; others than zero when a branch is
         taken up again.
+    numbers : of the branches to come.
     should_stop : polled before every point; the walk then ends without a special point.
     """
 
@@ -50,6 +56,7 @@ class Continuer:
         point: Point,
         limits: Limits,
         *,
+        numbers: Iterator[int],
         number: int = 0,
         index: int = 0,
         length: float = FIRST_LENGTH,
@@ -57,7 +64,7 @@ class Continuer:
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
         self._state = Position(segment, point, number, index, min(length, limits.largest_length), limits)
-        self._limits, self._should_stop = limits, should_stop
+        self._limits, self._numbers, self._should_stop = limits, numbers, should_stop
         self._count, self._began = count, time.monotonic()
 
     def records(self, *, with_first: bool = True) -> Iterator[Record]:
@@ -97,7 +104,10 @@ class Continuer:
         if bound is not None:
             reached = state.segment.at_parameter(state.point, bound)
             point, event = (point if reached is None else reached), None
-        yield from self._bifurcations(point, length)
+        for special in self._bifurcations(point, length):
+            yield special
+            if special.type in TERMINAL:
+                return
         if event is not None:
             yield from self._change(event)
             return
@@ -108,14 +118,39 @@ class Continuer:
 
     def _bifurcations(self, point: Point, length: float) -> Iterator[SpecialPoint]:
         """Folds and losses of stability between the last point and ``point``, in order."""
-        before = self._state.point.tests
-        kinds = [kind for kind, value in point.tests.items() if value * before[kind] < 0]
-        found = [(self._state.locate(partial(Point.test, kind=kind), length, point), kind) for kind in kinds]
-        for location, kind in sorted(found, key=lambda pair: pair[0].length):
+        kinds = bifurcations_between(self._state.point.tests, point.tests)
+        found = [
+            (self._state.locate(partial(Point.test, name=name), length, point), kind, name)
+            for kind, name in kinds.items()
+        ]
+        for location, kind, name in sorted(found, key=lambda entry: entry[0].length):
             gait = location.point.gait
             if is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED:
                 special = self._special(kind, location.point, location.status)
-                yield replace(special, gait=gait.verified(confirm(gait).to_record()))
+                special = replace(special, gait=gait.verified(confirm(gait).to_record()))
+                if kind == "branch_point":
+                    special = replace(special, tangent=self._tangent_through(location))
+                yield self._with_branches(special, name)
+
+    def _tangent_through(self, location: Location) -> Array | None:
+        """Tangent at a branch point, where that of its gait is undetermined: the mean of those on both sides."""
+        segment = self._state.segment
+        sides = [segment.step(self._state.point, location.length + side * ASIDE) for side in (-1, 1)]
+        tangents = [segment.curve.entries(point.curve_point.tangent) for point in sides if point is not None]
+        return np.mean(tangents, axis=0) if len(tangents) == len(sides) else None
+
+    def _with_branches(self, special: SpecialPoint, test: str) -> SpecialPoint:
+        """A bifurcation with the branches that begin there, or the end of a doubled family at its origin.
+
+        There the doubled family turns round, and its second half is the first one, begun one cycle later.
+        """
+        assert special.gait is not None
+        cycle, half = special.gait.problem.cycle, halved_cycle(special.gait)
+        if special.type == "branch_point" and test == "slope" and half is not None:
+            return replace(special, type="end", reason=HALVED, before=cycle, after=half)
+        if special.type == "period_doubling" and 2 * len(cycle.steps) <= self._limits.most_steps:
+            return replace(special, next=(next(self._numbers),))
+        return special
 
     def _bound_crossed(self, point: Point) -> float | None:
         lower, upper = self._limits.lower, self._limits.upper
@@ -140,17 +175,21 @@ class Continuer:
         if change.segment is None or change.point is None:
             yield self._special("end", event.point, event.status, change.reason)
             return
-        yield self._joint(event, change)
+        number = next(self._numbers)
+        yield self._joint(event, change, number)
         length = min(FIRST_LENGTH, change.length)
-        self._state = Position(change.segment, change.point, state.number + 1, 0, length, self._limits)
+        self._state = Position(change.segment, change.point, number, 0, length, self._limits)
         yield from self._emit()
 
-    def _joint(self, event: Location, change: Change) -> SpecialPoint:
+    def _joint(self, event: Location, change: Change, number: int) -> SpecialPoint:
         assert change.segment is not None
         before, after = self._state.segment.cycle, change.segment.cycle
         kind = "mode_change" if before.impacts == after.impacts else "impact_change"
-        special = self._special(kind, change.at or event.point, event.status, change.reason)
-        return replace(special, before=before, after=after, next=(self._state.number + 1,))
+        special = self._special(kind, event.point, event.status, change.reason)
+        if change.at is not None:
+            tangent = change.segment.curve.entries(change.at.curve_point.tangent)
+            special = replace(special, value=change.at.value, gait=change.at.gait, tangent=tangent)
+        return replace(special, before=before, after=after, next=(number,))
 
     def _move(self, point: Point) -> None:
         state = self._state
@@ -207,6 +246,7 @@ class Continuer:
             status=status,
             reason=reason,
             gait=point.gait,
+            tangent=self._state.segment.curve.entries(point.curve_point.tangent),
         )
 
     def _limit_reached(self) -> str | None:

@@ -14,6 +14,7 @@ from gaitopt.mechanics import Cycle, HybridSystem
 from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.newton import Linearisation, linearise
 from gaitopt.nlp.refinement import phase_errors, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription, transcribe
@@ -82,16 +83,16 @@ class Point:
 
     @cached_property
     def tests(self) -> dict[str, float]:
-        """Test functions of special points by type."""
+        """Test functions of special points by name."""
         return test_functions(self.gait.multipliers, float(self.curve_point.tangent[-1]))
 
     def monitor(self, name: MonitorKey) -> float:
         """Value of one monitor; one that is not read here is far from zero."""
         return self.monitors[name].value if name in self.monitors else np.inf
 
-    def test(self, kind: str) -> float:
+    def test(self, name: str) -> float:
         """Value of one test function."""
-        return self.tests[kind]
+        return self.tests[name]
 
 
 class Segment:
@@ -128,6 +129,15 @@ class Segment:
         if curve_point is None:
             return None
         return self.remeshed(self._point(curve_point))
+
+    def branch_off(self, w: Array, along: Array, length: float) -> Point | None:
+        """The gait at distance ``length`` from the branch point ``w`` on the branch that crosses ``along``.
+
+        ``along`` is the tangent of the known branch in scaled coordinates; the sign of ``length`` chooses the half.
+        """
+        direction = self.curve.crossing(w, along)
+        curve_point = None if direction is None else self.curve.branch_off(w, direction, length)
+        return None if curve_point is None else self.remeshed(self._point(curve_point))
 
     def step(self, point: Point, length: float) -> Point | None:
         """The gait at arclength ``length`` from a point."""
@@ -174,17 +184,22 @@ class Segment:
         scales = self.metric.scales(section, transcription.n_phases)
         self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
 
+    def assembled(self, w: Array) -> Gait:
+        """The gait at ``w`` as it is, without Newton's method, which fails at a branch point."""
+        return self._gait(linearise(self.transcription, w, self.p), 0)
+
     def _point(self, curve_point: CurvePoint) -> Point:
-        problem = self.problem.replace({self.parameter: float(curve_point.at.w[-1])})
-        gait = assemble_gait(
-            problem,
+        return Point(curve_point=curve_point, gait=self._gait(curve_point.at, curve_point.iterations))
+
+    def _gait(self, at: Linearisation, iterations: int) -> Gait:
+        return assemble_gait(
+            self.problem.replace({self.parameter: float(at.w[-1])}),
             self.transcription,
-            curve_point.at,
+            at,
             errors=np.zeros(self.transcription.n_phases),
             message="continued",
-            solver={"iterations": float(curve_point.iterations)},
+            solver={"iterations": float(iterations)},
         )
-        return Point(curve_point=curve_point, gait=gait)
 
 
 def segment_through(

@@ -28,6 +28,10 @@ Array = NDArray[np.float64]
 RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step."""
 ITERATIONS = 12
+SINGULAR = 1e-5
+"""Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
+INVERSE_ITERATIONS = 2
+"""The null vector of a matrix that is singular to nine digits is right to as many after one."""
 SLOW = 0.2
 """A chord that contracts by less than this is replaced by a new Jacobian."""
 
@@ -73,18 +77,22 @@ class Curve:
         section = transcription.system.section(transcription.layout.cycle.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
-        self._scales = scales
+        self.scales = scales
         self._units = transcription.units(p)
         self._columns = np.append(self._units.unknowns[:-1], scales[-1])
 
     def coordinates(self, w: Array) -> Array:
         """The scaled coordinates y in which arclength is measured; shape (n_xi + n_phases + 1,)."""
-        return w[self._indices] / self._scales
+        return self.entries(w) / self.scales
+
+    def entries(self, w: Array) -> Array:
+        """Section coordinates, durations and parameter, in SI; shape (n_xi + n_phases + 1,)."""
+        return np.asarray(w[self._indices])
 
     def direction(self, y: Array) -> Array:
         """The change of w that belongs to a change of the scaled coordinates; other entries are zero."""
         w = np.zeros(self.transcription.w.numel())
-        w[self._indices] = y * self._scales
+        w[self._indices] = y * self.scales
         return w
 
     def start(self, w: Array, forward: Array) -> CurvePoint | None:
@@ -105,6 +113,33 @@ class Curve:
         predicted = point.at.w + point.tangent * ((value - point.at.w[-1]) / slope if slope else 0.0)
         predicted[-1] = value
         return self.start(predicted, point.tangent)
+
+    @overflow_allowed()
+    def crossing(self, w: Array, along: Array) -> Array | None:
+        """Direction of another branch through ``w``: the null vector of the Jacobian bordered by the branch's own.
+
+        At a branch point the null space of the Jacobian is a plane; the null vector, by inverse iteration, is the
+        direction in it that is perpendicular to the tangent. None where there is no such plane.
+
+        Parameters
+        ----------
+        along : ndarray, shape of y - tangent of the known branch in scaled coordinates.
+        """
+        at = self._linearised(w, np.asarray(self.transcription.violation(w, self.p)).ravel())
+        bordered = self._factor(at, along)
+        if bordered is None:
+            return None
+        vector = np.random.default_rng(0).standard_normal(w.size) / self._columns
+        for _ in range(INVERSE_ITERATIONS):
+            vector = bordered.solve(bordered.solve_transposed(vector))
+            vector /= np.linalg.norm(self.coordinates(vector))
+        left = np.abs(at.jacobian @ vector / self._units.equalities).max()
+        return vector if left < SINGULAR else None
+
+    def branch_off(self, w: Array, direction: Array, length: float) -> CurvePoint | None:
+        """The point of another branch through ``w`` whose projection on ``direction`` (shape of w) is ``length``."""
+        normal = self.coordinates(direction)
+        return self._correct(w + length * direction, normal, None, np.sign(length) * normal)
 
     @overflow_allowed()
     def _correct(
@@ -143,7 +178,7 @@ class Curve:
         return None if factor is None else CurvePoint(at=at, tangent=tangent, factor=factor, iterations=iterations)
 
     def _factor(self, at: Linearisation, normal: Array) -> ScaledFactor | None:
-        values = normal / self._scales
+        values = normal / self.scales
         row = csc_matrix((values, (np.zeros(values.size, dtype=int), self._indices)), shape=(1, at.w.size))
         try:
             matrix = vstack([at.jacobian, row], format="csc")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
-from gaitopt.mechanics import Cycle, HybridSystem, Mode
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
@@ -99,9 +99,9 @@ def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[i
 
 def _rest_exactly(cycle: Cycle, arc: ArcLayout, states: Array) -> None:
     """Put to zero what Newton's method leaves of a slip velocity that an event makes zero: its sign is a decision."""
-    if arc.mode is Mode.STICK:
+    if arc.mode.sticks:
         states[:, -1] = 0.0
     elif arc.start is None and cycle.onset_order(arc.phase) > 0:
         states[0, -1] = 0.0
-    if arc.end is None and cycle.after(arc.phase) is not None:
+    if arc.end is None and ending_margin(arc.mode, cycle.after(arc.phase)) == "slip_velocity":
         states[-1, -1] = 0.0

@@ -32,7 +32,7 @@ def shooting_step(system: HybridSystem, mode: Mode) -> Function:
     """
     z, t, h, p, r = _symbols(system)
     z_next = _end(mode, z, h, _stages(system, mode, z, t, h, p, r))
-    return Function(f"step_{mode}", [z, t, h, p, r], [z_next])
+    return Function(f"step_{mode.key}", [z, t, h, p, r], [z_next])
 
 
 @lru_cache(maxsize=64)
@@ -50,7 +50,7 @@ def sampled_step(system: HybridSystem, mode: Mode) -> Function:
     first, last, move = stages[0], stages[DOP853.n_stages], z_next - z
     series = [move, h * first - move, 2 * move - h * (last + first), *(h * _combined(d, stages) for d in DOP853.D)]
     samples = [z, *(z + _extension(series, float(c)) for c in LOBATTO_POINTS[1:-1]), z_next]
-    return Function(f"sampled_step_{mode}", [z, t, h, p, r], [horzcat(*samples)])
+    return Function(f"sampled_step_{mode.key}", [z, t, h, p, r], [horzcat(*samples)])
 
 
 def integrate_to(system: HybridSystem, mode: Mode, z: Array, times: Array, p: Array, r: Array) -> Array:
@@ -80,7 +80,7 @@ def _combined(weights: Array, stages: list[SX]) -> SX:
 
 def _end(mode: Mode, z: SX, h: SX, stages: list[SX]) -> SX:
     z_next = z + h * _combined(DOP853.B, stages)
-    return vertcat(z_next[:-1], 0) if mode is Mode.STICK else z_next
+    return vertcat(z_next[:-1], 0) if mode.sticks else z_next
 
 
 def _extension(series: list[SX], s: float) -> SX:

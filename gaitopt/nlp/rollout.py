@@ -82,19 +82,26 @@ def roll_out(
 ) -> Rollout:
     """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, missing ones are found.
 
-    No phase whose end is looked for lasts beyond ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
+    ``state`` is that of the first step, shape (n_z,), or those with which the first steps start, shape (k, n_z): where
+    durations are kept, errors of one step would grow in the next ones. No phase whose end is looked for lasts beyond
+    ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
     """
     scales = system.scales(p)
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
-    time, z = 0.0, state.copy()
+    starts = np.atleast_2d(state)
+    time, z = 0.0, starts[0].copy()
     found: list[float] = []
     motions: list[OdeSolution] = []
     endless = None
     for phase, mode in enumerate(cycle.phases):
-        if phase > 0 and cycle.impact_before(phase) is not None:
-            time, z = 0.0, after_impact(system, p, cycle.impacts[cycle.step_of(phase) - 1], z)
+        impact = cycle.impact_before(phase) if phase > 0 else None
+        if impact is not None:
+            step = cycle.step_of(phase)
+            known_start = phase in cycle.first_phases and step < len(starts)
+            z = starts[step].copy() if known_start else after_impact(system, p, impact, z)
+            time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # of a motion that has broken down
-        if mode is Mode.STICK:
+        if mode.sticks:
             z[-1] = 0.0
         flow = _ModeFlow(system, p, mode, cycle.after(phase))
         duration = None if durations is None else durations[phase]
@@ -103,7 +110,7 @@ def roll_out(
             end = flow.end(motion)
             if end is None:
                 endless = phase if endless is None else endless
-                end = flow.lost_end(motion, transit_time(system, p, cycle, state))
+                end = flow.lost_end(motion, transit_time(system, p, cycle, starts[0]))
             duration = end - time
         else:
             motion = flow.integrate(time, z, duration, until_end=False)
@@ -115,9 +122,10 @@ def roll_out(
 
 
 def after_impact(system: HybridSystem, p: Array, mode: Mode, z: Array) -> Array:
-    """State just after an impact in ``mode``, with x counted from the new stance foot; shape (n_z,)."""
+    """State just after an impact, with x counted from the stance foot if that has changed; shape (n_z,)."""
     z_plus = np.asarray(system.impact(mode)(z, p)[0]).ravel()
-    z_plus[system.n_shape] = 0.0
+    if not mode.locked:
+        z_plus[system.n_shape] = 0.0
     return z_plus
 
 
@@ -149,7 +157,7 @@ class _ModeFlow:
         self._tolerances = ATOL * system.state_scales(self._scales)
         names = margin_names(mode)
         self._units = [margin_unit(name, self._scales) for name in names]
-        self._upright, self._touchdown = names.index("upright"), names.index("touchdown")
+        self._upright, self._touchdown = names.index("upright"), 0  # or the clearance, while a stop is free
         self._ending = names.index(ending_margin(mode, after))
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]

@@ -40,7 +40,7 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
         rate, derivative = both(at, t + float(c) * h, p, r)
         stages.append(rate)
         columns += [rate, derivative]
-    return Function(f"stage_derivatives_{mode}", [z, t, h, p, r], [densify(horzcat(*columns))])
+    return Function(f"stage_derivatives_{mode.key}", [z, t, h, p, r], [densify(horzcat(*columns))])
 
 
 class ShootingJacobian:
@@ -122,7 +122,7 @@ class ShootingJacobian:
         rates, derivatives, lengths = self._stages(w, t.full_parameters(p, freed))
         step = -_varied(rates, derivatives, lengths)
         for arc, at in zip(t.layout.arcs, self._intervals, strict=True):
-            if arc.mode is Mode.STICK:
+            if arc.mode.sticks:
                 step[at, -1] = 0.0
         by_durations = (
             step[:, :, n_z, None] * self._times[:, None, :] + step[:, :, n_z + 1, None] * self._lengths[:, None, :]
@@ -196,7 +196,7 @@ def step_derivatives(
     values = _stage_values(system, mode, free, nodes.T, times, lengths, p, r)
     stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
     by = _varied(stages[..., 0], stages[..., 1:], lengths)
-    if mode is Mode.STICK:
+    if mode.sticks:
         by[:, -1] = 0.0
     return by
 

@@ -4,7 +4,7 @@ Unknowns w = (nodes z_0 .. z_K, phase durations, freed parameters). Equalities, 
 
     defects      z_{k+1} = step(z_k)              on every interval; in stick with v_t = 0
     events       v_t = 0 where a slip ends, mu f_n +- f_t = 0 where a stick ends, guard = 0 at touchdown
-    resets       z_{k+1} = impact(z_k)            from step to step, with x counted from the new stance foot
+    resets       z_{k+1} = impact(z_k)            at every impact; of a foot, with x counted from the new stance foot
     periodicity  z_0 = impact(z_K)                likewise, from the last step to the first
 
 Friction complementarity: the mode sets one factor of each pair to zero (the force's factor in slip is eliminated
@@ -19,7 +19,7 @@ from casadi import MX, Function, horzcat, repmat, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait.curves import points
-from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names, margin_unit
+from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
@@ -55,7 +55,7 @@ class Transcription:
         self._sampled: tuple[bytes, dict[tuple[int, int], tuple[Array, Array]]] = (b"", {})
         self._switches: list[tuple[MX, MX]] = []
         for j in range(self.n_phases):
-            start = MX(0) if layout.cycle.impact_before(j) is not None else self._switches[-1][1]
+            start = MX(0) if j in layout.cycle.first_phases else self._switches[-1][1]
             self._switches.append((start, start + self.durations[j]))
 
     def pack(self, nodes: Array, durations: Array, freed: Array | tuple[float, ...] = ()) -> Array:
@@ -106,7 +106,7 @@ class Transcription:
         return Units(
             unknowns=self.pack(nodes, np.full(self.n_phases, scales.time), np.ones(len(self.free))),
             equalities=np.concatenate(
-                [np.tile(state, self.layout.intervals), events, np.tile(state, len(self.layout.cycle.steps))]
+                [np.tile(state, self.layout.intervals), events, np.tile(state, len(self.layout.cycle.resets))]
             ),
         )
 
@@ -243,12 +243,12 @@ class Transcription:
         return self.system.margins(arc.mode)(time, Z[:, -1], self.p, self.system.data(arc.segment))
 
     def _resets(self) -> list[MX]:
-        """From the end of every step to the start of the next, the last of which is the first."""
-        n, ends = self.system.n_shape, self.layout.impact_nodes
-        rows = []
-        for impact, end in zip(self.layout.cycle.impacts, ends, strict=True):
+        """From just before every impact to just after it; the last leads back to the start."""
+        n, rows = self.system.n_shape, []
+        for (_, impact), end in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
             z_plus = self.system.impact(impact)(self.Z[:, end], self.p)[0]
-            rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], 0, z_plus[n + 1 :]))
+            x = z_plus[n] if impact.locked else 0  # counted from the new stance foot
+            rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], x, z_plus[n + 1 :]))
         return rows
 
     def _node_margins(self) -> Iterator[tuple[MX, list[Label]]]:
@@ -265,7 +265,7 @@ class Transcription:
                 (row, k, name)
                 for row, name in enumerate(names)
                 for k in range(arc.intervals + 1)
-                if name not in ("touchdown", "upright") and not self.is_zero_by_event(i, k, name)
+                if name != "upright" and not margin(name).rises and not self.is_zero_by_event(i, k, name)
             ]
             rows = vec(margins)[[row + k * len(names) for row, k, _ in places]]
             yield rows, [Label(name=name, phase=arc.phase, node=first + k) for _, k, name in places]
@@ -294,13 +294,16 @@ class Transcription:
 
     def impact_margins(self) -> list[tuple[MX, Label]]:
         """Margins of the impacts."""
-        return [row for step in range(len(self.layout.cycle.steps)) for row in self._margins_of_impact(step)]
+        return [row for index in range(len(self.layout.cycle.resets)) for row in self._margins_of_impact(index)]
 
-    def _margins_of_impact(self, step: int) -> Iterator[tuple[MX, Label]]:
-        mode, z = self.layout.cycle.impacts[step], self.Z[:, self.layout.impact_nodes[step]]
-        values = self.system.impact_margins(mode)(z, self.p)
+    def _margins_of_impact(self, index: int) -> Iterator[tuple[MX, Label]]:
+        (phase, mode), node = self.layout.cycle.resets[index], self.layout.reset_nodes[index]
+        values = self.system.impact_margins(mode)(self.Z[:, node], self.p)
         for row, name in enumerate(self.system.impact_margin_names(mode)):
-            yield values[row], Label(name=name, step=step)
+            if mode.locked:
+                yield values[row], Label(name=name, phase=phase, node=node)
+            else:
+                yield values[row], Label(name=name, step=self.layout.cycle.step_of(phase))
 
 
 @lru_cache(maxsize=32)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.families.family import Request, follow_family
+from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
 from gaitopt.problem import Problem

@@ -26,10 +26,13 @@ EFFORT = ("max_seconds",)
 
 
 def branch_folder(problem: Problem, request: Mapping[str, Any]) -> Path:
-    """Default folder of a branch: that of the problem's gait, with the parameter and its targets."""
+    """Default folder of a branch: that of the problem's gait, with parameter, targets, start and what is followed."""
     targets = "_".join(f"{to:g}" for to in request["to"])
+    follow = f"doublings{request['doublings']}" if request.get("doublings") else ""
+    names = (request["parameter"], request.get("start", ""), follow)
+    parameter, start, follow = (re.sub(r"[^0-9A-Za-z.]+", "-", name) for name in names)
     folder = run_folder(problem)
-    return folder.with_name(f"{folder.name}-{re.sub(r'[^0-9A-Za-z.]+', '-', request['parameter'])}-{targets}")
+    return folder.with_name("-".join(part for part in (folder.name, parameter, targets, start, follow) if part))
 
 
 def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -> list[dict[str, Any]]:

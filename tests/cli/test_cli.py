@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt import cli, study
-from gaitopt.cli import progress as cli_progress
+from gaitopt.library import progress as cli_progress
 from gaitopt.search import own
 from gaitopt.store.manifest import seal
 from gaitopt.study import Claim, Verification
@@ -303,7 +303,7 @@ def test_an_interrupt_that_the_solver_swallows_is_still_130(run, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6])
+@pytest.mark.parametrize("delay", [0.1, *(pytest.param(d, marks=pytest.mark.slow) for d in (0.0, 0.3, 0.6))])
 def test_an_interrupted_process_ends_with_130_and_nothing_half_written(tmp_path, delay):
     command = [sys.executable, "-m", "gaitopt", "solve", "compass-pd-impact-slip"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)

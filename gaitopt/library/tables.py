@@ -7,11 +7,14 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from gaitopt.cli.quantities import CONTROL_UNITS, QUANTITIES, number, state_unit, with_degrees
-from gaitopt.mechanics.modes import ModeSequence
+from gaitopt.gait.quantities import QUANTITIES, state_unit
+from gaitopt.library.quantities import CONTROL_UNITS, number, with_degrees
+from gaitopt.mechanics.modes import Mode, ModeSequence
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
+GAP = 2
+"""Columns between two cells."""
 STABILITY = {True: "stable", False: "unstable"}
 
 
@@ -19,10 +22,10 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Seq
     """A plain table; the columns at ``numbers`` are right-aligned, and words wrap in a narrow terminal."""
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     cells = [tuple(row) for row in rows]
-    longest_word = max((len(word) for row in cells for word in row[0].split()), default=0)
-    for index, column in enumerate(columns):  # what a row is about stays readable, its remarks give way
+    for index, (column, *own) in enumerate(zip(columns, *cells, strict=True)):  # no word is broken or lost
         justify: Literal["right", "left"] = "right" if index in numbers else "left"
-        made.add_column(column, justify=justify, overflow="fold", min_width=None if index else longest_word)
+        width = max(map(_longest_word, (column, *own)))
+        made.add_column(column, justify=justify, overflow="fold", min_width=width)
     for row in cells:
         made.add_row(*row)
     return made
@@ -38,7 +41,35 @@ def section(
 ) -> None:
     """Print a table under its title."""
     console.print(f"\n{title}", style="bold")
-    console.print(table(columns, rows, numbers=numbers))
+    print_table(console, columns, rows, numbers=numbers)
+
+
+def print_table(
+    console: Console, columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()
+) -> None:
+    """Print a table; where its words do not fit side by side, every row as a block of lines instead."""
+    cells = [tuple(row) for row in rows]
+    widths = [max(map(_longest_word, column)) for column in zip(columns, *cells, strict=True)]
+    if sum(widths) + GAP * (len(widths) - 1) <= console.width:
+        console.print(table(columns, cells, numbers=numbers))
+        return
+    for row in cells:
+        console.print(row[0], style="bold", soft_wrap=False, overflow="fold")
+        for column, cell in list(zip(columns, row, strict=True))[1:]:
+            if cell:
+                console.print(f"  {column}: {cell}" if column else f"  {cell}", overflow="fold")
+
+
+def _longest_word(text: str) -> int:
+    return max((len(word) for word in text.split()), default=0)
+
+
+def listed(problem: Problem, record: Mapping[str, Any]) -> tuple[str, ...]:
+    """A problem's row in the list of problems, with what is known of its gait."""
+    radius = record.get("spectral_radius")
+    known = ("", "", "") if radius is None else (number(record["period"]), number(radius), STABILITY[radius < 1])
+    kind = problem.control.type if problem.control.type != "none" else ""
+    return problem.name, problem.walker.model, kind, friction(problem), str(problem.modes), *known, problem.about
 
 
 def print_problem(console: Console, problem: Problem) -> None:
@@ -114,7 +145,9 @@ def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -
 
 
 def _phases(step: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    rows = [(str(k), phase["mode"], number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)]
+    rows = [
+        (str(k), Mode.from_record(phase), number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)
+    ]
     return [*rows, ("impact", step["impact"], "")]
 
 

@@ -1,6 +1,4 @@
-"""Names, labels and units of what is printed."""
-
-import math
+"""Names and units of the scalars and states of a result; the one table behind printed tables and data frames."""
 
 QUANTITIES = {
     "friction": ("friction coefficient", ""),
@@ -20,12 +18,7 @@ QUANTITIES = {
     "spectral_radius": ("largest multiplier, modulus", ""),
 }
 """Label and unit of every scalar of a result by its key in the JSON."""
-
-NEGLIGIBLE = 1e-12
-"""Shown as zero: rounding, in any unit that occurs here."""
-
-CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad"}
-"""Units of a control's scalars; any other is a torque."""
+CONTACT_FORCES = ("f_t", "f_n")
 
 
 def state_unit(name: str) -> str:
@@ -34,13 +27,11 @@ def state_unit(name: str) -> str:
     return ("m" if length else "rad") + ("/s" if name.startswith("d") else "")
 
 
-def number(value: float | None) -> str:
-    """Six digits for the eye; the JSON has them all."""
-    if value is None:
-        return "-"
-    return f"{0.0 if abs(value) < NEGLIGIBLE else value:.6g}"
-
-
-def with_degrees(value: float, unit: str) -> str:
-    """The unit, and for an angle the value in degrees behind it."""
-    return f"{unit} ({math.degrees(value):.5g} deg)" if unit == "rad" else unit
+def column_unit(name: str, actuators: tuple[str, ...] = ()) -> str:
+    """Unit of a column of a table of results: a scalar, ``state.NAME``, a time, a force or a torque; else none."""
+    if name in QUANTITIES:
+        return QUANTITIES[name][1]
+    if name.startswith("state."):
+        return state_unit(name.removeprefix("state."))
+    units = {"t": "s", **dict.fromkeys(CONTACT_FORCES, "N"), **dict.fromkeys(actuators, "N m")}
+    return units.get(name, "")

@@ -3,13 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gaitopt.figures.branches import OF_EACH_STEP
 from gaitopt.figures.film import film
 from gaitopt.figures.labels import label
 from gaitopt.figures.motion import motion_from_record
+from gaitopt.gait.cascade import cascades
 from gaitopt.mechanics import HybridSystem
+from gaitopt.pages.page import numbers, render, words
+from gaitopt.pages.provenance import provenance
 from gaitopt.problem import Problem
-from gaitopt.report.page import numbers, render, words
-from gaitopt.report.provenance import provenance
 from gaitopt.study.system import build_system
 
 Record = Mapping[str, Any]
@@ -45,6 +47,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
             "film": {key: value for key, value in shown.items() if key not in common},
             "branch": point["branch"],
             "value": point["value"],
+            **_of_each_step(point),
             **numbers(point),
         }
         for point, shown in zip(points, films, strict=True)
@@ -58,6 +61,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
             "common": common,
             "gaits": gaits,
             "specials": specials,
+            "cascades": [str(cascade) for cascade in cascades(records)],
             "parameter": str(label(parameter)),
             **words(films, points),
         },
@@ -74,4 +78,11 @@ def _film(system: HybridSystem, problem: Problem, parameter: str, point: Record)
 def _special(record: Record) -> dict[str, Any]:
     gait = record.get("gait") or {}
     known = {key: record.get(key) for key in ("branch", "type", "value", "status", "reason", "from", "to", "next")}
-    return {**known, "scalars": numbers(gait)["scalars"] if gait else {}}
+    return {**known, **_of_each_step(gait), "scalars": numbers(gait)["scalars"] if gait else {}}
+
+
+def _of_each_step(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Scalars that every step of a cycle has of its own."""
+    if "steps" not in record:
+        return {}
+    return {"steps": {key: [float(f"{step[key]:.9g}") for step in record["steps"]] for key in OF_EACH_STEP}}

@@ -38,9 +38,10 @@ def test_a_stored_run_is_drawn_without_solving_it_again(capsys):
     assert said.out.endswith("drawn/portrait.pdf\n")
 
 
-def test_gaits_in_one_picture_need_a_folder(capsys):
-    assert main(["plot", PROBLEM, "rimless-wheel-stick", "--what", "portrait", "--quiet"]) == 2
-    assert "-o" in capsys.readouterr().err
+def test_gaits_in_one_picture_go_to_a_folder_of_their_own(tmp_path, capsys):
+    assert main(["plot", PROBLEM, "rimless-wheel-stick", "--what", "portrait", "--quiet"]) == 0
+    assert "comparison/portrait.svg" in capsys.readouterr().out
+    assert (tmp_path / "comparison" / "portrait.png").is_file()
 
 
 @pytest.mark.parametrize("arguments", [("--what", "nonsense"), ("--format", "gif")])

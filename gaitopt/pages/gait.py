@@ -10,8 +10,8 @@ from gaitopt.figures.film import film
 from gaitopt.figures.motion import Motion, motion_of, smooth
 from gaitopt.figures.packing import pack
 from gaitopt.gait import Gait
-from gaitopt.report.page import numbers, render, words
-from gaitopt.report.provenance import provenance
+from gaitopt.pages.page import numbers, render, words
+from gaitopt.pages.provenance import provenance
 
 FLOOR = 1e-17
 """Differences of exactly zero are drawn here, at the foot of the log axis."""

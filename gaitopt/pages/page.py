@@ -1,5 +1,8 @@
 """A page from its content: templates, scripts and style sheets are put into one file that needs nothing else."""
 
+import base64
+import gzip
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -12,14 +15,19 @@ Record = Mapping[str, Any]
 
 
 def render(template: str, **content: Any) -> str:
-    """The page of a template; texts are escaped, and data stand in the page as JSON."""
-    loaders = [PackageLoader("gaitopt.report", "web"), PackageLoader("gaitopt.figures", "web")]
+    """The page of a template; texts are escaped, and data stand in the page as compressed JSON."""
+    loaders = [PackageLoader("gaitopt.pages", "web"), PackageLoader("gaitopt.figures", "web")]
     templates = Environment(
         loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    templates.policies["json.dumps_kwargs"] = {"sort_keys": False, "separators": (",", ":")}
-    templates.filters |= {"figure": figure}
+    templates.filters |= {"figure": figure, "packed": packed}
     return templates.get_template(template).render(content)
+
+
+def packed(data: Mapping[str, Any]) -> str:
+    """Data as compressed JSON in letters, for ``frame.html``."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
 def figure(value: float | None) -> str:
@@ -31,8 +39,13 @@ def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
     """Labels that the scripts need: of the scalars that occur, and of the walker's states."""
     keys = [key for key in QUANTITIES if any(key in record for record in records)]
     names = {name for film in films for name in film["shape"]}
-    symbols = {key: symbol(key) for name in sorted(names) for key in (name, f"d{name}")}
-    return {"scalars": {key: asdict(label(key)) for key in keys}, "symbols": symbols}
+    symbols = {key: symbol(key) for name in (*sorted(names), "x") for key in (name, f"d{name}")}
+    freed = {key for record in records for key in record.get("parameters", ())}
+    return {
+        "scalars": {key: asdict(label(key)) for key in keys},
+        "symbols": symbols,
+        "parameters": {key: asdict(label(key)) for key in sorted(freed)},
+    }
 
 
 def numbers(record: Record) -> dict[str, Any]:

@@ -1,0 +1,73 @@
+"""What is to be continued: the parameter, its targets and bounds, and how much of what begins on the way."""
+
+from dataclasses import asdict, dataclass
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.gait import Gait
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """Which family, how far, and which of the branches that begin on it.
+
+    Attributes
+    ----------
+    parameter : dotted key of a scalar of walker, friction or control.
+    to : values of the parameter at which to stop, one after the other, each time from the first gait.
+    lower, upper : bounds for families that turn round; None as far beyond the first gait as the target is before it.
+    max_points, max_seconds : bounds on the work of each target.
+    verify_every : every so many points is confirmed by the simulator, 0 for none.
+    doublings : how many times in turn the family that begins at a period doubling is followed as well.
+    """
+
+    parameter: str
+    to: tuple[float, ...]
+    lower: float | None = None
+    upper: float | None = None
+    max_points: int = 2000
+    max_seconds: float | None = None
+    verify_every: int = 10
+    doublings: int = 0
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object, the first line of a stored branch."""
+        record = {"record": "continuation", **asdict(self), "to": list(self.to)}
+        return record if self.doublings else {key: value for key, value in record.items() if key != "doublings"}
+
+
+def check_request(gait: Gait, request: Request) -> None:
+    """Refuse a request that cannot be met.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, SolveError
+        As ``continuation``.
+    """
+    if not gait.steps:
+        raise SolveError(f"{gait.problem.name} is {gait.status}, so there is nothing to continue: {gait.message}")
+    names = gait.system.parameters
+    if request.parameter not in names:
+        near = ", ".join(get_close_matches(request.parameter, names, n=3, cutoff=0.3)) or ", ".join(names)
+        raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}; did you mean {near}?")
+    if isinstance(gait.problem.parameters.get(request.parameter), int):
+        raise UnknownNameError(
+            f"--param {request.parameter}: is a whole number, along which there is no family; "
+            f"solve for one value after the other with --set {request.parameter}=N"
+        )
+    value = float(gait.p[names.index(request.parameter)])
+    for to in request.to:
+        if to == value or not np.isfinite(to):
+            raise ProblemError(
+                f"{request.parameter} is {value:g} at the start: the target must be another finite value"
+            )
+        why = gait.problem.objection(request.parameter, to)
+        if why:
+            raise ProblemError(f"--to {to:g}: {request.parameter}: {why}")
+        if request.lower is not None and min(to, value) < request.lower:
+            raise ProblemError(f"{request.parameter}: {min(to, value):g} lies below the bound {request.lower:g}")
+        if request.upper is not None and max(to, value) > request.upper:
+            raise ProblemError(f"{request.parameter}: {max(to, value):g} lies above the bound {request.upper:g}")
