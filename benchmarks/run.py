@@ -41,8 +41,11 @@ def main() -> None:
         "commands": commands.rows,
         "designs": design.rows,
     }
-    rows = [row for part in asked.parts or parts for row in parts[part]()]
-    show(rows)
+    rows: list[Row] = []
+    for part in asked.parts or parts:
+        measured = parts[part]()
+        show(measured)
+        rows += measured
     if asked.json is not None:
         record = {"rows": [row.to_record() for row in rows], "machine": machine()}
         asked.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

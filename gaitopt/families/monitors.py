@@ -189,7 +189,7 @@ def _impact_monitors(gait: Gait, mode: Mode, z_minus: Array) -> Iterator[tuple[s
     """Margins of one impact by name, in natural units."""
     scales = gait.system.scales(gait.p)
     (values,) = buffered(gait.system.impact_margins(mode))(z_minus, gait.p)
-    for name, value in zip(gait.system.impact_margin_names(mode), values, strict=True):
+    for name, value in zip(gait.system.impact_margin_names(mode), values.tolist(), strict=True):
         if name == "touchdown_rate" or (name == "impact_onset" and not gait.system.friction_drops(gait.p)):
             continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
         yield name, value / margin_unit(name, scales)

@@ -125,7 +125,7 @@ class Curve:
         ----------
         along : ndarray, shape of y - tangent of the known branch in scaled coordinates.
         """
-        at = self._linearised(w, np.asarray(self.transcription.violation(w, self.p)).ravel())
+        at = self._linearised(w, self.transcription.violation(w, self.p))
         bordered = self._factor(at, along)
         if bordered is None:
             return None
