@@ -7,68 +7,105 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gaitopt.display import Page
     from gaitopt.errors import GaitoptError
-    from gaitopt.families import continuation
     from gaitopt.gait import Branch, Gait, Status, Trajectory
+    from gaitopt.library.calls import basin, continuation, find, front, multistart, solve, sweep
+    from gaitopt.library.display import animate, plot, report
+    from gaitopt.library.stored import load_run
     from gaitopt.mechanics.consistency import check_walker
     from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
     from gaitopt.mechanics.walker import Body, Mechanism, Walker
     from gaitopt.problem import Problem, load_problem
     from gaitopt.proof import prove
-    from gaitopt.search import explain, find, solve
-    from gaitopt.study import return_map, simulate, verify
+    from gaitopt.runs.basin_tiles import Basin
+    from gaitopt.runs.front import Front
+    from gaitopt.runs.sweep_table import Sweep
+    from gaitopt.search.distinct import Gaits
+    from gaitopt.search.explain import explain
+    from gaitopt.study import Verification, Walk, return_map, simulate, verify
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Basin",
     "Body",
     "Branch",
     "Cycle",
+    "Front",
     "Gait",
     "GaitoptError",
+    "Gaits",
     "ImpactLaw",
     "Mechanism",
     "Mode",
     "ModeSequence",
+    "Page",
     "Problem",
     "Status",
+    "Sweep",
     "Trajectory",
+    "Verification",
+    "Walk",
     "Walker",
+    "animate",
+    "basin",
     "check_walker",
     "continuation",
     "explain",
     "find",
+    "front",
     "load_problem",
+    "load_run",
+    "multistart",
+    "plot",
     "prove",
+    "report",
     "return_map",
     "simulate",
     "solve",
+    "sweep",
     "verify",
 ]
 
 _HOME = {
+    "Basin": "gaitopt.runs.basin_tiles",
     "Body": "gaitopt.mechanics.walker",
     "Branch": "gaitopt.gait",
     "Cycle": "gaitopt.mechanics.modes",
+    "Front": "gaitopt.runs.front",
     "Gait": "gaitopt.gait",
     "GaitoptError": "gaitopt.errors",
+    "Gaits": "gaitopt.search.distinct",
     "ImpactLaw": "gaitopt.mechanics.modes",
     "Mechanism": "gaitopt.mechanics.walker",
     "Mode": "gaitopt.mechanics.modes",
     "ModeSequence": "gaitopt.mechanics.modes",
+    "Page": "gaitopt.display",
     "Problem": "gaitopt.problem",
     "Status": "gaitopt.gait",
+    "Sweep": "gaitopt.runs.sweep_table",
     "Trajectory": "gaitopt.gait",
+    "Verification": "gaitopt.study",
+    "Walk": "gaitopt.study",
     "Walker": "gaitopt.mechanics.walker",
+    "animate": "gaitopt.library.display",
+    "basin": "gaitopt.library.calls",
     "check_walker": "gaitopt.mechanics.consistency",
-    "continuation": "gaitopt.families",
-    "explain": "gaitopt.search",
-    "find": "gaitopt.search",
+    "continuation": "gaitopt.library.calls",
+    "explain": "gaitopt.search.explain",
+    "find": "gaitopt.library.calls",
+    "front": "gaitopt.library.calls",
     "load_problem": "gaitopt.problem",
+    "load_run": "gaitopt.library.stored",
+    "multistart": "gaitopt.library.calls",
+    "plot": "gaitopt.library.display",
     "prove": "gaitopt.proof",
+    "report": "gaitopt.library.display",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",
-    "solve": "gaitopt.search",
+    "solve": "gaitopt.library.calls",
+    "sweep": "gaitopt.library.calls",
     "verify": "gaitopt.study",
 }
 

@@ -6,13 +6,17 @@ import shlex
 import warnings
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
 
-from gaitopt import solve, verify
+from gaitopt import load_problem, simulate, solve, verify
 from gaitopt.cli.main import main
+from gaitopt.cli.simulate import read_state
 from gaitopt.problem import parse_problem
 
 ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
@@ -43,11 +47,38 @@ def test_library_calls_that_are_shown_work(program, tmp_path, monkeypatch):
     exec(compile(program, "docs", "exec"), {})  # noqa: S102 - our own pages
 
 
+def test_the_pushes_of_the_readme_die_out(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(compile(re.findall(r"```python\n(.*?)```", README, re.DOTALL)[0], "README", "exec"), names)  # noqa: S102
+    walk, gait = names["walk"], names["gait"]
+    assert walk.trajectory.ending == "completed"
+    assert (
+        abs(walk.trajectory.section_states[-1] - gait.state).max()
+        < 1e-4
+        < abs(walk.trajectory.start - gait.state).max()
+    )
+    assert simulate(gait, {"theta1": 1.1 * gait.state[0]}, steps=50).trajectory.ending != "completed"
+    (line,) = [shlex.split(command) for command in COMMANDS if command.startswith("gaitopt simulate")]
+    record = simulate(load_problem(line[2]), read_state([line[4]]), int(line[6])).to_record()
+    assert record["status"] == "completed"
+
+
 @pytest.mark.parametrize("text", blocks("yaml"))
 def test_a_problem_file_that_is_shown_has_a_verified_gait(text):
     gait = solve(parse_problem(text))
     assert gait.converged, gait.message
     assert verify(gait).passed
+
+
+def test_the_notebook_runs_from_top_to_bottom(tmp_path):
+    notebook = nbformat.read(ROOT / "docs" / "notebooks" / "tour.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    kinds = [kind for output in outputs for kind in output.get("data", ())]
+    assert kinds.count("image/png") == 3  # figures appear without any magic
+    assert "<iframe" in "".join(output["data"].get("text/html", "") for output in outputs if "data" in output)
+    assert not [output for output in outputs if output.get("name") == "stderr"]
 
 
 def test_the_reference_of_the_problem_file_is_that_of_the_schema():

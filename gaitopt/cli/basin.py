@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid, job_progress
+from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid
 from gaitopt.cli.maps import DEFAULT_FORMATS, draw_basin
 from gaitopt.cli.options import DebugOption, EngineOption, JsonOption, OutOption, QuietOption, RunArgument, SetOption
 
@@ -38,8 +38,9 @@ def basin(
     """
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import job_progress
     from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
-    from gaitopt.simulation import choose_engine
+    from gaitopt.simulation.engine import INSTALL, Engine, choose_engine, is_installed
     from gaitopt.store import adding, writing
     from gaitopt.workers.jobs import make_workers
 
@@ -49,6 +50,8 @@ def basin(
     start, folder = _start(run, changes, output, console)
     plan = BasinPlan(start=start, grid=points, max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
+    if engine == Engine.AUTO and not is_installed():
+        console.print(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")
     with writing(folder, plan.problem):
         with interruptible() as interrupted, job_progress(console, "tiles") as progress:
             found = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
@@ -71,12 +74,12 @@ def _start(
 ) -> "tuple[Gait | Problem, Path]":
     """The gait that the grid lies around, or the problem with its guess where there is none; and the run folder."""
     from gaitopt.cli.runs import gait_of
-    from gaitopt.cli.solve import store_gait
+    from gaitopt.library.stored import save
     from gaitopt.store import begin_run
 
     gait, folder, fresh = gait_of(run, changes, output, console)
     if gait.converged and fresh:
-        store_gait(gait, folder)
+        save(gait, folder)
     elif fresh:
         console.print(f"{gait.problem.name} is {gait.status}; the grid lies around its guess")
         begin_run(folder, gait.problem)

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.errors import StorageError
-
 if TYPE_CHECKING:
     from gaitopt.gait import SpecialPoint
     from gaitopt.problem import Problem
@@ -22,23 +20,21 @@ def holds_branch(run: str) -> bool:
         return False
 
 
+def holds_walk(run: str) -> bool:
+    """Whether ``run`` is a folder with a simulated walk, and no gait, in it."""
+    from gaitopt.store import GAIT_FILE, WALK_FILE
+
+    try:
+        return (Path(run) / WALK_FILE).is_file() and not (Path(run) / GAIT_FILE).is_file()
+    except OSError:  # no name of a folder
+        return False
+
+
 def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
-    """Problem, parameter and records of the branch in a run folder.
+    """Problem, parameter and records of the branch in a run folder."""
+    from gaitopt.runs import restore_branch
 
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, is broken or newer, or its branch has no point.
-    """
-    from gaitopt.store import BRANCH_FILE, read_problem, stored_lines
-
-    folder = Path(run)
-    problem = read_problem(folder)
-    records = list(stored_lines(folder, BRANCH_FILE))
-    parameters = {record["parameter"] for record in records if "parameter" in record}
-    if len(parameters) != 1 or not any(record.get("record") == "point" for record in records):
-        raise StorageError(f"{folder / BRANCH_FILE} holds no branch yet; `gaitopt continue` writes one")
-    return problem, parameters.pop(), records
+    return restore_branch.stored_branch(Path(run))
 
 
 def stored_special(place: str) -> "SpecialPoint":
@@ -49,6 +45,7 @@ def stored_special(place: str) -> "SpecialPoint":
     StorageError
         If the folder holds no branch, or the branch has no such special point.
     """
+    from gaitopt.errors import StorageError
     from gaitopt.runs.restore_special import restore_special
 
     run, _, index = place.rpartition(SPECIAL)

@@ -1,10 +1,17 @@
 """``gaitopt list``, ``show``, ``validate``, ``schema``: problems, before anything is solved."""
 
+from typing import TYPE_CHECKING, Any
+
 from gaitopt.cli.options import DebugOption, JsonOption, ProblemArgument, SetOption
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from gaitopt.problem import Problem
 
 
 def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
-    """List the named problems."""
+    """List the named problems; of those whose run is in results/ also period, radius and whether the gait is stable."""
     from gaitopt.cli.console import print_json, results
     from gaitopt.problem import load_problem, problem_names
 
@@ -12,11 +19,27 @@ def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
     if json:
         print_json({"problems": [{"name": problem.name, "about": problem.about} for problem in problems]})
         return 0
-    from gaitopt.cli.tables import friction, table
+    from gaitopt.library.tables import listed, print_table
 
-    rows = ((p.name, friction(p), str(p.modes), p.about) for p in problems)
-    results().print(table(("problem", "friction", "phases; impact", "about"), rows, numbers=(1,)))
+    rows = [listed(problem, _stored_record(problem)) for problem in problems]
+    columns = ("problem", "model", "control", "friction", "phases; impact", "period", "radius", "", "about")
+    kept = [k for k in range(len(columns)) if k == len(columns) - 1 or any(row[k] for row in rows)]
+    shown = [[row[k] for k in kept] for row in rows]
+    print_table(results(), [columns[k] for k in kept], shown)
     return 0
+
+
+def _stored_record(problem: "Problem") -> "Mapping[str, Any]":
+    """The gait in the problem's default run folder; empty where there is none."""
+    from gaitopt.errors import StorageError
+    from gaitopt.store import find_run, read_object
+    from gaitopt.store.run import GAIT_FILE
+
+    try:
+        folder = find_run(problem)
+        return {} if folder is None else read_object(folder, GAIT_FILE)
+    except StorageError:  # not ours to report while listing problems
+        return {}
 
 
 def show(
@@ -30,7 +53,7 @@ def show(
     if json:
         print_json({**found.resolved(), "hash": found.digest})
         return 0
-    from gaitopt.cli.tables import print_problem
+    from gaitopt.library.tables import print_problem
 
     print_problem(results(), found)
     return 0

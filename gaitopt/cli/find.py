@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.grids import SchedulerOption, WorkersOption, job_progress, number_or_angle
+from gaitopt.cli.grids import SchedulerOption, WorkersOption
 from gaitopt.cli.options import (
     DebugOption,
     JsonOption,
@@ -15,6 +15,7 @@ from gaitopt.cli.options import (
     key_value,
 )
 from gaitopt.cli.starts import SeedOption
+from gaitopt.mechanics.modes import Mode
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -53,6 +54,7 @@ def find(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import job_progress
     from gaitopt.runs.find_run import find_durably
     from gaitopt.search.find import opened
     from gaitopt.store import begin_run, run_folder, writing
@@ -96,6 +98,8 @@ def ranges(texts: "Sequence[str] | None") -> dict[str, tuple[float, float]]:
     typer.BadParameter
         If one is not of the form KEY=LO:HI, or a range is empty.
     """
+    from gaitopt.runs.grid import number_or_angle
+
     spans = {}
     for text in texts or ():
         key, span = key_value(text, "--within")
@@ -123,8 +127,8 @@ def print_gaits(console: "Console", record: "Mapping[str, Any]") -> None:
 
 def print_list(console: "Console", title: str, gaits: "Sequence[Mapping[str, Any]]") -> None:
     """One line per gait: sequence, steps, period, speed, radius, stability, and how many starts led there."""
-    from gaitopt.cli.quantities import number
-    from gaitopt.cli.tables import STABILITY, section
+    from gaitopt.library.quantities import number
+    from gaitopt.library.tables import STABILITY, section
 
     columns = ("phases; impact", "steps", "period [s]", "speed [m/s]", "radius", "", "starts")
     rows = (
@@ -143,4 +147,4 @@ def print_list(console: "Console", title: str, gaits: "Sequence[Mapping[str, Any
 
 
 def _sequence(step: "Mapping[str, Any]") -> str:
-    return f"{', '.join(phase['mode'] for phase in step['phases'])}; {step['impact']}"
+    return f"{', '.join(Mode.from_record(phase) for phase in step['phases'])}; {step['impact']}"

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from gaitopt.cli.grids import OverOption, grid, job_progress
+from gaitopt.cli.grids import OverOption, grid
 from gaitopt.cli.options import DebugOption, JsonOption, OutOption, ProblemArgument, QuietOption, SetOption
 
 if TYPE_CHECKING:
@@ -36,17 +36,20 @@ def front(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
-    from gaitopt.runs.front import design_front
+    from gaitopt.library.progress import job_progress
+    from gaitopt.runs.front import check_front, design_front
     from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
 
-    axes, found = grid(over).axes, asked(problem, changes)
+    console = narration(quiet=quiet)
+    axes, found = grid(over).axes, asked(problem, changes, console)
     if len(axes) != 1:
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
     folder = output or run_folder(found)
     check_folder(folder, found)
+    check_front(found, axes[0], folder)
     path = folder / f"front-{axes[0].key}.json"
     with writing(folder, found):
-        with interruptible() as interrupted, job_progress(narration(quiet=quiet), "designs") as progress:
+        with interruptible() as interrupted, job_progress(console, "designs") as progress:
             points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
         if points is None:
             raise KeyboardInterrupt
@@ -64,18 +67,10 @@ def front(
 
 
 def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", stem: Path) -> list[Path]:
-    """The objective over what is varied; where a bound is varied, over the scalar that it bounds."""
-    from gaitopt.figures.front import pareto_front
+    from gaitopt.figures.front import front_figure
     from gaitopt.figures.style import save
 
-    drawn = [point for point in points if point["objective"] is not None]
-    if not drawn:
-        return []
-    bounded = key.removeprefix("constraints.").removesuffix(".min").removesuffix(".max")
-    first = bounded if bounded in drawn[0] else "value"
-    second = next(iter(problem.objective)) if len(problem.objective) == 1 else "objective"
-    figure = pareto_front({problem.name: drawn}, first, second if second in drawn[0] else "objective", varied=bounded)
-    return save(figure, stem)
+    return save(front_figure(problem, key, points), stem)
 
 
 def _exit_code(points: "list[FrontPoint]") -> int:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaitopt.cli.runs import gait_of
-from gaitopt.cli.solve import report, store_gait
+from gaitopt.cli.solve import report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,6 +18,8 @@ def stored_gaits(
     runs: "Sequence[str]", changes: list[str] | None, console: "Console"
 ) -> "tuple[list[Gait], list[Path]]":
     """Gaits and their run folders; what was solved just now is stored, and a failed attempt is reported."""
+    from gaitopt.library.stored import save
+
     gaits: list[Gait] = []
     folders: list[Path] = []
     for run in runs:
@@ -25,7 +27,7 @@ def stored_gaits(
         if not gait.converged:
             report(gait, None, json=False)
         elif fresh:
-            store_gait(gait, folder)
+            save(gait, folder)
         gaits.append(gait)
         folders.append(folder)
     return gaits, folders

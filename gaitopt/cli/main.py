@@ -3,9 +3,11 @@
 import os
 import sys
 from collections.abc import Sequence
+from typing import Annotated
 
 import typer
 
+from gaitopt import __version__
 from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.continuation import continue_
@@ -31,13 +33,34 @@ STORAGE = 6
 BROKEN_PIPE = 141
 """Whoever read our output has gone; the code that a shell gives a program ended by SIGPIPE."""
 
+COMPLETION = "_GAITOPT_COMPLETE"
+"""Variable through which a shell that completes a command line asks for words; see ``--show-completion``."""
+
+
+def print_version(asked: bool) -> None:
+    """Print the version and end, if ``--version`` is given."""
+    if asked:
+        sys.stdout.write(f"gaitopt {__version__}\n")
+        raise typer.Exit
+
+
+VersionOption = Annotated[
+    bool, typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and exit.")
+]
+
 app = typer.Typer(
     name="gaitopt",
-    help="Periodic gaits of legged walkers that slip: solved, simulated, verified.",
     epilog="PROBLEM is a name from `gaitopt list` or a .yaml file; RUN is a run folder, or a PROBLEM.",
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
 )
+
+
+@app.callback()
+def options(version: VersionOption = False) -> None:
+    """Periodic gaits of legged walkers that slip: solved, simulated, verified."""
+
+
 app.command("list")(list_problems)
 app.command("show")(show)
 app.command("validate")(validate)
@@ -94,12 +117,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
+    if COMPLETION in os.environ:
+        app(prog_name="gaitopt")
     group = typer.main.get_command(app)
     try:
         with group.make_context("gaitopt", list(arguments)) as context:
             code = group.invoke(context)
         sys.stdout.flush()
-    except typer.Exit as ending:  # --help
+    except typer.Exit as ending:  # --help, --version
         return ending.exit_code
     return int(code)
 

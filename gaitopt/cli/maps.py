@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from gaitopt.runs.basin_tiles import Basin
     from gaitopt.runs.grid import Grid
+    from gaitopt.runs.sweep_table import Sweep
 
 BASIN = "basin"
 USUAL_SCALAR = "spectral_radius"
@@ -36,14 +37,15 @@ def draw_basin(found: "Basin", formats: "Sequence[str]", folder: Path) -> list[P
     return save(basin(found), folder / BASIN, formats)
 
 
-def draw_sweep(
-    grid: "Grid", records: list[dict[str, Any]], scalars: "Sequence[str]", formats: "Sequence[str]", folder: Path
-) -> list[Path]:
+def draw_sweep(found: "Sweep", scalars: "Sequence[str]", formats: "Sequence[str]", folder: Path) -> list[Path]:
     """Draw scalars of a sweep over one or two parameters into a folder; the files."""
     from gaitopt.figures.style import save
     from gaitopt.figures.sweep import sweep
 
-    drawn = [save(sweep(grid, records, scalar), folder / scalar, formats) for scalar in scalars]
+    drawn = [
+        save(sweep(found.grid, found.records, scalar, searched=found.problem.is_open), folder / scalar, formats)
+        for scalar in scalars
+    ]
     return [path for paths in drawn for path in paths]
 
 
@@ -68,7 +70,7 @@ def draw_again(kind: str, folder: Path, what: list[str] | None, formats: "Sequen
         If it has no such figure.
     """
     from gaitopt.runs.basin_tiles import read_basin
-    from gaitopt.runs.sweep import SCALARS, read_sweep
+    from gaitopt.runs.sweep_table import SCALARS, read_sweep
 
     if kind == BASIN:
         check_words(what or [], (BASIN,))
@@ -76,9 +78,9 @@ def draw_again(kind: str, folder: Path, what: list[str] | None, formats: "Sequen
         _check_axes(basin.grid, folder, (2,))
         return draw_basin(basin, formats, output)
     check_words(what or [], SCALARS)
-    grid, records = read_sweep(folder)
-    _check_axes(grid, folder, (1, 2))
-    return draw_sweep(grid, records, what or [USUAL_SCALAR], formats, output)
+    found = read_sweep(folder)
+    _check_axes(found.grid, folder, (1, 2))
+    return draw_sweep(found, what or [USUAL_SCALAR], formats, output)
 
 
 def check_words(words: list[str], known: "Sequence[str]") -> None:

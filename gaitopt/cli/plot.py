@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 FIGURES = "figures"
 """Folder of the figures within a run folder."""
+COMPARISON = "comparison"
+"""Folder of the figures of several runs, in the working folder."""
 ANIMATION = "animation"
 
 RunArguments = Annotated[list[str], typer.Argument(metavar="RUN...", help="Run folders, or PROBLEMs.")]
@@ -32,7 +34,7 @@ FolderOption = Annotated[
         "-o",
         "--output",
         metavar="DIR",
-        help="Where to; by default RUN/figures, and of a basin or a sweep its own folder.",
+        help="Where to; by default RUN/figures, of several runs ./comparison, of a basin or a sweep its own folder.",
         show_default=False,
     ),
 ]
@@ -47,34 +49,37 @@ def plot(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Draw figures of a gait, of several gaits in one picture, of a branch, a basin or a sweep.
+    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin or a sweep.
 
     Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
+    Of a walk that `simulate -o` has stored: section (states step by step), portrait, force, slip, torques, animation.
     Of a branch: multipliers, or any scalar of the result, spectral_radius for instance. Of a sweep, whose own folder
     is given as RUN: any scalar of the result.
     """
-    from gaitopt.cli.branches import holds_branch
+    from gaitopt.cli.branches import holds_branch, holds_walk
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.gaits import stored_gaits
-    from gaitopt.store import adding
+    from gaitopt.store import adding, check_writable
 
+    if output is not None:
+        check_writable(output / FIGURES)
     kind = map_in(runs[0]) if len(runs) == 1 else None
     drawn = formats or DEFAULT_FORMATS
+    own = Path(runs[0])
     if kind is not None:
-        own = Path(runs[0])
         with adding(own.resolve().parent, output or own) as written:
             written += draw_again(kind, own, what, drawn, output or own)
-    elif len(runs) == 1 and holds_branch(runs[0]):
-        with adding(Path(runs[0]), output or Path(runs[0]) / FIGURES) as written:
-            written += _plot_branch(runs[0], what, drawn, output or Path(runs[0]) / FIGURES)
+    elif len(runs) == 1 and (holds_branch(runs[0]) or holds_walk(runs[0])):
+        draw = _plot_branch if holds_branch(runs[0]) else _plot_walk
+        with adding(own, output or own / FIGURES) as written:
+            written += draw(own, what, drawn, output or own / FIGURES)
     else:
         gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
-        if output is None and len(gaits) > 1:
-            raise typer.BadParameter("say with -o where the figures of several runs go")
-        with adding(folders[0], output or folders[0] / FIGURES) as written:
-            written += _plot_gaits(gaits, what, drawn, output or folders[0] / FIGURES)
+        place = output or (folders[0] / FIGURES if len(gaits) == 1 else Path(COMPARISON))
+        with adding(folders[0], place) as written:
+            written += _plot_gaits(gaits, what, drawn, place)
     for path in written:
         results().print(str(path), soft_wrap=True)
     return 0
@@ -102,13 +107,33 @@ def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Seque
     return written
 
 
-def _plot_branch(run: str, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
+def _plot_walk(run: Path, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
+    from gaitopt.figures.animation import animation_page
+    from gaitopt.figures.catalogue import USUAL_WALK_FIGURES, WALK_FIGURES
+    from gaitopt.figures.motion import motion_of_walk
+    from gaitopt.figures.style import save
+    from gaitopt.runs.restore_walk import restore_walk
+    from gaitopt.store import write_whole
+
+    words = what or [*USUAL_WALK_FIGURES, ANIMATION]
+    check_words(words, (*WALK_FIGURES, ANIMATION))
+    walk, written = restore_walk(run), list[Path]()
+    for word in words:
+        if word == ANIMATION:
+            written.append(folder / f"{ANIMATION}.html")
+            write_whole(written[-1], animation_page(motion_of_walk(walk), walk.trajectory.message))
+        else:
+            written += save(WALK_FIGURES[word](walk), folder / word, formats)
+    return written
+
+
+def _plot_branch(run: Path, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
     from gaitopt.cli.branches import stored_branch
     from gaitopt.figures.catalogue import BRANCH_FIGURES, branch_figure, usual_branch_figures
     from gaitopt.figures.style import save
 
     check_words(what or [], BRANCH_FIGURES)
-    problem, parameter, records = stored_branch(run)
+    problem, parameter, records = stored_branch(str(run))
     words = what or usual_branch_figures(records)
     drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
     return [path for paths in drawn for path in paths]

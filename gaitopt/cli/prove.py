@@ -47,7 +47,8 @@ def prove(
 
 def _prove(run: str, changes: list[str] | None, output: Path | None, console: "Console", *, json: bool) -> int:
     from gaitopt.cli.runs import gait_of
-    from gaitopt.cli.solve import report, store_gait
+    from gaitopt.cli.solve import report
+    from gaitopt.library.stored import save
     from gaitopt.proof import prove as prove_gait
     from gaitopt.store import json_text
     from gaitopt.store.files import write_whole
@@ -57,7 +58,7 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, console: "C
     if not gait.converged:
         return report(gait, None, json=json)
     if fresh:
-        store_gait(gait, folder)
+        save(gait, folder)
     console.print(f"proving {gait.problem.name}: ten seconds to some minutes")
     proof = prove_gait(gait, intervals)
     file = folder / CERTIFICATE_FILE
@@ -107,7 +108,7 @@ def _report(proof: "Proof", file: Path, *, json: bool) -> int:
 
 
 def _print(console: "Console", record: dict[str, Any]) -> None:
-    from gaitopt.cli.tables import section
+    from gaitopt.library.tables import section
 
     verdict = "proved" if record["proved"] else "NOT PROVED"
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]

@@ -25,21 +25,26 @@ def report(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Write a page about a gait or a branch, or about several gaits side by side.
+    """Write a page about a gait, a walk or a branch, or about several gaits side by side.
 
     The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
     otherwise.
     """
-    from gaitopt.cli.branches import holds_branch, stored_branch
+    from gaitopt.cli.branches import holds_branch, holds_walk, stored_branch
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.gaits import stored_gaits
-    from gaitopt.report import branch_report, comparison_report
-    from gaitopt.store import adding, write_whole
+    from gaitopt.pages import branch_report, comparison_report, walk_report
+    from gaitopt.runs.restore_walk import restore_walk
+    from gaitopt.store import adding, check_writable, write_whole
 
     if output is not None and (not output.name or output.is_dir()):
         raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
+    if output is not None:
+        check_writable(output)
     if len(runs) == 1 and holds_branch(runs[0]):
         page, folder = branch_report(*stored_branch(runs[0])), Path(runs[0])
+    elif len(runs) == 1 and holds_walk(runs[0]):
+        page, folder = walk_report(restore_walk(Path(runs[0]))), Path(runs[0])
     else:
         gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
         if not all(gait.converged for gait in gaits):

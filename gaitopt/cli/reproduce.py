@@ -29,8 +29,8 @@ def reproduce(
     Gaits and families are taken from the run folders in results/, or computed and kept there.
     """
     from gaitopt.cli.console import narration, results
-    from gaitopt.cli.grids import job_progress
     from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import job_progress
     from gaitopt.paper import Archive, check_names
     from gaitopt.paper import reproduce as write
     from gaitopt.store.run import RESULTS

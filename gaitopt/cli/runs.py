@@ -1,6 +1,5 @@
 """What a user means by RUN: a run folder, or a problem whose gait is in the store or is solved now."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,14 +9,10 @@ from gaitopt.cli.options import overrides
 from gaitopt.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
     from rich.console import Console
 
-    from gaitopt.gait import Gait, Step
-    from gaitopt.mechanics import HybridSystem
+    from gaitopt.gait import Gait
     from gaitopt.problem import Problem
-    from gaitopt.store import Table
 
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
@@ -32,14 +27,6 @@ def asked(problem: str, changes: list[str] | None, console: "Console | None" = N
         for remark in changed.remarks:
             console.print(f"warning: {remark}", soft_wrap=True)
     return changed
-
-
-def motion_table(system: "HybridSystem", p: "NDArray[np.float64]", steps: "Iterable[Step]") -> "Table":
-    """The table of a motion that a run folder holds."""
-    from gaitopt.gait.table import trajectory_header, trajectory_rows
-    from gaitopt.store import Table
-
-    return Table(header=trajectory_header(system), rows=trajectory_rows(system, p, steps))
 
 
 def is_folder(run: str) -> bool:

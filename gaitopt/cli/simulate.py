@@ -1,8 +1,7 @@
 """``gaitopt simulate``: walk from a state, whatever becomes of it."""
 
 import math
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -16,9 +15,6 @@ from gaitopt.cli.options import (
     SetOption,
     key_value,
 )
-
-if TYPE_CHECKING:
-    from gaitopt.study import Walk
 
 StateOption = Annotated[
     list[str] | None,
@@ -50,8 +46,9 @@ def simulate(
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked, is_folder, stored_gait
     from gaitopt.cli.signals import interruptible
-    from gaitopt.cli.tables import print_walk
     from gaitopt.gait import Gait
+    from gaitopt.library.stored import save
+    from gaitopt.library.tables import print_walk
     from gaitopt.store import check_folder
 
     start = stored_gait(run, changes)[0] if is_folder(run) else asked(run, changes)
@@ -66,7 +63,7 @@ def simulate(
     record = {**walk.to_record(), "run": None if output is None else str(output)}
     try:
         if output is not None:
-            _store(walk, output)
+            save(walk, output)
     finally:  # what was computed is printed even where it cannot be kept
         if json:
             print_json(record)
@@ -97,11 +94,3 @@ def read_state(texts: list[str] | None) -> dict[str, float]:
             raise typer.BadParameter(f"--state {name}: {text} is not a finite number")
         state[name] = float(value)
     return state
-
-
-def _store(walk: "Walk", folder: Path) -> None:
-    from gaitopt.cli.runs import motion_table
-    from gaitopt.store import write_walk
-
-    table = motion_table(walk.system, walk.p, walk.trajectory.steps)
-    write_walk(folder, problem=walk.problem, walk=walk.to_record(), trajectory=table)

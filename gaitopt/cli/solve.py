@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
-MANY_PHASES = 10
-"""Known gaits have up to five; so many take more than half a minute."""
 ATTRACTOR = "@attractor."
 NOT_A_GAIT = 4
 NOT_VERIFIED = 5
@@ -62,6 +60,7 @@ def solve(
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.starts import print_optima, sampled_optima, started
+    from gaitopt.runs.grid import check_jobs_fit
     from gaitopt.store import run_folder, writing
     from gaitopt.workers.jobs import make_workers
 
@@ -74,6 +73,7 @@ def solve(
     found = started(found, start, console) if start else found
     folder = output or run_folder(found)
     jobs_at = make_workers(workers, scheduler)
+    check_jobs_fit(starts, folder)
     with writing(folder, found):
         best, about = found, dict[str, Any]()
         if starts > 1:
@@ -89,16 +89,16 @@ def solve(
 
 def _solve_attractor(place: str, output: Path | None, console: "Console", *, json: bool) -> int:
     """Solve the gait of RUN@attractor.K, verify it and store it."""
-    from gaitopt import search
-    from gaitopt.cli.progress import solver_progress
     from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import solver_progress
     from gaitopt.runs.basin_tiles import stored_attractor
+    from gaitopt.search.attractor import solve_attractor
     from gaitopt.store import run_folder, writing
 
     run, _, index = place.rpartition(ATTRACTOR)
     attractor = stored_attractor(Path(run), index)
     with interruptible() as interrupted, solver_progress(console, f"solving {place}") as progress:
-        gait = search.solve(attractor, progress=progress, should_stop=interrupted)
+        gait = solve_attractor(attractor, progress=progress, should_stop=interrupted)
         if interrupted():
             raise KeyboardInterrupt
     gait = verified(gait, console)
@@ -115,18 +115,15 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     KeyboardInterrupt
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
-    from gaitopt import search
-    from gaitopt.cli.progress import solver_progress
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
+    from gaitopt.library.progress import solver_progress
+    from gaitopt.search.own import solve_as_own
 
-    phases = 0 if problem.is_open else len(problem.cycle.phases)
-    if phases > MANY_PHASES:
-        console.print(f"large: {phases} phases in one step; each has equations of its own, so that this takes minutes")
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:
-                gait = search.solve_as_own(problem, progress=progress, should_stop=interrupted)
+                gait = solve_as_own(problem, progress=progress, should_stop=interrupted)
         except SolveError:
             if interrupted():  # a reference whose solution was interrupted
                 raise KeyboardInterrupt from None
@@ -153,12 +150,13 @@ def report(
 ) -> int:
     """Store if asked to, print a gait (and what else is known about it) or the failure, and return the exit code."""
     from gaitopt.cli.console import print_json, results
-    from gaitopt.cli.tables import print_gait
+    from gaitopt.library.stored import save
+    from gaitopt.library.tables import print_gait
 
     record = {**gait.to_record(), "run": None if folder is None else str(folder), **(about or {})}
     try:
         if store and folder is not None:
-            store_gait(gait, folder)
+            save(gait, folder)
     finally:  # what was computed is printed even where it cannot be kept
         if json:
             print_json(record)
@@ -172,13 +170,3 @@ def report(
     if folder is not None and not json:
         results().print(f"run: {folder}", soft_wrap=True)
     return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED
-
-
-def store_gait(gait: "Gait", folder: Path) -> None:
-    """Write the run of a gait."""
-    from gaitopt.cli.runs import motion_table
-    from gaitopt.store import write_run
-
-    assert gait.steps, "only a gait is stored"
-    table = motion_table(gait.system, gait.p, gait.steps)
-    write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table)

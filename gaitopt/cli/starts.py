@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.grids import job_progress
-
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -71,6 +69,7 @@ def sampled_optima(
         If Ctrl-C was pressed.
     """
     from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import job_progress
     from gaitopt.runs.multistart import multistart
 
     with interruptible() as interrupted, job_progress(console, "starts") as progress:

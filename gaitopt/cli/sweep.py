@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid, job_progress
+from gaitopt.cli.grids import OverOption, SchedulerOption, WorkersOption, grid
 from gaitopt.cli.maps import DEFAULT_FORMATS, draw_sweep
 from gaitopt.cli.options import DebugOption, JsonOption, OutOption, ProblemArgument, QuietOption, SetOption
 
@@ -39,20 +39,23 @@ def sweep(
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import UnknownNameError
-    from gaitopt.runs.sweep import SCALARS, TABLE_FILE, Sweep, check_sweep, run_sweep, sweep_record
+    from gaitopt.library.progress import job_progress
+    from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep, sweep_record
+    from gaitopt.runs.sweep_table import SCALARS, TABLE_FILE, Sweep
     from gaitopt.store import adding, check_folder, run_folder, writing
     from gaitopt.workers.jobs import make_workers
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
-    points, found = grid(over), asked(problem, changes)
+    console = narration(quiet=quiet)
+    points, found = grid(over), asked(problem, changes, console)
     folder = output or run_folder(found)
     check_folder(folder, found)
-    asked_for = Sweep(problem=found, grid=points, warm=warm, folder=folder)
+    asked_for = SweepPlan(problem=found, grid=points, warm=warm, folder=folder)
     check_sweep(asked_for)
     jobs_at = make_workers(workers, scheduler)
     with writing(folder, found):
-        with interruptible() as interrupted, job_progress(narration(quiet=quiet), "jobs") as progress:
+        with interruptible() as interrupted, job_progress(console, "jobs") as progress:
             records = run_sweep(asked_for, jobs_at, progress=progress, should_stop=interrupted)
         if records is None:
             raise KeyboardInterrupt
@@ -60,7 +63,8 @@ def sweep(
         record = sweep_record(asked_for, records) | {"table": str(place / TABLE_FILE), "run": str(place)}
         if len(points.axes) <= 2:
             with adding(folder, place) as figures:
-                figures += draw_sweep(points, records, [what], DEFAULT_FORMATS, place)
+                swept = Sweep(problem=found, grid=points, records=records)
+                figures += draw_sweep(swept, [what], DEFAULT_FORMATS, place)
             record["figures"] = [str(path) for path in figures]
     if json:
         print_json(record)

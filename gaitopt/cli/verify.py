@@ -56,7 +56,7 @@ def verify(
 
 def _searched(gait: "Gait", console: "Console") -> "Neighbourhood":
     """The feasible neighbourhood of a design."""
-    from gaitopt.cli.grids import job_progress
+    from gaitopt.library.progress import job_progress
     from gaitopt.nlp import neighbourhood
 
     with job_progress(console, "directions") as progress:

@@ -23,6 +23,7 @@ def continuation(
     max_seconds: float | None = None,
     verify_every: int = 10,
     doublings: int = 0,
+    progress: Callable[[int, float], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Branch:
     """Continue a gait in a parameter, through folds and changes of the mode sequence.
@@ -38,6 +39,7 @@ def continuation(
     max_points, max_seconds : bounds on the work of each walk.
     verify_every : every so many points is confirmed by the simulator.
     doublings : how many times in turn the family that begins at a period doubling is followed as well.
+    progress : called after every record with their number and the parameter.
     should_stop : polled before every point.
 
     Returns
@@ -63,7 +65,11 @@ def continuation(
         verify_every=verify_every,
         doublings=doublings,
     )
-    records = list(follow_family(start, request, should_stop=should_stop))
+    records = list[Record]()
+    for record in follow_family(start, request, should_stop=should_stop):
+        records.append(record)
+        if progress is not None:
+            progress(len(records), record.value)
     return Branch(
         parameter=parameter,
         points=tuple(record for record in records if isinstance(record, BranchPoint)),

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.style import COLOURS, STYLE, entry, legend_below, panels
+from gaitopt.figures.sweep import shown
+from gaitopt.gait.quantities import state_unit
 from gaitopt.runs.basin import UNDECIDED
 from gaitopt.runs.basin_tiles import Basin
+from gaitopt.runs.grid import Axis
 from gaitopt.simulation.batch.steps import ENDINGS
 
 FAILURES = ("#ffffff", "#d9d9d9", "#bdbdbd", "#f0e0d0", "#969696", "#e5dbe5", "#d5e0d5", "#c8c0b0")
@@ -33,25 +36,30 @@ def basin(found: Basin) -> Figure:
     figure, (axes,) = panels(height=4.6)
     with mpl.rc_context(STYLE):
         axes.pcolormesh(
-            first.values, second.values, classes.T, shading="nearest", rasterized=True,
+            shown(first), shown(second), classes.T, shading="nearest", rasterized=True,
             cmap=ListedColormap(colours), norm=BoundaryNorm(np.arange(len(colours) + 1) - 0.5, len(colours)),
         )  # fmt: skip
     names = found.problem.walker.section_names(slipping=True)
     for gait in found.attractors:
-        point = [gait.state[names.index(axis.key)] for axis in found.grid.axes]
+        point = [_in_unit(axis, gait.state[names.index(axis.key)]) for axis in found.grid.axes]
         axes.plot(*point, "+", color="white", markersize=12, markeredgewidth=3.5)
         axes.plot(*point, "+", color="black", markersize=11, markeredgewidth=1.4)
-    axes.set_xlabel(_axis_label(first.key))
-    axes.set_ylabel(_axis_label(second.key))
+    axes.set_xlabel(_axis_label(first))
+    axes.set_ylabel(_axis_label(second))
     axes.grid(visible=False)
     fixed = [entry("gait", marker="+", linestyle="", color="black")] if found.attractors else []
     legend_below(figure, [*handles, *fixed])
     return figure
 
 
-def _axis_label(name: str) -> str:
-    unit = "m/s" if name == "dx" else "rad/s" if name.startswith("d") else "rad"
-    return f"{symbol(name)} after the impact [{unit}]"
+def _in_unit(axis: Axis, value: float) -> float:
+    return float(np.degrees(value)) if axis.unit == "deg" else float(value)
+
+
+def _axis_label(axis: Axis) -> str:
+    unit = state_unit(axis.key)
+    unit = unit.replace("rad", "°") if axis.unit == "deg" else unit
+    return f"{symbol(axis.key)} after the impact [{unit}]"
 
 
 def _classes(found: Basin) -> tuple[NDArray[np.int32], list[Line2D]]:

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.figures.labels import label
-from gaitopt.figures.style import COLOURS, NEUTRAL, entry, legend_below, panels
+from gaitopt.figures.style import COLOURS, HEIGHT, NEUTRAL, entry, legend_below, panels
+from gaitopt.mechanics.modes import Mode
 
 Record = Mapping[str, Any]
 
@@ -35,6 +36,10 @@ SPECIAL = {
     "end": ("branch ends", "|"),
 }
 """Words and marker of every type of special point."""
+LINE = 0.22
+"""Height of a legend's line [inch]."""
+BIFURCATIONS = ("fold", "branch_point", "period_doubling", "neimark_sacker")
+"""Special points that carry the value of the parameter."""
 OF_EACH_STEP = ("period", "step_length")
 """Scalars that are drawn for every step of a cycle: at a period doubling the curve splits."""
 
@@ -51,15 +56,17 @@ def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quant
     quantity : key of a scalar in the records.
     """
     figure, (axes,) = panels()
-    handles, present = list[Line2D](), set[str]()
+    handles, present = dict[str, Line2D](), set[str]()
     for (name, records), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         points = _points(records, quantity)
-        for _, branch in groupby(sorted(points, key=_order), key=lambda point: point["branch"]):
-            _draw(axes, list(branch), quantity, colour)
-        specials = [record for record in records if record["record"] == "special"]
-        present |= _mark(axes, specials, points, quantity, colour)
-        if len(curves) > 1:
-            handles.append(entry(name, color=colour))
+        specials = [record for record in records if record["record"] == "special" and not _is_bound(record)]
+        named = _sequences(points) if len(curves) == 1 else {}
+        for number, branch in groupby(sorted(points, key=_order), key=lambda point: point["branch"]):
+            words, own_colour = named.get(number, (name, colour))
+            _draw(axes, joined(list(branch), specials, quantity), quantity, own_colour)
+            if len(curves) > 1 or len(named) > 1:
+                handles[words] = entry(words, color=own_colour)
+        present |= _mark(axes, specials, points, quantity, colour if len(curves) > 1 else NEUTRAL)
     if quantity == "spectral_radius":
         axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
         if (
@@ -73,14 +80,58 @@ def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quant
         len(_heights(point, quantity)) > 1 for records in curves.values() for point in _points(records, quantity)
     )
     axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
-    legend_below(figure, [*handles, *_legend(present)])
+    figure.set_figheight(HEIGHT + LINE * len(handles))
+    legend_below(figure, [*handles.values(), *_legend(present)])
     return figure
+
+
+def joined(branch: Sequence[Record], specials: Sequence[Record], quantity: str) -> list[Record]:
+    """The points of a branch with the gaits of its special points between them, so that lines reach the markers.
+
+    A special point counts as stable where the point before it is: stability is lost at the marker.
+    """
+    line, number = list(branch), branch[0]["branch"]
+    for special in specials:
+        gait = special.get("gait") or {}
+        if gait.get(quantity) is None or not (special["branch"] == number or number in special.get("next", ())):
+            continue
+        place = 0 if special["branch"] != number else _place(line, special["value"])
+        before = line[max(place - 1, 0)]
+        line.insert(place, {**gait, "value": special["value"], "branch": number, "stable": is_stable(before)})
+    return line
+
+
+def _place(line: Sequence[Record], value: float) -> int:
+    """Where a value fits between the points of a line with the least detour; after the last one if it lies beyond."""
+    values = [point["value"] for point in line]
+    detours = [abs(value - a) + abs(b - value) - abs(b - a) for a, b in pairwise(values)]
+    beyond = 2 * abs(value - values[-1])
+    return len(line) if not detours or beyond <= min(detours) else int(np.argmin(detours)) + 1
+
+
+def _is_bound(special: Record) -> bool:
+    """Whether a branch ends only where it was asked to end."""
+    return special["type"] == "end" and special.get("reason", "").startswith("reached ")
+
+
+def _sequences(points: Sequence[Record]) -> dict[int, tuple[str, str]]:
+    """Mode sequence in words and colour of every branch; equal sequences share both."""
+    words = {point["branch"]: _words(point) for point in points}
+    colours = dict(zip(dict.fromkeys(words.values()), cycle(COLOURS), strict=False))
+    return {number: (sequence, colours[sequence]) for number, sequence in words.items()}
+
+
+def _words(point: Record) -> str:
+    steps = point.get("steps", (point,))
+    modes = [", ".join(Mode.from_record(phase).replace("_", " ") for phase in step["phases"]) for step in steps]
+    sequences = [f"{own}; impact {step['impact'].replace('_', ' ')}" for own, step in zip(modes, steps, strict=True)]
+    return " | ".join(sequences)
 
 
 def is_stable(point: Record) -> bool:
     """Whether the gait of a record attracts its neighbours."""
     radius = point.get("spectral_radius")
-    return radius is not None and radius < 1
+    return bool(point.get("stable", radius is not None and radius < 1))
 
 
 def _points(records: Sequence[Record], quantity: str) -> list[Record]:
@@ -125,6 +176,11 @@ def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quan
         size = 7 if len(heights) == 1 else 4
         axes.plot(values, heights, marker, color=colour, markersize=size, markeredgewidth=1.4, markerfacecolor="white")
         marked.add(special["type"])
+        if special["type"] in BIFURCATIONS:
+            axes.annotate(
+                f"{special['value']:.4g}", (special["value"], heights[0]), xytext=(7, 5),
+                textcoords="offset points", fontsize="small", color=NEUTRAL,
+            )  # fmt: skip
     return marked
 
 

@@ -9,10 +9,12 @@ from gaitopt.figures.branches import over_parameter
 from gaitopt.figures.comparison import node_points, simulated, two_roads
 from gaitopt.figures.force import foot_slip, force_ratio, torques
 from gaitopt.figures.labels import QUANTITIES
-from gaitopt.figures.motion import motion_of
+from gaitopt.figures.motion import motion_of, motion_of_walk
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.stability import multiplier_paths, multiplier_plane
+from gaitopt.figures.walk import section_states
 from gaitopt.gait import Gait
+from gaitopt.study.simulate import Walk
 
 Record = Mapping[str, Any]
 
@@ -31,6 +33,16 @@ GAIT_FIGURES: Mapping[str, Callable[[Sequence[Gait]], Figure]] = {
     "roads": _roads,
 }
 """Figures of one or several gaits; ``roads`` is of one."""
+
+WALK_FIGURES: Mapping[str, Callable[[Walk], Figure]] = {
+    "section": section_states,
+    "portrait": lambda walk: phase_portrait([motion_of_walk(walk)]),
+    "force": lambda walk: force_ratio([motion_of_walk(walk)]),
+    "slip": lambda walk: foot_slip([motion_of_walk(walk)]),
+    "torques": lambda walk: torques([motion_of_walk(walk)]),
+}
+"""Figures of a simulated walk."""
+USUAL_WALK_FIGURES = ("section", "portrait")
 
 BRANCH_FIGURES = ("multipliers", *(key for key in QUANTITIES if key not in ("time", "force_ratio")))
 """Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
@@ -51,12 +63,14 @@ def telling(gaits: Sequence[Gait]) -> Iterator[str]:
 
 
 def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
-    """Words of the figures of a branch that are drawn unless others are asked for."""
-    return (*USUAL_BRANCH_FIGURES, *(CYCLE_FIGURES if any("steps" in record for record in records) else ()))
+    """Words of the figures of a branch that have something to show: no cost of passive walkers."""
+    works = any(record.get("work") for record in records)
+    usual = [word for word in USUAL_BRANCH_FIGURES if works or word != "cost_of_transport"]
+    return (*usual, *(CYCLE_FIGURES if any("steps" in record for record in records) else ()))
 
 
 def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:
     """The figure of a branch that ``word``, one of ``BRANCH_FIGURES``, asks for."""
     if word == "multipliers":
-        return multiplier_paths([record for record in records if record["record"] == "point"], parameter)
+        return multiplier_paths(records, parameter)
     return over_parameter({name: records}, parameter, word)

@@ -9,14 +9,16 @@ from matplotlib.lines import Line2D
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from gaitopt.figures.labels import label, symbol
-from gaitopt.figures.motion import Motion, running
+from gaitopt.figures.labels import symbol
+from gaitopt.figures.motion import Motion, running, time_label
 from gaitopt.figures.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels
 from gaitopt.gait import Arc, Gait, Step, curves
 from gaitopt.simulation import Simulator
 
 Array = NDArray[np.float64]
 
+NODES_SHOWN = 20
+"""Markers of nodes; more would hide the curve."""
 ROUNDING = 1e-17
 """A difference of exactly zero is drawn here, at the foot of the log axis."""
 
@@ -38,6 +40,8 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
     """
     figure, (upper, lower) = panels(2, heights=[3, 2], height=5.4)
     times, states = points_of(motion.steps) if nodes is None else nodes
+    every = max(1, len(times) // NODES_SHOWN)
+    times, states = times[::every], states[::every]
     handles: list[Line2D] = []
     for name, colour in zip(motion.system.walker.shape, COLOURS, strict=False):
         column = motion.state_index(name)
@@ -73,7 +77,7 @@ def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Lin
             size = np.maximum(np.abs(gap[:, columns]).max(axis=1), ROUNDING)
             axes.semilogy(times, size, color=NEUTRAL, linestyle=line, linewidth=1.1)
         entries.append(entry(f"difference, {words}", linestyle=line, linewidth=1.1))
-    axes.set_xlabel(str(label("time")))
+    axes.set_xlabel(time_label([motion]))
     axes.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
     return entries
 

@@ -1,36 +1,43 @@
 """A cycle as data for a page that moves: the walker's drawing, forces, states and torques at some tens of times."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.figures.motion import Motion, resampled, running
+from gaitopt.figures.motion import Motion, running
 from gaitopt.figures.packing import pack
 from gaitopt.figures.skeleton import Skeleton, skeleton, slope
-from gaitopt.gait import Arc
+from gaitopt.gait import Arc, curves
 
 Array = NDArray[np.float64]
 
 FRAMES = 72
-"""Frames of a cycle; a page draws straight lines between them."""
+"""Most frames of a cycle; a page draws smooth curves through them."""
+FRAMES_OF_WALK = 240
+"""Fewest frames of a walk."""
+REPEATS = 4
+"""How often the page goes through a cycle before it starts again."""
 FEWEST = 5
 """Frames of a phase, however short."""
+VISIBLE, SMALLEST = 3e-4, 1e-6
+"""Part of a state's range that can be seen on a page; and ranges [rad, m; per s] too small to matter."""
 
 
 def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
-    """The cycle of ``motion`` as a JSON-able object, in SI units; ``walker.js`` and the report read it.
+    """A cycle or a walk as a JSON-able object, in SI units; ``walker.js`` and the report read it.
 
-    Frames are equidistant within each phase. Point 0 is the stance foot; all x are counted from where it stood at the
-    start of the cycle, and ``origin`` is where it stood at the start of its own step.
+    Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot; all x are
+    counted from where it stood at the start of the cycle, and ``origin`` is where it stood at the start of its own
+    step. ``path`` are times and places between which the picture follows the walker.
     """
-    cycle = list(_running(motion, frames))
+    cycle = list(_running(motion, frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))))
     arcs = [part.arc for part in cycle]
     drawing = skeleton(motion, np.vstack([_moved(part, motion) for part in cycle]))
-    last = motion.steps[-1].impact
-    ratio = None if last is None else float(last.stick_impulse[0] / last.stick_impulse[1])
+    path = _path(motion)
+    impulses = [step.impact.stick_impulse for step in motion.steps if step.impact is not None]
     return {
         "name": motion.name,
         "slope": slope(motion),
@@ -38,8 +45,10 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "weight": float(motion.system.weight(motion.p)),
         "period": motion.period,
         "steps": len(motion.steps),
-        "step_length": sum(step.impact.step_length for step in motion.steps if step.impact is not None),
-        "impulse_ratio": ratio,
+        "repeats": REPEATS if motion.periodic else 1,
+        "step_length": path[-1][1],
+        "path": path,
+        "impulse_ratios": [float(tangential / normal) for tangential, normal in impulses],
         "shape": list(motion.system.walker.shape),
         "actuators": list(motion.system.walker.actuators),
         "phases": _phases(cycle),
@@ -48,6 +57,16 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "discs": drawing.discs,
         "frames": pack(_columns(motion, arcs, drawing)),
     }
+
+
+def _path(motion: Motion) -> list[list[float]]:
+    """Time [s] and place [m] of the stance foot at the start of each step, and of the walker at the end."""
+    times, places = [0.0], [0.0]
+    for step in motion.steps:
+        pace = places[-1] / times[-1] if times[-1] else 0.0
+        times.append(times[-1] + step.period)
+        places.append(places[-1] + (step.impact.step_length if step.impact is not None else pace * step.period))
+    return [list(pair) for pair in zip(times, places, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +83,22 @@ def _running(motion: Motion, frames: int) -> Iterator[_Part]:
     origin = 0.0
     for index, (began, step) in enumerate(running(motion.steps)):
         for arc in step.arcs:
-            count = max(FEWEST, round(frames * arc.duration / motion.period))
-            yield _Part(resampled(arc, count), index, began, origin)
+            most = max(FEWEST, round(frames * arc.duration / motion.period))
+            yield _Part(_resolved(arc, most), index, began, origin)
         origin += 0.0 if step.impact is None else step.impact.step_length
+
+
+def _resolved(arc: Arc, most: int) -> Arc:
+    """The arc at as few Chebyshev points as resolve it for the eye, but no more than ``most``."""
+    if len(arc.times) == 2:  # too short to be anything but straight
+        return arc
+    fitted = curves.coefficients(arc.states)
+    scale = np.maximum(np.ptp(arc.states, axis=0), SMALLEST)
+    left = (np.abs(fitted[::-1]).cumsum(axis=0)[::-1] / scale).max(axis=1)  # what is lost from each term on
+    enough = int(np.argmax(np.append(left, 0.0) < VISIBLE))
+    s = curves.points(min(max(enough, FEWEST), max(most, FEWEST)))
+    states = np.asarray(curves.evaluate(fitted, s))
+    return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
 
 
 def _moved(part: _Part, motion: Motion) -> Array:

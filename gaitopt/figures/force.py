@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitopt.figures.labels import label, symbol
-from gaitopt.figures.motion import Motion, running, smooth
+from gaitopt.figures.labels import symbol
+from gaitopt.figures.motion import Motion, running, smooth, time_label
 from gaitopt.figures.style import (
     COLOURS,
     MODE_COLOURS,
@@ -25,7 +25,7 @@ from gaitopt.figures.style import (
     mode_legend,
     panels,
 )
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import CONTACTS
 
 OUTSIDE = "#f1ece4"
 """Colour of what friction cannot provide."""
@@ -45,7 +45,7 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     for motion, colour in zip(motions, cycle(COLOURS), strict=False):
         handles.append(entry(motion.name, color=colour))
         _draw_ratio(axes, motion, against, colour)
-    axes.set_xlabel(str(label("time")) if against == "time" else f"angle {symbol(against)} [rad]")
+    axes.set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
     axes.set_ylabel("force ratio σ = $f_t/f_n$")
     handles.extend(_cones(axes, motions))
     modes = [mode for motion in motions for mode in motion.modes]
@@ -64,7 +64,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
         for began, arc in smooth(motion.steps):
             axes.plot(began + arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
     axes.axhline(0, color="#808080", linewidth=0.8)
-    axes.set_xlabel(str(label("time")))
+    axes.set_xlabel(time_label(motions))
     axes.set_ylabel("slip of the stance foot x [mm]")
     modes = [mode for motion in motions for mode in motion.modes]
     legend_below(figure, [*handles, *mode_legend(modes)])
@@ -83,7 +83,7 @@ def torques(motions: Sequence[Motion]) -> Figure:
             handles.append(entry(f"{prefix}{name}", color=colour))
             for began, arc in smooth(motion.steps):
                 axes.plot(began + arc.times, motion.observe(arc).torque[:, k], color=colour)
-    axes.set_xlabel(str(label("time")))
+    axes.set_xlabel(time_label(motions))
     axes.set_ylabel("torque [N m]")
     legend_below(figure, [*handles, *mode_strip(strip, motions)])
     return figure
@@ -94,7 +94,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
     for row, motion in enumerate(motions):
         for began, step in running(motion.steps):
             for arc in step.arcs:
-                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode])
+                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode.contact])
     named = len(motions) > 1
     axes.set_yticks(range(len(motions)) if named else [], [motion.name for motion in motions] if named else [])
     axes.tick_params(length=0, labelbottom=False)
@@ -103,7 +103,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
         spine.set_visible(False)
     axes.invert_yaxis()
     present = {mode for motion in motions for mode in motion.modes}
-    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in Mode if mode in present]
+    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in CONTACTS if mode in present]
 
 
 def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:

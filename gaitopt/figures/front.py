@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
+from textwrap import shorten
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -10,9 +11,53 @@ from matplotlib.lines import Line2D
 from gaitopt.figures.branches import is_stable
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, NEUTRAL, entry, legend_below, panels
+from gaitopt.problem import Problem
 
+FAILURES = ("#d55e00", "#cc79a7", "#4d4d4d")
+LONGEST_REASON = 80
+"""Characters of a reason in the legend."""
 ON_FRONT, BEATEN = "o", "s"
 """Markers."""
+
+
+def front_figure(problem: Problem, key: str, points: Sequence[Mapping[str, Any]]) -> Figure:
+    """The objective over what is varied; where a bound is varied, over the scalar that it bounds.
+
+    Requests without a design are ticks on the axis, named by their reason.
+
+    Parameters
+    ----------
+    key : dotted key of the number that is varied.
+    points : records of the designs with ``value``, ``objective`` and ``pareto``.
+    """
+    drawn = [point for point in points if point["objective"] is not None]
+    bounded = key.removeprefix("constraints.").removesuffix(".min").removesuffix(".max")
+    scalar = next(iter(problem.objective)) if len(problem.objective) == 1 else "objective"
+    first = bounded if drawn and bounded in drawn[0] else "value"
+    second = scalar if drawn and scalar in drawn[0] else "objective"
+    figure = pareto_front({problem.name: drawn}, first, second, varied=bounded)
+    failed = [point for point in points if point["objective"] is None]
+    _mark_failures(figure, failed)
+    return figure
+
+
+def _mark_failures(figure: Figure, failed: Sequence[Mapping[str, Any]]) -> None:
+    """Ticks at the foot of the axes where there is no design, one colour per reason; the legend names it."""
+    axes = figure.axes[0]
+    handles = list(figure.legends[0].legend_handles)
+    for status, colour in zip(dict.fromkeys(point["status"] for point in failed), FAILURES, strict=False):
+        own = [point for point in failed if point["status"] == status]
+        places = [point["value"] for point in own]
+        axes.plot(
+            places, [0.0] * len(own), "|", color=colour, markersize=14, markeredgewidth=2,
+            transform=axes.get_xaxis_transform(), clip_on=False,
+        )  # fmt: skip
+        words = f"{status.replace('_', ' ')}: {own[0]['message']}"
+        handles.append(entry(shorten(words, LONGEST_REASON), marker="|", linestyle="", color=colour, markersize=10))
+    if failed:
+        figure.legends[0].remove()
+        figure.legends.clear()
+        legend_below(figure, handles)
 
 
 def pareto_front(

@@ -2,22 +2,20 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from gaitopt.figures.labels import Label, label
 from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
 from gaitopt.mechanics import HybridSystem, Mode
-from gaitopt.nlp import integrate_to
-from gaitopt.nlp.assembly import impact_record
+from gaitopt.runs.recorded import POINTS, recorded_steps
+from gaitopt.study.simulate import Walk
 
 Array = NDArray[np.float64]
-
-POINTS = 33
-"""Chebyshev points of a phase that is integrated from a record; they resolve a phase of walking."""
 
 SMOOTH = 120
 """Points of an arc that is drawn."""
@@ -25,20 +23,22 @@ SMOOTH = 120
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Steps to be drawn, one after the other; the first begins where the last one ends.
+    """Steps to be drawn, one after the other; of a gait the first begins where the last one ends.
 
     Attributes
     ----------
     name : what legends call it.
     system : the hybrid system that moves.
     p : ndarray, shape (n_p,) - its parameters.
-    steps : each with arcs at Chebyshev points, and the impact at their end.
+    steps : each with arcs at Chebyshev points, and the impact at their end; the last one of a walk may have none.
+    periodic : whether it repeats itself.
     """
 
     name: str
     system: HybridSystem
     p: Array
     steps: tuple[Step, ...]
+    periodic: bool = True
 
     @property
     def modes(self) -> list[Mode]:
@@ -74,6 +74,20 @@ def motion_of(gait: Gait, name: str = "") -> Motion:
     return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.steps)
 
 
+def motion_of_walk(walk: Walk) -> Motion:
+    """All steps of a simulated walk, the last of which may end without an impact.
+
+    Raises
+    ------
+    ValueError
+        If the walk ended before anything moved.
+    """
+    if not walk.trajectory.steps:
+        raise ValueError(f"{walk.problem.name}: the walk ended before it began: {walk.trajectory.message}")
+    steps = walk.trajectory.steps
+    return Motion(name=walk.problem.name, system=walk.system, p=walk.p, steps=steps, periodic=False)
+
+
 def motion_from_record(
     system: HybridSystem, p: Array, record: Mapping[str, Any], name: str = "", points: int = POINTS
 ) -> Motion:
@@ -87,25 +101,8 @@ def motion_from_record(
     record : a gait or a point of a branch, with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : Chebyshev points of every phase.
     """
-    steps = tuple(_integrated(system, p, step, points) for step in record.get("steps", (record,)))
+    steps = recorded_steps(system, p, record, points)
     return Motion(name=name or str(record["problem"]), system=system, p=p, steps=steps)
-
-
-def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], points: int) -> Step:
-    """One step from the record of its state after impact, its phases and its impact."""
-    z = np.array([record["state"][name] for name in system.state_names])
-    time, arcs = 0.0, list[Arc]()
-    for phase in record["phases"]:
-        mode = Mode(phase["mode"])
-        if mode is Mode.STICK:
-            z[-1] = 0.0
-        for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
-            times = start + (end - start) * (curves.points(points) + 1) / 2
-            states = integrate_to(system, mode, z, times, p, system.control.data(segment))
-            arcs.append(Arc(mode=mode, segment=segment, times=times, states=states))
-            z = states[-1].copy()
-        time += phase["duration"]
-    return Step(arcs=tuple(arcs), impact=impact_record(system, Mode(record["impact"]), z, p))
 
 
 def resampled(arc: Arc, count: int) -> Arc:
@@ -129,9 +126,7 @@ def running(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
     return zip(accumulate((step.period for step in steps[:-1]), initial=0.0), steps, strict=True)
 
 
-def _segments(start: float, end: float, breakpoints: Sequence[float]) -> list[tuple[float, float, int]]:
-    """Pieces of [start, end] between the control's breakpoints, each with its segment."""
-    cuts = [start, *(b for b in breakpoints if start < b < end), end]
-    middles = [(a + b) / 2 for a, b in pairwise(cuts)]
-    segments = np.searchsorted(breakpoints, middles, side="right")
-    return [(a, b, int(k)) for a, b, k in zip(cuts[:-1], cuts[1:], segments, strict=True)]
+def time_label(motions: Sequence[Motion]) -> str:
+    """What the time axis counts from: the one impact, or the start of several steps."""
+    single = all(len(motion.steps) == 1 for motion in motions)
+    return str(label("time") if single else Label(words="time since the start", unit="s"))

@@ -36,7 +36,8 @@ def _draw(axes: Axes, motion: Motion, name: str, colour: str) -> None:
     angle, rate = motion.state_index(name), motion.state_index(f"d{name}")
     for _, arc in smooth(motion.steps):
         axes.plot(arc.states[:, angle], arc.states[:, rate], color=colour, linestyle=dashes(arc.mode))
-    for step, following in zip(motion.steps, (*motion.steps[1:], motion.steps[0]), strict=True):
+    axes.plot(*motion.steps[0].arcs[0].states[0, [angle, rate]], "o", color=colour, markersize=5)
+    for step, following in zip(motion.steps, (*motion.steps[1:], *motion.steps[: motion.periodic]), strict=False):
         last, first = step.arcs[-1].states[-1], following.arcs[0].states[0]
         corners = list(_jump((last[angle], last[rate]), (first[angle], first[rate])))
         axes.plot(*zip(*corners, strict=True), color=colour, **JUMP)

@@ -1,6 +1,7 @@
 """Sweeps: a scalar of the gait over one parameter as a curve, over two as a heat map."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
@@ -8,17 +9,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
-from gaitopt.runs.grid import Grid
+from gaitopt.runs.grid import Axis, Grid
 
 Array = NDArray[np.float64]
 Segment = tuple[tuple[float, float], tuple[float, float]]
 
-MISSING, EDGE = "#e4e4e4", "#8c8c8c"
-"""Where there is no gait; and around a sample of that."""
+MISSING, FAILED = "#e4e4e4", "#4d4d4d"
+"""Where there is no gait: of the cell, and of the cross in it."""
+FOOT, MARGIN = 0.03, 0.02
+"""Height of the crosses of a curve in the axes, and room beside the requested range."""
 LOST = "#d55e00"
 """Of the line where stability is lost; it stands out from all colours of the map."""
 OUTLYING = 2
@@ -29,8 +33,12 @@ BOUNDARY = 1.0
 """Modulus of the largest multiplier at which stability is lost."""
 
 
-def sweep(grid: Grid, records: Sequence[Mapping[str, Any]], scalar: str) -> Figure:
-    """A scalar over the grid; grey where there is no gait, and a line where stability is lost.
+def sweep(grid: Grid, records: Sequence[Mapping[str, Any]], scalar: str, *, searched: bool = False) -> Figure:
+    """A scalar over the whole grid; crosses where there is no gait, and a line where the spectral radius is one.
+
+    Parameters
+    ----------
+    searched : whether any mode sequence would have been taken; else a cross says nothing about other phases.
 
     Raises
     ------
@@ -43,18 +51,46 @@ def sweep(grid: Grid, records: Sequence[Mapping[str, Any]], scalar: str) -> Figu
     figure, (axes,) = panels(height=4.6 if len(grid.axes) == 2 else 4.0)
     with mpl.rc_context(STYLE):
         if len(grid.axes) == 1:
-            axes.plot(grid.axes[0].values, values, ".-", color=COLOURS[0], linewidth=1.2)
-            if scalar == "spectral_radius":
-                axes.axhline(BOUNDARY, color=NEUTRAL, linewidth=0.8)
+            handles = _curve(axes, shown(grid.axes[0]), values, scalar)
         else:
-            _heat_map(figure, axes, grid, values, scalar)
-        axes.set_xlabel(str(label(grid.axes[0].key)))
-        axes.set_ylabel(str(label(scalar if len(grid.axes) == 1 else grid.axes[1].key)))
+            radii = np.array([_value(record, "spectral_radius") for record in records]).reshape(grid.shape)
+            handles = _heat_map(figure, axes, grid, values, radii, scalar)
+        if np.isnan(values).any():
+            words = "no gait" if searched else "not with these phases"
+            handles.append(entry(words, marker="x", linestyle="", color=FAILED, markeredgewidth=1.5))
+        if handles:
+            legend_below(figure, handles)
+        axes.set_xlabel(axis_label(grid.axes[0]))
+        axes.set_ylabel(str(label(scalar)) if len(grid.axes) == 1 else axis_label(grid.axes[1]))
     return figure
 
 
-def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, scalar: str) -> None:
-    first, second = (axis.values for axis in grid.axes)
+def shown(axis: Axis) -> Array:
+    """The values of an axis in the unit in which it was given."""
+    return np.degrees(axis.values) if axis.unit == "deg" else axis.values
+
+
+def axis_label(axis: Axis) -> str:
+    """Name and unit of an axis, in degrees where it was given so."""
+    return str(replace(label(axis.key), unit="°") if axis.unit == "deg" else label(axis.key))
+
+
+def _curve(axes: Axes, first: Array, values: Array, scalar: str) -> list[Line2D]:
+    axes.plot(first, values, ".-", color=COLOURS[0], linewidth=1.2)
+    if scalar == "spectral_radius":
+        axes.axhline(BOUNDARY, color=NEUTRAL, linewidth=0.8)
+    failed = first[np.isnan(values)]
+    axes.plot(
+        failed, np.full(failed.size, FOOT), "x", color=FAILED, markeredgewidth=1.5,
+        transform=axes.get_xaxis_transform(),
+    )  # fmt: skip
+    margin = MARGIN * np.ptp(first)
+    axes.set_xlim(first.min() - margin, first.max() + margin)
+    return []
+
+
+def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, radii: Array, scalar: str) -> list[Line2D]:
+    first, second = (shown(axis) for axis in grid.axes)
     low, high = _limits(values)
     axes.set_facecolor(MISSING)
     axes.grid(visible=False)
@@ -64,14 +100,13 @@ def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, scalar: str
     beyond = (bool((values < low).any()), bool((values > high).any()))
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
     figure.colorbar(drawn, ax=axes, label=str(label(scalar)), extend=extend)
-    square = entry("no gait", marker="s", linestyle="", color=MISSING, markeredgecolor=EDGE)
-    handles = [square] if np.isnan(values).any() else []
-    border = _border(first, second, values) if scalar == "spectral_radius" else []
-    if border:
-        axes.add_collection(LineCollection(border, colors=LOST, linewidths=2, capstyle="projecting"))
-        handles.append(entry("stability lost", color=LOST, linewidth=2))
-    if handles:
-        legend_below(figure, handles)
+    failed = np.argwhere(np.isnan(values))
+    axes.plot(first[failed[:, 0]], second[failed[:, 1]], "x", color=FAILED, markeredgewidth=1.2, markersize=4)
+    border = _border(first, second, radii)
+    if not border:
+        return []
+    axes.add_collection(LineCollection(border, colors=LOST, linewidths=2, capstyle="projecting"))
+    return [entry("spectral radius 1: stability lost", color=LOST, linewidth=2)]
 
 
 def _limits(values: Array) -> tuple[float, float]:

@@ -30,6 +30,6 @@ class Attractor:
     count: int
 
     def __str__(self) -> str:
-        modes = {*self.phases, self.impact}
-        kind = "sticking" if modes == {Mode.STICK} else "slipping" if Mode.STICK not in self.phases else "stick-slip"
+        sticks = [mode.sticks for mode in self.phases]
+        kind = "sticking" if all(sticks) and self.impact.sticks else "stick-slip" if any(sticks) else "slipping"
         return f"{kind}{'' if self.period == 1 else f', period {self.period}'}"

@@ -2,14 +2,21 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.display import Reported
+from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
-from gaitopt.mechanics import Cycle
+from gaitopt.gait.quantities import column_unit
+from gaitopt.mechanics import Cycle, Mode
 from gaitopt.problem import cycle_data
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 Array = NDArray[np.float64]
 TERMINAL = ("end", "vanishing", "lift_off", "painleve")
@@ -37,6 +44,9 @@ class BranchPoint:
     gait: Gait
     tangent: Array
     length: float
+
+    def __repr__(self) -> str:
+        return f"<BranchPoint {self.branch}.{self.index} at {self.value:.9g}: {self.gait!r}>"
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object: the keys of a gait, and where it stands on its branch."""
@@ -82,6 +92,10 @@ class SpecialPoint:
     gait: Gait | None = None
     tangent: Array | None = None
 
+    def __repr__(self) -> str:
+        words = f": {self.reason}" if self.reason else ""
+        return f"<SpecialPoint {self.type} at {self.value:.9g} (branch {self.branch}, {self.status}){words}>"
+
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""
         gait = {} if self.gait is None else self.gait.to_record()
@@ -95,7 +109,7 @@ class SpecialPoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Branch:
+class Branch(Reported):
     """A family of gaits in the order in which it was computed.
 
     Index and slice it like a list of points; ``values`` and ``column`` give arrays to plot.
@@ -110,6 +124,15 @@ class Branch:
     points: tuple[BranchPoint, ...] = ()
     specials: tuple[SpecialPoint, ...] = ()
     _columns: dict[str, Array] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        if not self.points:
+            return f"<Branch over {self.parameter}: no points>"
+        low, high = self.values.min(), self.values.max()
+        counts = f"{len(self)} points, {len(self.specials)} special points"
+        return (
+            f"<Branch {self.points[0].gait.problem.name} over {self.parameter} from {low:.6g} to {high:.6g}: {counts}>"
+        )
 
     def __len__(self) -> int:
         return len(self.points)
@@ -159,6 +182,46 @@ class Branch:
         """All special points of one type."""
         return tuple(special for special in self.specials if special.type == kind)
 
+    def to_records(self) -> list[dict[str, Any]]:
+        """The JSON objects of all points, then of all special points."""
+        points = [point.to_record() for point in self.points]
+        return points + [special.to_record() for special in self.specials]
+
+    def to_frame(self) -> "DataFrame":
+        """Points and special points as a pandas data frame: the columns of ``branch.csv``.
+
+        Units are in ``attrs["units"]``.
+        """
+        header, rows = self._table()
+        return data_frame(header, rows, self._units(header), parameter=self.parameter)
+
+    def to_xarray(self) -> "Dataset":
+        """The points as an xarray dataset over ``point``, with units as attributes.
+
+        ``multiplier_re`` and ``multiplier_im`` run over ``multiplier`` too, NaN where a gait has fewer.
+        """
+        header, rows = self._table()
+        columns = columns_of(header, rows[: len(self.points)])
+        variables: dict[str, tuple[Sequence[str], Any]] = {
+            name: (("point",), values) for name, values in columns.items() if name != "type"
+        }
+        most = max((point.gait.multipliers.size for point in self.points), default=0)
+        multipliers = np.full((len(self.points), most), np.nan + 1j * np.nan)
+        for row, point in zip(multipliers, self.points, strict=True):
+            row[: point.gait.multipliers.size] = point.gait.multipliers
+        for name, part in (("multiplier_re", multipliers.real), ("multiplier_im", multipliers.imag)):
+            variables[name] = (("point", "multiplier"), part)
+        places = {name: variables.pop(name) for name in _PLACE}
+        return data_set(variables, places, self._units(header), parameter=self.parameter)
+
+    def _table(self) -> tuple[list[str], list[list[Any]]]:
+        records = self.to_records()
+        header = branch_header(records)
+        return header, list(branch_rows(records, header))
+
+    def _units(self, header: Sequence[str]) -> dict[str, str]:
+        return {name: column_unit(name) for name in header} | {"value": column_unit(self.parameter)}
+
 
 def _scalar(gait: Gait, name: str) -> float | None:
     if name == "spectral_radius":
@@ -181,7 +244,7 @@ def branch_rows(records: Iterable[Mapping[str, Any]], header: Sequence[str]) -> 
     """Rows of that table: points and special points in the order in which they were found."""
     for record in records:
         gait = record if record["record"] == "point" else {**record["gait"], **record}
-        phases = " ".join(phase["mode"] for phase in gait.get("phases", ()))
+        phases = " ".join(Mode.from_record(phase) for phase in gait.get("phases", ()))
         states = {f"state.{name}": value for name, value in (gait.get("state") or {}).items()}
         row = {**gait, **states, "type": record.get("type", "point"), "phases": phases}
         yield [row.get(column) for column in header]

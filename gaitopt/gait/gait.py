@@ -3,16 +3,22 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.display import Moving
 from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
+from gaitopt.gait.table import motion_frame, motion_set
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.problem import Problem
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 Array = NDArray[np.float64]
 
@@ -47,7 +53,7 @@ class Shooting:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gait:
+class Gait(Moving):
     """A periodic cycle of steps, or the remains of a failed attempt: only ``status == converged`` is a gait.
 
     Attributes
@@ -79,6 +85,13 @@ class Gait:
     solver: Mapping[str, float] = field(default_factory=dict)
     verification: Mapping[str, Any] | None = None
     causes: tuple[Cause, ...] = ()
+
+    def __repr__(self) -> str:
+        if not self.steps:
+            return f"<Gait {self.problem.name}: {self.status}>"
+        radius = self.spectral_radius
+        stable = "" if radius is None else f", radius {radius:.4g} ({'stable' if radius < 1 else 'unstable'})"
+        return f"<Gait {self.problem.name}: {self.problem.cycle}, period {self.period:.6g} s{stable}, {self.status}>"
 
     @property
     def converged(self) -> bool:
@@ -138,6 +151,14 @@ class Gait:
             "verification": self.verification,
         }
 
+    def to_frame(self) -> "DataFrame":
+        """One cycle as a pandas data frame: the columns of ``trajectory.csv``, units in ``attrs["units"]``."""
+        return motion_frame(self.system, self.p, self.steps, problem=self.problem.name)
+
+    def to_xarray(self) -> "Dataset":
+        """The same as an xarray dataset over ``sample``, with units as attributes."""
+        return motion_set(self.system, self.p, self.steps, problem=self.problem.name)
+
     def _friction_record(self) -> float | Mapping[str, float]:
         """The coefficient, or all numbers of the friction law by name where there are several."""
         values = dict(zip(self.system.parameters, map(float, self.p), strict=True))
@@ -152,7 +173,7 @@ class Gait:
         if not self.steps:
             return {
                 **counted,
-                "phases": [{"mode": str(mode), "duration": None} for mode in cycle.phases],
+                "phases": [{**mode.record, "duration": None} for mode in cycle.phases],
                 "state": None,
             }
         record = {**counted, "phases": _phase_records(self.phases), "state": self._state_record(self.state)}
@@ -176,4 +197,4 @@ class Gait:
 
 
 def _phase_records(phases: Iterable[tuple[Mode, float]]) -> list[dict[str, Any]]:
-    return [{"mode": str(mode), "duration": duration} for mode, duration in phases]
+    return [{**mode.record, "duration": duration} for mode, duration in phases]

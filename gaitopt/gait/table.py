@@ -1,13 +1,20 @@
 """A motion as a table, for files: time, mode, state, contact force and torques along its steps."""
 
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.measures import observe
+from gaitopt.gait.quantities import column_unit, state_unit
 from gaitopt.gait.trajectory import Step
 from gaitopt.mechanics import HybridSystem
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 Array = NDArray[np.float64]
 
@@ -30,3 +37,21 @@ def trajectory_rows(system: HybridSystem, p: Array, steps: Iterable[Step]) -> It
             for t, row in zip(arc.times, numbers, strict=True):
                 yield (began + float(t), str(arc.mode), *map(float, row))
         began += step.period
+
+
+def motion_frame(system: HybridSystem, p: Array, steps: Iterable[Step], **attributes: str) -> "DataFrame":
+    """That table as a pandas data frame."""
+    header = trajectory_header(system)
+    return data_frame(header, trajectory_rows(system, p, steps), _units(system), **attributes)
+
+
+def motion_set(system: HybridSystem, p: Array, steps: Iterable[Step], **attributes: str) -> "Dataset":
+    """That table as an xarray dataset over ``sample``, with the time as a coordinate."""
+    columns = columns_of(trajectory_header(system), trajectory_rows(system, p, steps))
+    variables = {name: (("sample",), values) for name, values in columns.items()}
+    return data_set(variables, {"t": variables.pop("t")}, _units(system), **attributes)
+
+
+def _units(system: HybridSystem) -> dict[str, str]:
+    states = {name: state_unit(name) for name in system.state_names}
+    return {name: column_unit(name, system.walker.actuators) for name in trajectory_header(system)} | states

@@ -25,6 +25,7 @@ class Ending(StrEnum):
     IMPACT_AMBIGUOUS = "impact_ambiguous"
     DOUBLE_SUPPORT = "double_support"
     NUMERICAL = "numerical"
+    SCUFFING = "scuffing"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +44,9 @@ class Arc:
     segment: int
     times: Array
     states: Array
+
+    def __repr__(self) -> str:
+        return f"<Arc {self.mode}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"
 
     @property
     def start(self) -> float:
@@ -92,6 +96,10 @@ class Step:
     arcs: tuple[Arc, ...]
     impact: ImpactRecord | None
 
+    def __repr__(self) -> str:
+        phases = ", ".join(str(mode) for mode, _ in self.phases)
+        return f"<Step {phases}; {'no impact' if self.impact is None else self.impact.mode}, {self.period:.6g} s>"
+
     @property
     def phases(self) -> tuple[tuple[Mode, float], ...]:
         """Modes and durations [s]; arcs of the same mode across a breakpoint of the control are one phase."""
@@ -131,6 +139,9 @@ class Trajectory:
     steps: tuple[Step, ...]
     ending: Ending
     message: str
+
+    def __repr__(self) -> str:
+        return f"<Trajectory: {sum(step.impact is not None for step in self.steps)} steps, {self.ending}>"
 
     @property
     def section_states(self) -> Array:

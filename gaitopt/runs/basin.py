@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait.attractor import Attractor
+from gaitopt.mechanics import CONTACTS
 from gaitopt.problem import Problem
-from gaitopt.simulation.batch.steps import ENDINGS, MODES, phase_names
+from gaitopt.simulation.batch.steps import ENDINGS, phase_names
 from gaitopt.study.return_map import StepMap
 
 Array = NDArray[np.float64]
@@ -122,7 +123,7 @@ class Attractors:
     """The gaits that states settle on, collected from one part of a grid after the other, always in the same order."""
 
     def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+        self._problem, self._modes = problem, problem.walker.modes()
         self._found: list[Attractor] = []
 
     def add(self, outcomes: Outcomes) -> Codes:
@@ -133,7 +134,7 @@ class Attractors:
             waiting = self._claim(index, known, outcomes, waiting, labels)
         while waiting.size:
             k = waiting[0]
-            phases, impact = phase_names(int(outcomes.phases[k])), MODES[outcomes.impacts[k]]
+            phases, impact = phase_names(int(outcomes.phases[k]), self._modes), CONTACTS[outcomes.impacts[k]]
             state, period = outcomes.states[k], int(outcomes.periods[k])
             new = Attractor(problem=self._problem, state=state, period=period, phases=phases, impact=impact, count=0)
             self._found.append(new)
@@ -157,4 +158,9 @@ class Attractors:
 def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:
     """How many walks failed in which way, by name; ``undecided`` is one of them."""
     values, counts = np.unique(endings[endings != 0], return_counts=True)
-    return {"undecided" if v == UNDECIDED else str(ENDINGS[v]): int(c) for v, c in zip(values, counts, strict=True)}
+    return {ending_name(int(v)): int(c) for v, c in zip(values, counts, strict=True)}
+
+
+def ending_name(code: int) -> str:
+    """How a walk failed; ``undecided`` where it neither settled nor failed."""
+    return "undecided" if code == UNDECIDED else str(ENDINGS[code])

@@ -2,19 +2,25 @@
 
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.attractor import Attractor
+from gaitopt.gait.frames import data_set
+from gaitopt.gait.quantities import state_unit
 from gaitopt.problem import Problem
-from gaitopt.runs.basin import Attractors, Outcomes, outcome_counts
+from gaitopt.runs.basin import Attractors, Outcomes, ending_name, outcome_counts
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.store import read_manifest, read_object, read_problem, read_sealed, read_tile
 from gaitopt.store.records import validated
 from gaitopt.store.tiles import TILE_FILE
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 Labels = NDArray[np.int32]
 
@@ -26,7 +32,7 @@ NUMBER = "number"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Basin:
+class Basin(Plotted):
     """Where every state of a grid goes.
 
     Attributes
@@ -46,6 +52,24 @@ class Basin:
     labels: Labels
     endings: Labels
     steps: Labels
+
+    def __repr__(self) -> str:
+        shares = [f"{gait.count / self.grid.size:.1%} {gait}" for gait in self.attractors]
+        axes = ", ".join(axis.key for axis in self.grid.axes)
+        return f"<Basin {self.problem.name} over {axes}: {self.grid.size} states, {', '.join(shares) or 'no gait'}>"
+
+    def to_xarray(self) -> "Dataset":
+        """Where each state goes, over the coordinates: ``gait`` (index in ``attractors``, or -1) and ``steps``.
+
+        ``ending`` names why a walk failed; it is empty where the state settled on a gait.
+        """
+        keys = tuple(axis.key for axis in self.grid.axes)
+        names = {code: ending_name(int(code)) for code in np.unique(self.endings)}
+        failed = np.array([names[code] for code in self.endings.ravel()]).reshape(self.grid.shape)
+        endings = np.where(self.labels < 0, failed, "")
+        variables = {"gait": (keys, self.labels), "steps": (keys, self.steps), "ending": (keys, endings)}
+        places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
+        return data_set(variables, places, {key: state_unit(key) for key in keys}, problem=self.problem.name)
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object: the gaits with their shares, and the failures by name."""

@@ -4,18 +4,24 @@ The chain is walked in both directions, because a design is a local optimum and 
 gaits for the same number the better one is kept. Its Pareto front are the points that no other one beats in both aims.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
+from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Status
+from gaitopt.gait.frames import data_frame
+from gaitopt.gait.quantities import QUANTITIES, column_unit
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Axis, check_room
+from gaitopt.runs.grid import Axis, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
 from gaitopt.workers.jobs import Workers
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Progress = Callable[[int, int], None]
 Record = dict[str, Any]
@@ -49,6 +55,49 @@ class FrontPoint:
         return {"value": self.value, "objective": objective, "pareto": self.pareto, **self.gait}
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Front(Plotted, Sequence[FrontPoint]):
+    """The designs along one number of a problem.
+
+    Attributes
+    ----------
+    problem : the design.
+    key : dotted key of the number that is varied.
+    points : in the order of its values.
+    """
+
+    problem: Problem
+    key: str
+    points: tuple[FrontPoint, ...]
+
+    def __repr__(self) -> str:
+        solved, best = sum(point.converged for point in self), sum(point.pareto for point in self)
+        return f"<Front {self.problem.name} over {self.key}: {len(self)} designs, {solved} solved, {best} on the front>"
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @overload
+    def __getitem__(self, key: int) -> FrontPoint: ...
+
+    @overload
+    def __getitem__(self, key: slice) -> tuple[FrontPoint, ...]: ...
+
+    def __getitem__(self, key: int | slice) -> FrontPoint | tuple[FrontPoint, ...]:
+        return self.points[key]
+
+    def to_records(self) -> list[Record]:
+        """The JSON objects of all points."""
+        return [point.to_record() for point in self.points]
+
+    def to_frame(self) -> "DataFrame":
+        """One row per design: value, objective, whether it is on the front, status and the scalars of its gait."""
+        header = ["value", "objective", "pareto", "status", *(key for key in QUANTITIES if key != "friction")]
+        rows = [[record.get(name) for name in header] for record in self.to_records()]
+        units = {name: column_unit(name) for name in header}
+        return data_frame(header, rows, units, problem=self.problem.name, over=self.key)
+
+
 def design_front(
     problem: Problem,
     axis: Axis,
@@ -74,16 +123,31 @@ def design_front(
     StorageError
         If the designs do not fit in memory or on disk.
     """
-    if not problem.objective:
-        raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
-    check_room(2 * axis.count, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
-    problems = {float(value): problem.replace({axis.key: float(value)}) for value in axis.values}
+    check_front(problem, axis, folder)
+    problems = {value: problem.replace({axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
     if best is None:
         return None
     return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+
+
+def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
+    """Refuse a front that cannot be made or kept, before anything is written.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no objective, or is none at an end of the axis.
+    StorageError
+        If the designs do not fit in memory or on disk.
+    """
+    if not problem.objective:
+        raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
+    check_jobs_fit(2 * axis.count, folder)
+    for value in axis.numbers(problem)[:: max(axis.count - 1, 1)]:
+        problem.replace({axis.key: value})
 
 
 def _walk(

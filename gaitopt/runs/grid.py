@@ -9,11 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
+from gaitopt.mechanics.units import parse_angle
+from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9
+INTEGER = 1e-9
+"""A value of an axis this close to an integer is one: what equal steps leave of rounding."""
 BYTES = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
 LARGEST_SIZE = 1000 ** len(BYTES)
 JOB_BYTES_DISK = 6_000
@@ -24,7 +28,7 @@ JOB_BYTES_MEMORY = 40_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """``count`` values from ``lower`` to ``upper``, both included.
+    """``count`` values from ``lower`` to ``upper``, both included; ``unit`` is ``deg`` where they were given so.
 
     Raises
     ------
@@ -36,6 +40,7 @@ class Axis:
     lower: float
     upper: float
     count: int
+    unit: str = ""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
@@ -53,8 +58,53 @@ class Axis:
         """The values in order; shape (count,)."""
         return np.linspace(self.lower, self.upper, self.count)
 
+    def numbers(self, problem: Problem) -> list[float]:
+        """The values as a problem takes them: as integers where its parameter is one.
+
+        Raises
+        ------
+        ProblemError
+            If one is none.
+        """
+        values: list[float] = self.values.tolist()
+        if not isinstance(problem.parameters.get(self.key), int):
+            return values
+        between = next((value for value in values if abs(value - round(value)) > INTEGER), None)
+        if between is not None:
+            low, high = math.ceil(self.lower), math.floor(self.upper)
+            remedy = f"give a step of one or more, for instance {low}:{high}:{high - low + 1}"
+            raise ProblemError(f"--over {self}: {between:g} is not an integer: {remedy}")
+        return [round(value) for value in values]
+
     def __str__(self) -> str:
         return f"{self.key}={self.lower!r}:{self.upper!r}:{self.count}"
+
+
+def axis_of(key: str, lower: float | str, upper: float | str, count: int) -> Axis:
+    """The axis between two numbers, or texts of numbers or angles; in degrees where an end is given so.
+
+    Raises
+    ------
+    ValueError
+        If an end is no number, or the range is empty or not finite.
+    """
+    degrees = any(isinstance(end, str) and end.strip().endswith("deg") for end in (lower, upper))
+    unit = "deg" if degrees else ""
+    return Axis(key=key, lower=number_or_angle(lower), upper=number_or_angle(upper), count=count, unit=unit)
+
+
+def number_or_angle(end: float | str) -> float:
+    """A number, or an angle with its unit in rad.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    try:
+        return float(end)
+    except ValueError:
+        return float(str(parse_angle(str(end).strip())))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +150,17 @@ class Grid:
         unknown = [axis.key for axis in self.axes if axis.key not in known]
         if unknown:
             raise UnknownNameError(f"--over {', '.join(unknown)}: not {what}; use {', '.join(known)}")
+
+
+def check_jobs_fit(jobs: int, folder: Path) -> None:
+    """Refuse more problems to be solved than can be kept, before anything is written.
+
+    Raises
+    ------
+    StorageError
+        As ``check_room``.
+    """
+    check_room(jobs, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
 
 
 def check_room(points: int, folder: Path, *, disk: int, memory: int) -> None:

@@ -66,19 +66,21 @@ def restore_gait(run: Run) -> Gait:
 def _steps(system: HybridSystem, cycle: Cycle, p: Array, table: Table, periods: Sequence[float]) -> Iterator[Step]:
     """The steps of a table, in which time runs on over the impacts."""
     began = list(accumulate(periods[:-1], initial=0.0))
-    arcs = list(_arcs(system, table, began))
+    arcs = list(table_arcs(system, table, began))
     for step, impact in enumerate(cycle.impacts):
         own = tuple(arc for index, arc in arcs if index == step)
         yield Step(arcs=own, impact=impact_record(system, impact, own[-1].states[-1], p))
 
 
-def _arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> Iterator[tuple[int, Arc]]:
+def table_arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> Iterator[tuple[int, Arc]]:
     """Every arc of a table and the index of its step; a time that occurs twice separates two arcs."""
     rows: list[Any] = list(table.rows)
     same = SAME_TIME * rows[-1][0]
     splits = np.cumsum([0, *(later[0] - earlier[0] <= same for earlier, later in pairwise(rows))])
     for _, group in groupby(zip(splits, rows, strict=True), key=lambda pair: pair[0]):
         points = [row for _, row in group]
+        if len(points) < 2:
+            raise ValueError(f"an arc of one point at {points[0][0]}")
         step = bisect_right(began, (points[0][0] + points[-1][0]) / 2) - 1
         times = np.array([row[0] for row in points]) - began[step]
         yield (

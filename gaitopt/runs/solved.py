@@ -34,8 +34,8 @@ class JobRecord:
     start: str = ""
     message: str = ""
     phases: list[dict[str, Any]] = field(default_factory=list)
-    impact: str = ""
-    state: dict[str, float | None] = field(default_factory=dict)
+    impact: str | None = None
+    state: dict[str, float | None] | None = None
     parameters: dict[str, float | None] = field(default_factory=dict)
     verification: dict[str, Any] | None = None
     solver: dict[str, Any] = field(default_factory=dict)

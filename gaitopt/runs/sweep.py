@@ -1,9 +1,8 @@
 """A grid of problems, each solved and verified: what a gait becomes over one or several parameters."""
 
-import csv
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,37 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.errors import ProblemError, StorageError
+from gaitopt.errors import ProblemError
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Grid, check_room
+from gaitopt.runs.grid import Grid, check_jobs_fit
 from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
-from gaitopt.store import (
-    Table,
-    begin_run,
-    csv_text,
-    json_text,
-    read_object,
-    read_sealed,
-    replacing,
-    write_whole,
-    writing,
-)
-from gaitopt.store.files import make_folder, parsed
-from gaitopt.store.records import validated
-from gaitopt.store.text import parse_cell
+from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, sweep_table
+from gaitopt.store import begin_run, csv_text, json_text, replacing, write_whole, writing
+from gaitopt.store.files import make_folder
 from gaitopt.workers.jobs import Job, Workers
-
-TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
-SCALARS = (
-    "period", "step_length", "speed", "work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared",
-    "peak_torque", "slip_distance", "foot_clearance", "spectral_radius", "required_friction", "impulse_ratio",
-    "min_normal_force",
-)  # fmt: skip
-"""Columns of the table, after the grid's own."""
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SweepPlan:
     """What is to be solved, and where it is kept.
 
     Attributes
@@ -82,8 +62,12 @@ class Sweep:
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""
-        values = self.grid.points(np.array([number]))[0]
-        return dict(zip([axis.key for axis in self.grid.axes], values.tolist(), strict=True))
+        indices = np.unravel_index(number, self.grid.shape)
+        return {axis.key: self._numbers[axis.key][k] for axis, k in zip(self.grid.axes, indices, strict=True)}
+
+    @cached_property
+    def _numbers(self) -> dict[str, list[float]]:
+        return {axis.key: axis.numbers(self.problem) for axis in self.grid.axes}
 
     def _at(self, number: int) -> Problem:
         try:
@@ -101,7 +85,7 @@ class Sweep:
         return int(np.ravel_multi_index(index, self.grid.shape))
 
 
-def check_sweep(sweep: Sweep) -> None:
+def check_sweep(sweep: SweepPlan) -> None:
     """Refuse a sweep that cannot be made or kept, before it starts.
 
     Raises
@@ -114,12 +98,12 @@ def check_sweep(sweep: Sweep) -> None:
         If the grid does not fit in memory or on disk.
     """
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
-    check_room(sweep.grid.size, sweep.folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+    check_jobs_fit(sweep.grid.size, sweep.folder)
     _ = sweep.jobs
 
 
 def run_sweep(
-    sweep: Sweep,
+    sweep: SweepPlan,
     workers: Workers,
     *,
     progress: Callable[[int, int], None] | None = None,
@@ -145,59 +129,7 @@ def run_sweep(
     return records
 
 
-def read_sweep(place: Path) -> tuple[Grid, list[dict[str, Any]]]:
-    """Grid, and the status and the scalars of every point in its order, of the sweep in its own folder.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no finished sweep, or is broken.
-    """
-    run, own = place.resolve().parent, place.resolve().name
-    path = place / TABLE_FILE
-    grid = validated(Grid, {"axes": read_object(run, f"{own}/{SWEEP_FILE}").get("over")}, place / SWEEP_FILE)
-    rows = parsed(_parse_rows, read_sealed(run, f"{own}/{TABLE_FILE}"), path)
-    if len(rows) != grid.size:
-        raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was left alone")
-    return grid, rows
-
-
-def _parse_rows(text: str) -> list[dict[str, Any]]:
-    """Status and scalars of every row of the table.
-
-    Raises
-    ------
-    ValueError
-        If a column is missing or a cell is no number; the message names the line.
-    """
-    reader, rows = csv.DictReader(text.splitlines()), list[dict[str, Any]]()
-    known = [name for name in SCALARS if name in (reader.fieldnames or ())]
-    for row in reader:
-        try:
-            rows.append({"status": row["status"], **{name: parse_cell(row[name]) for name in known}})
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"line {reader.line_num}: {error!r}") from error
-    return rows
-
-
-def sweep_table(grid: Grid, records: list[dict[str, Any]]) -> Table:
-    """One row per point: the grid's values, status, whether it was verified, start, modes and the scalars."""
-    keys = [axis.key for axis in grid.axes]
-    scalars = [name for name in SCALARS if name not in keys]
-
-    def row(record: Mapping[str, Any]) -> list[Any]:
-        verification, phases = record.get("verification"), record.get("phases") or ()
-        passed = "" if verification is None else str(verification["passed"]).lower()
-        modes = " ".join([*(phase["mode"] for phase in phases), *(["/", record["impact"]] if phases else [])])
-        values = [record.get(name) for name in scalars]
-        texts = [record["status"], passed, record.get("start", ""), modes]
-        return [*record["at"].values(), *texts, *(float("nan") if v is None else v for v in values)]
-
-    header = (*keys, "status", "verified", "start", "modes", *scalars)
-    return Table(header=header, rows=[row(record) for record in records])
-
-
-def sweep_record(sweep: Sweep, records: list[dict[str, Any]]) -> dict[str, Any]:
+def sweep_record(sweep: SweepPlan, records: list[dict[str, Any]]) -> dict[str, Any]:
     """One JSON object about a whole sweep."""
     statuses = [record["status"] for record in records]
     verified = [(record.get("verification") or {}).get("passed") for record in records]

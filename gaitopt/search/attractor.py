@@ -5,7 +5,6 @@ from collections.abc import Callable
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Gait
 from gaitopt.gait.attractor import Attractor
-from gaitopt.mechanics import Mode
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.orbit import ReturnMap
 from gaitopt.search.candidates import cycle_record
@@ -35,7 +34,7 @@ def solve_attractor(
     system = build_system(problem, should_stop=should_stop)
     p = system.values(problem.parameters)
     mode = attractor.impact
-    xi = attractor.state if mode is not Mode.STICK else attractor.state[:-1]
+    xi = attractor.state if mode.slips else attractor.state[:-1]
     walked = ReturnMap(Simulator(system, p), mode, attractor.period)(xi)
     if walked.xi is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")

@@ -226,7 +226,7 @@ def _proposal_record(system: HybridSystem, proposal: Proposal, start: str) -> Re
 
 
 def _step_record(phases: Sequence[tuple[Mode, float]], impact: Mode) -> Record:
-    return {"phases": [{"mode": str(mode), "duration": t} for mode, t in phases], "impact": str(impact)}
+    return {"phases": [{**mode.record, "duration": t} for mode, t in phases], "impact": str(impact)}
 
 
 def _state_record(system: HybridSystem, state: Array) -> Record:

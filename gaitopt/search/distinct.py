@@ -6,6 +6,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from gaitopt.display import Reported
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.ipopt import Progress
@@ -22,7 +23,7 @@ SAME_GAIT = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gaits(Sequence[Gait]):
+class Gaits(Reported, Sequence[Gait]):
     """The gaits that a search has found, stable ones first.
 
     Attributes
@@ -37,6 +38,10 @@ class Gaits(Sequence[Gait]):
     gaits: tuple[Gait, ...]
     starts: tuple[tuple[str, ...], ...]
     searched: Mapping[str, Any] = field(repr=False)
+
+    def __repr__(self) -> str:
+        stable = sum(is_stable(gait) for gait in self.gaits)
+        return f"<Gaits of {self.problem.name}: {len(self)}, {stable} of them stable>"
 
     def __len__(self) -> int:
         return len(self.gaits)
@@ -115,7 +120,10 @@ def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
         "state": {name: candidate["state"][name] for name in names},
         "durations": [phase["duration"] for step in steps for phase in step["phases"]],
     }
-    sequences = [{"phases": [p["mode"] for p in step["phases"]], "impact": step["impact"]} for step in steps]
+    sequences = [
+        {"phases": [Mode.from_record(phase).data for phase in step["phases"]], "impact": step["impact"]}
+        for step in steps
+    ]
     cycle = sequences[0] if len(sequences) == 1 else {"steps": sequences}
     changes: dict[str, object] = {"gait": {**cycle, "guess": guess}}
     for key, free in problem.free.items():
@@ -160,7 +168,7 @@ def _same(problem: Problem, first: Record, second: Record) -> bool:
 
 def _sequence(record: Mapping[str, Any]) -> tuple[Any, ...]:
     steps = record.get("steps") or [record]
-    return tuple((step["impact"], *(phase["mode"] for phase in step["phases"])) for step in steps)
+    return tuple((step["impact"], *(Mode.from_record(phase) for phase in step["phases"])) for step in steps)
 
 
 def _near(first: Mapping[str, float], second: Mapping[str, float], part: float) -> bool:

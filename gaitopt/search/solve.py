@@ -6,7 +6,6 @@ from gaitopt.gait import Gait
 from gaitopt.gait.attractor import Attractor
 from gaitopt.problem import Problem
 from gaitopt.search.attractor import solve_attractor
-from gaitopt.search.find import find_best
 from gaitopt.study.solve import solve_sequence
 
 
@@ -42,5 +41,7 @@ def solve(
     if isinstance(problem, Attractor):
         return solve_attractor(problem, progress=progress, should_stop=should_stop)
     if problem.is_open:
+        from gaitopt.search.find import find_best  # the search among mode sequences, which most problems do without
+
         return find_best(problem, progress=progress, should_stop=should_stop)
     return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)

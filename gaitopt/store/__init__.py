@@ -2,17 +2,19 @@
 
 from gaitopt.store.branch import BRANCH_FILE, begin_branch, branch_folder, stored_records, write_branch_table
 from gaitopt.store.files import write_whole
-from gaitopt.store.folder import adding, check_folder, growing, stored_lines, writing
+from gaitopt.store.folder import adding, check_folder, check_writable, growing, stored_lines, writing
 from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.manifest import Manifest, read_manifest, read_sealed, replacing
 from gaitopt.store.run import (
     GAIT_FILE,
+    WALK_FILE,
     Run,
     begin_run,
     find_run,
     read_object,
     read_problem,
     read_run,
+    read_walk,
     run_folder,
     write_run,
     write_walk,
@@ -23,6 +25,7 @@ from gaitopt.store.tiles import has_tile, read_tile, write_tile
 __all__ = [
     "BRANCH_FILE",
     "GAIT_FILE",
+    "WALK_FILE",
     "LineWriter",
     "Manifest",
     "Run",
@@ -32,6 +35,7 @@ __all__ = [
     "begin_run",
     "branch_folder",
     "check_folder",
+    "check_writable",
     "csv_text",
     "find_run",
     "growing",
@@ -44,6 +48,7 @@ __all__ = [
     "read_run",
     "read_sealed",
     "read_tile",
+    "read_walk",
     "replacing",
     "run_folder",
     "stored_lines",

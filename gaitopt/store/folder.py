@@ -1,5 +1,6 @@
 """Who may write into a run folder: one process at a time, for the problem that the folder belongs to."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ def check_folder(folder: Path, problem: Problem) -> None:
         If it holds another problem's run, anything that is not a run, a broken run, or a newer one.
     """
     if not _entries(folder):
+        check_writable(folder)
         return
     manifest = read_manifest(folder)
     if manifest.hash != problem.digest:
@@ -29,6 +31,23 @@ def check_folder(folder: Path, problem: Problem) -> None:
             f"{folder} holds another problem ({manifest.problem}, hash {manifest.hash[:8]}, not {problem.name}, "
             f"hash {problem.digest[:8]}); it was left alone: name another folder with -o, or delete this one"
         )
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a file or folder that cannot be made, before anything is computed for it.
+
+    Raises
+    ------
+    StorageError
+        If the nearest folder above it that exists is none, or may not be written.
+    """
+    try:
+        place = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {reason(error)}; name another place with -o") from error
+    folder = place.parent if place == path.absolute() and place.is_file() else place
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise StorageError(f"cannot write {path}: {folder} is no folder that you may write; name another with -o")
 
 
 @contextmanager

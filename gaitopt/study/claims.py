@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from gaitopt.display import Tabulated
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
@@ -21,10 +23,15 @@ class Claim:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verification:
+class Verification(Tabulated):
     """All claims about one gait."""
 
     claims: tuple[Claim, ...]
+
+    def __repr__(self) -> str:
+        failed = [claim.name for claim in self.claims if not claim.passed]
+        words = f"FAILED: {', '.join(failed)}" if failed else "passed"
+        return f"<Verification: {len(self.claims)} claims, {words}>"
 
     @property
     def passed(self) -> bool:

@@ -3,23 +3,29 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
+from gaitopt.gait.table import motion_frame, motion_set
 from gaitopt.mechanics import HybridSystem
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, make_stepper
 from gaitopt.study.system import build_system
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Walk:
+class Walk(Moving):
     """A simulated walk.
 
     Attributes
@@ -27,12 +33,19 @@ class Walk:
     problem : whose walker, control and friction were used.
     system, p : the hybrid system and its parameter vector.
     trajectory : steps, ending and message.
+    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait that it started from; no rows
+        if it started from a problem.
     """
 
     problem: Problem
     system: HybridSystem
     p: Array
     trajectory: Trajectory
+    gait_states: Array
+
+    def __repr__(self) -> str:
+        count, ending = len(self.complete_steps), self.trajectory.ending
+        return f"<Walk {self.problem.name}: {count} step{'' if count == 1 else 's'}, {ending}>"
 
     @cached_property
     def complete_steps(self) -> tuple[Step, ...]:
@@ -49,11 +62,44 @@ class Walk:
             "message": self.trajectory.message,
             "friction": self.problem.friction_data,
             "steps": len(self.complete_steps),
-            "phases": [] if last is None else [{"mode": str(m), "duration": d} for m, d in last.phases],
+            "phases": [] if last is None else [{**m.record, "duration": d} for m, d in last.phases],
             "impact": None if last is None or last.impact is None else str(last.impact.mode),
-            "state": dict(zip(self.system.state_names, map(float, state), strict=True)),
+            "state": self._state_record(state),
             **(dict.fromkeys(MEASURES) if last is None else measure(self.system, self.p, [last])),
+            "section": self._section_records(),
+            "gait_states": [self._state_record(state) for state in self.gait_states],
+            "parameters": self._freed(),
         }
+
+    @property
+    def section_times(self) -> Array:
+        """Times of the start and of each impact [s]; shape (n_impacts + 1,)."""
+        return np.cumsum([0.0, *(step.period for step in self.complete_steps)])
+
+    def _freed(self) -> dict[str, float]:
+        """Parameters of the gait that it started from, where they are not those of the problem."""
+        stated = self.system.values(self.problem.parameters)
+        values = zip(self.system.parameters, self.p, stated, strict=True)
+        return {name: float(value) for name, value, own in values if value != own}
+
+    def _section_records(self) -> list[dict[str, Any]]:
+        """Time, impact and state just after it, the start first."""
+        impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
+        points = zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
+        return [{"time": float(t), "impact": mode, "state": self._state_record(z)} for t, mode, z in points]
+
+    def _state_record(self, state: Array) -> dict[str, float]:
+        return dict(zip(self.system.state_names, map(float, state), strict=True))
+
+    def to_frame(self) -> "DataFrame":
+        """All steps as a pandas data frame: the columns of ``walk.csv``, units in ``attrs["units"]``."""
+        ending = str(self.trajectory.ending)
+        return motion_frame(self.system, self.p, self.trajectory.steps, problem=self.problem.name, ending=ending)
+
+    def to_xarray(self) -> "Dataset":
+        """The same as an xarray dataset over ``sample``, with units as attributes."""
+        ending = str(self.trajectory.ending)
+        return motion_set(self.system, self.p, self.trajectory.steps, problem=self.problem.name, ending=ending)
 
 
 def simulate(
@@ -87,7 +133,9 @@ def simulate(
     z = _initial_state(start, system, p, state or {})
     stepper = make_stepper(system, p, engine, steps=steps)
     trajectory = Simulator(system, p, stepper=stepper).run(z, steps=steps, dense=dense, should_stop=should_stop)
-    return Walk(problem=problem, system=system, p=p, trajectory=trajectory)
+    gait = [step.arcs[0].states[0] for step in start.steps] if isinstance(start, Gait) else []
+    states = np.array(gait).reshape(-1, len(system.state_names))
+    return Walk(problem=problem, system=system, p=p, trajectory=trajectory, gait_states=states)
 
 
 def _prepare(start: Gait | Problem) -> tuple[Problem, HybridSystem, Array]:

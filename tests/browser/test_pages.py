@@ -3,9 +3,10 @@
 import pytest
 from pictured import TORSO, branch, gait
 
+from gaitopt import simulate
 from gaitopt.figures.animation import animation_page
 from gaitopt.figures.motion import motion_of
-from gaitopt.report import branch_report, comparison_report, gait_report
+from gaitopt.pages import branch_report, comparison_report, gait_report, walk_report
 
 FORCE = ".walker .force"
 
@@ -60,13 +61,13 @@ def test_slip_leaves_its_marks_on_the_ground(visit):
 def test_a_click_on_the_diagram_changes_the_gait_shown(visit, branch_page):
     page = visit(branch_page)
     heading = page.locator("article h2")
-    before, numbers = heading.inner_text(), page.locator("article table").inner_text()
+    before, numbers = heading.inner_text(), page.locator("article .overview table").inner_text()
     dots = page.locator(".diagram circle.dot")
     box = dots.nth(5).bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert heading.inner_text() == "Branch 1, coefficient of friction μ = 0.15"
     assert heading.inner_text() != before
-    assert page.locator("article table").inner_text() != numbers
+    assert page.locator("article .overview table").inner_text() != numbers
     assert "unstable" in page.locator("article .badge").inner_text()
 
 
@@ -140,3 +141,55 @@ def contrast(first, second):
 
     low, high = sorted((luminance(first), luminance(second)))
     return (high + 0.05) / (low + 0.05)
+
+
+def test_two_steps_have_their_own_jumps_crosses_and_no_slip_between_them(visit):
+    page = visit(gait_report(gait("compass-passive-two-step")))
+    titles = page.locator("figcaption").all_inner_texts()
+    assert "Slip of the stance foot" not in titles
+    portrait, force = page.locator(".chart").nth(0), page.locator(".chart").nth(1)
+    assert portrait.locator("circle.dot").count() == 4
+    assert portrait.locator(".jump").count() == 4
+    assert force.locator("path.curve.second").count() == 2
+
+
+def test_multipliers_stand_beside_their_circle_and_motors_that_do_not_exist_nowhere(visit):
+    page = visit(gait_report(gait("compass-passive-a")))
+    assert page.locator("h1").inner_text() not in page.locator("h2").all_inner_texts()
+    assert page.locator(".multipliers tbody tr").count() == 3
+    assert "cost of transport" not in page.locator("table").first.inner_text()
+    assert "x\u0307" in page.locator("table").first.inner_text()
+
+
+def test_slip_is_drawn_as_a_smooth_curve(visit):
+    page = visit(gait_report(gait("compass-passive-a")))
+    chart = page.locator("figure", has_text="Slip of the stance foot").locator("path.curve")
+    assert all(chart.nth(k).get_attribute("d").count("L") >= 30 for k in range(chart.count()))
+
+
+def test_kinds_of_special_points_differ_and_are_explained(visit, branch_page):
+    page = visit(branch_page)
+    shapes = {page.locator(".diagram .special").nth(k).get_attribute("class") for k in range(2)}
+    assert len(shapes) == 2
+    assert "Neimark" in page.locator(".diagram .key").last.inner_text()
+
+
+def test_gaits_are_swiped_on_a_phone_and_played_together(visit):
+    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-pd-impact-slip")]), width=390)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.evaluate("document.documentElement.scrollHeight") < 6000
+    page.get_by_role("navigation").get_by_role("button").nth(1).click()
+    page.wait_for_function("() => document.getElementById('gaits').scrollLeft > 200")
+    page.get_by_role("button", name="Pause all").click()
+    assert page.get_by_role("button", name="Pause", exact=True).count() == 0
+    page.get_by_role("button", name="Overlay").click()
+    assert page.locator(".overlay svg").count() == 2
+
+
+def test_a_walk_is_shown_from_start_to_end(visit):
+    walk = simulate(gait("compass-passive-a"), {"theta1": -0.15}, steps=9)
+    page = visit(walk_report(walk), width=390, motion="reduce")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.locator("tbody tr").count() >= len(walk.complete_steps) + 1
+    page.get_by_role("slider", name="time").fill("1000")
+    assert f"step {len(walk.trajectory.steps)}" in page.locator(".words").inner_text()

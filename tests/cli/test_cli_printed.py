@@ -3,9 +3,13 @@
 import io
 
 import pytest
+from named import named, verification
 
+from gaitopt import __version__
 from gaitopt.cli.console import ResultConsole
+from gaitopt.cli.main import main
 from gaitopt.cli.printable import printable
+from gaitopt.problem import load_problem, problem_names
 
 ATTACK = "\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f‮⁦ 한국 ñ\n\ttab"
 SHOWN = r"\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f\u202e\u2066 한국 ñ" + "\n\ttab"
@@ -32,7 +36,7 @@ def test_lone_surrogates_are_shown_too():
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_console_shows_them_in_texts_and_tables(terminal):
-    from gaitopt.cli.tables import table
+    from gaitopt.library.tables import table
 
     written = io.StringIO()
     console = ResultConsole(file=written, force_terminal=terminal, width=200, markup=False, color_system=None)
@@ -67,3 +71,62 @@ def test_a_file_with_a_sequence_where_a_name_belongs_is_refused_in_print(run, em
     assert code == 3
     assert "\x1b" not in err
     assert r"\x1b[31mred" in err
+
+
+@pytest.mark.parametrize("columns", ["160", "80", "60", "40"])
+def test_no_word_of_the_list_is_lost_however_narrow_the_terminal(run, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    _, out, _ = run("list")
+    assert max(map(len, out.splitlines())) <= int(columns)
+    words = set(out.split())
+    for name in problem_names():
+        problem = load_problem(name)
+        assert {name, problem.walker.model, *problem.about.split()} <= words
+
+
+def test_the_list_says_what_is_known_of_gaits_in_the_store(run, empty_folder):
+    assert "unstable" not in run("list")[1]
+    named("rimless-wheel-slip").save()
+    out = run("list")[1]
+    assert "0.755124" in out
+    assert " stable " in out
+
+
+def test_a_gait_is_printed_whole_on_fifty_columns(run, monkeypatch, empty_folder):
+    folder = named("rimless-wheel-slip").verified(verification("rimless-wheel-slip").to_record()).save()
+    monkeypatch.setenv("COLUMNS", "50")
+    _, out, _ = run("verify", str(folder))
+    assert max(map(len, out.splitlines()[:-1])) <= 50
+    notes = [claim.note for claim in verification("rimless-wheel-slip").claims]
+    assert {word for note in notes for word in note.split() if word.isalpha()} <= set(out.split())
+
+
+def test_the_version_help_and_completion_are_answered(run, monkeypatch):
+    assert run("--version")[1] == f"gaitopt {__version__}\n"
+    assert run("-h")[0] == 0
+    assert run("solve", "-h")[1] == run("solve", "--help")[1]
+    monkeypatch.setenv("_GAITOPT_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "gaitopt simu")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    with pytest.raises(SystemExit):
+        main([])
+
+
+@pytest.mark.parametrize("command", ["solve", "simulate", "plot", "sweep"])
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(run, empty_folder, monkeypatch, command):
+    (empty_folder / "file").write_text("")
+    monkeypatch.setattr("gaitopt.study.system.build_system", None)  # whatever would begin to work
+    over = ["--over", "friction=0.3:0.4:2"] if command == "sweep" else []
+    code, _, err = run(command, "rimless-wheel-slip", *over, "-o", "file/run")
+    assert code == 6
+    assert "file" in err
+
+
+def test_a_stored_walk_is_drawn_animated_and_reported(run, empty_folder):
+    start = ["--state", "theta1=-0.15,dtheta1=0.72", "--steps", "9", "-o", "walk", "--quiet"]
+    assert run("simulate", "compass-passive-a", *start)[0] == 0
+    code, out, _ = run("plot", "walk")
+    assert code == 0
+    assert {"section.svg", "portrait.png", "animation.html"} <= {path.rpartition("/")[2] for path in out.split()}
+    assert run("report", "walk", "-o", "walk.html")[0] == 0
+    assert "no longer upright" in (empty_folder / "walk.html").read_text()

@@ -12,7 +12,7 @@ from pictured import SEQUENCES, TORSO, branch, gait
 from gaitopt.figures.branches import UNSTABLE, over_parameter
 from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, telling
 from gaitopt.figures.comparison import differences, simulated
-from gaitopt.figures.front import pareto_front
+from gaitopt.figures.front import front_figure, pareto_front
 from gaitopt.figures.labels import label, symbol
 from gaitopt.figures.motion import motion_from_record, motion_of
 from gaitopt.figures.style import SLIP_DASHES, save
@@ -183,7 +183,10 @@ def test_line_where_stability_is_lost_runs_between_the_cells_and_not_along_what_
     (line,) = [found for found in figure.axes[0].collections if isinstance(found, LineCollection)]
     found = {tuple(map(tuple, np.round(segment, 6))) for segment in line.get_segments()}
     assert found == {((0.15, 0.005), (0.15, 0.015)), ((0.15, 0.005), (0.25, 0.005))}
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["no gait", "stability lost"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "spectral radius 1: stability lost",
+        "not with these phases",
+    ]
 
 
 def test_one_gait_of_another_branch_does_not_stretch_the_colours():
@@ -198,6 +201,54 @@ def test_one_gait_of_another_branch_does_not_stretch_the_colours():
 def test_rounding_of_a_constant_is_not_spread_over_all_colours():
     low, high = heat_map([[0.7, 0.7 + 1e-16], [0.7 - 1e-16, 0.7]]).axes[0].collections[0].get_clim()
     assert high - low > 0.01
+
+
+def test_a_sweep_keeps_its_range_marks_what_failed_and_shows_degrees_where_they_were_asked():
+    axis = Axis(key="walker.slope", lower=np.radians(1), upper=np.radians(3), count=3, unit="deg")
+    figure = sweep(Grid((axis,)), grid_records([0.5, None, None]), "spectral_radius")
+    (axes,) = figure.axes
+    assert axes.get_xlim()[0] < 1 < 3 < axes.get_xlim()[1]
+    assert "°" in axes.get_xlabel()
+    (crosses,) = [line for line in axes.lines if line.get_marker() == "x"]
+    np.testing.assert_allclose(crosses.get_xdata(), [2, 3])
+    (cross,) = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert cross == "not with these phases"
+
+
+def test_the_stable_line_reaches_the_bifurcation_and_an_end_that_was_asked_for_is_not_marked():
+    point = {"record": "point", "branch": 0, "phases": [{"mode": "stick"}], "impact": "stick"}
+    points = [{**point, "index": k, "value": 0.1 + 0.01 * k, "spectral_radius": 0.9 + 0.08 * k} for k in range(3)]
+    special = {"record": "special", "branch": 0, "status": "converged", "next": []}
+    crossing = special | {"type": "fold", "value": 0.1125, "gait": {"spectral_radius": 1 + 1e-12}}
+    end = special | {"type": "end", "value": 0.12, "reason": "reached friction = 0.12", "gait": {}}
+    figure = over_parameter({"gait": [*points, crossing, end]}, "friction")
+    (thick,) = [line for line in figure.axes[0].lines if line.get_linewidth() > 2]
+    assert thick.get_xdata()[-1] == 0.1125
+    assert "branch ends" not in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["0.1125"]
+
+
+def test_mode_sequences_of_a_branch_have_colours_and_names():
+    figure = over_parameter({"gait": branch()}, "friction")
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words[0] == "slip forward, stick, slip backward; impact stick"
+    assert len({line.get_color() for line in figure.axes[0].lines if len(line.get_xdata()) > 2}) > 1
+
+
+def test_requests_without_a_design_are_ticks_with_their_reason():
+    records = [record | {"objective": 0.1, "pareto": True} for record in branch() if record["record"] == "point"]
+    failed = {"value": 9.0, "objective": None, "status": "infeasible", "message": "speed at least 9 m/s"}
+    figure = front_figure(gait("compass-passive-a").problem, "constraints.speed.min", [*records, failed])
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "infeasible: speed at least 9 m/s" in words
+
+
+def test_labels_lie_inside_the_canvas(drawn):
+    for name, figure in drawn.items():
+        figure.canvas.draw()
+        box = figure.get_tightbbox(figure.canvas.get_renderer())
+        assert box.x0 > -0.02, name
+        assert box.y0 > -0.02, name
 
 
 def test_sweep_without_any_gait_is_drawn():

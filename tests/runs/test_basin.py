@@ -89,6 +89,25 @@ def test_basin_that_was_stopped_goes_on_where_it_was(gait, basin, tmp_path, monk
         np.testing.assert_array_equal(getattr(whole, name), getattr(basin, name))
 
 
+def test_basin_on_scipy_is_that_on_heyoka_in_tiles_for_every_core(gait, basin, tmp_path):
+    plan = plan_in(tmp_path, gait, engine="scipy")
+    assert len(plan.tiles) == 2
+    walked = walk_basin(plan, HERE)
+    for name in ("labels", "endings", "steps"):
+        np.testing.assert_array_equal(getattr(walked, name), getattr(basin, name))
+
+
+def test_small_basin_walks_on_heyoka_too(gait, tmp_path):
+    assert plan_in(tmp_path, gait, engine="auto").chosen_engine is Engine.HEYOKA
+
+
+def test_basin_without_heyoka_says_what_is_faster(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("gaitopt.simulation.engine.find_spec", lambda name: None)
+    grid = ("--over", "dtheta=0.9:1:2", "--workers", "1", "-o", str(tmp_path / "run"))
+    assert main(["basin", "rimless-wheel-stick", *grid]) == 0
+    assert "pip install 'gaitopt[fast]'" in capsys.readouterr().err
+
+
 def test_tile_that_is_broken_is_named(gait, tmp_path):
     plan = plan_in(tmp_path, gait, grid=Grid((Axis(key="dtheta1", lower=0.7, upper=0.72, count=3),)))
     walk_basin(plan, HERE)

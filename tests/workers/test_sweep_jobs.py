@@ -17,7 +17,8 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.solved import JOBS_FILE
-from gaitopt.runs.sweep import TABLE_FILE, Sweep, run_sweep
+from gaitopt.runs.sweep import SweepPlan, run_sweep
+from gaitopt.runs.sweep_table import TABLE_FILE
 from gaitopt.store import read_lines
 from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
@@ -101,7 +102,7 @@ def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
     frictions = Axis(key="friction", lower=0.34, upper=0.46, count=60)
 
     def sweep(folder):
-        return Sweep(problem=load_problem("rimless-wheel-slip"), grid=Grid((frictions,)), warm=False, folder=folder)
+        return SweepPlan(problem=load_problem("rimless-wheel-slip"), grid=Grid((frictions,)), warm=False, folder=folder)
 
     def at_work():
         lines = tmp_path / "killed" / JOBS_FILE

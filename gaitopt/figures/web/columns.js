@@ -8,3 +8,40 @@ function unpack({ rows, columns }) {
   }
   return unpacked;
 }
+
+const SMOOTH = 33; // equidistant points of a phase on the page; a longer one has more
+const PER_SECOND = 90;
+
+// A film whose columns are equidistant within each phase and close enough for straight lines between them.
+function unrolled(film) {
+  const nodes = unpack(film.frames);
+  const phases = [];
+  const columns = Object.fromEntries(Object.keys(nodes).map((name) => [name, []]));
+  for (const phase of film.phases) {
+    const count = Math.max(SMOOTH, Math.ceil(PER_SECOND * (phase.end - phase.start)));
+    const weights = interpolation(phase.last - phase.first + 1, count);
+    const first = columns.x0.length;
+    for (const [name, values] of Object.entries(nodes))
+      for (const row of weights) columns[name].push(row.reduce((sum, weight, k) => sum + weight * values[phase.first + k], 0));
+    phases.push({ ...phase, first, last: first + count - 1 });
+  }
+  return { ...film, phases, columns };
+}
+
+const interpolations = new Map();
+
+// Weights of values at Chebyshev points of the second kind at `count` equidistant points: barycentric interpolation.
+function interpolation(points, count) {
+  const key = `${points} ${count}`;
+  if (!interpolations.has(key)) interpolations.set(key, Array.from({ length: count }, (_, k) => weightsAt(points, (2 * k) / (count - 1) - 1)));
+  return interpolations.get(key);
+}
+
+function weightsAt(points, s) {
+  const places = Array.from({ length: points }, (_, k) => -Math.cos((Math.PI * k) / (points - 1)));
+  const exact = places.findIndex((place) => Math.abs(place - s) < 1e-12);
+  if (exact >= 0) return places.map((_, k) => (k === exact ? 1 : 0));
+  const parts = places.map((place, k) => ((-1) ** k * (k === 0 || k === points - 1 ? 0.5 : 1)) / (s - place));
+  const sum = parts.reduce((total, part) => total + part, 0);
+  return parts.map((part) => part / sum);
+}

@@ -1,19 +1,18 @@
 // Play, pause, scrub and speed for a walker; the bar above the slider shows the modes of all steps.
 
-const REPEATS = 4;
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2];
 const FIRST_SPEED = 0.25;
 
 class Player {
   // settings: those of another player, to go on with the same speed
   constructor(host, film, settings = { speed: FIRST_SPEED, playing: !matchMedia("(prefers-reduced-motion: reduce)").matches }) {
-    this.walker = new Walker(host, film, REPEATS);
+    this.walker = new Walker(host, film);
     this.time = 0;
     this.button = html("button", { type: "button", class: "play" });
     this.slider = html("input", { type: "range", min: 0, max: 1000, step: 1, value: 0, "aria-label": "time" });
     this.speed = html("select", { "aria-label": "speed" }, ...SPEEDS.map((speed) => html("option", { value: speed }, `${speed}×`)));
     this.speed.value = settings.speed;
-    const track = html("div", { class: "track" }, modeBar(film, REPEATS), this.slider);
+    const track = html("div", { class: "track" }, modeBar(film, film.repeats), this.slider);
     host.append(html("div", { class: "controls" }, this.button, track, this.speed), modeKey(film.phases.map((phase) => phase.mode)));
     this.button.addEventListener("click", () => this.play(!this.playing));
     this.slider.addEventListener("input", () => this.seek((this.slider.value / 1000) * this.walker.duration));

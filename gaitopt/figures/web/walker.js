@@ -9,12 +9,12 @@ const CONE = 0.6;
 const MARK_DEPTH = { slip_forward: 0.025, slip_backward: 0.06 }; // below the ground, in heights of the walker
 
 class Walker {
-  constructor(host, film, repeats) {
-    this.film = film;
-    this.repeats = repeats;
-    this.frames = unpack(film.frames);
+  constructor(host, film) {
+    this.film = film.columns ? film : unrolled(film);
+    this.repeats = film.repeats;
+    this.frames = this.film.columns;
     this.count = Object.keys(this.frames).filter((name) => /^y\d+$/.test(name)).length;
-    this.duration = film.period * repeats;
+    this.duration = film.period * this.repeats;
     this.height = Math.max(...Array.from({ length: this.count }, (_, k) => Math.max(...this.frames[`y${k}`])));
     this.scale = (WALKER_SHARE * VIEW.height) / this.height;
     this.build(host);
@@ -67,7 +67,7 @@ class Walker {
     const step = cycle * this.film.steps + phase.step;
     const offset = cycle * this.film.step_length;
     const points = Array.from({ length: this.count }, (_, k) => [this.at(`x${k}`, frame) + offset, this.at(`y${k}`, frame)]);
-    const camera = this.film.step_length * (cycle + t / this.film.period);
+    const camera = offset + this.along(t);
     this.world.setAttribute("transform", `scale(${this.scale} ${-this.scale}) translate(${-camera} 0)`);
     this.drawGround(camera);
     this.drawMarks(cycle, t, frame);
@@ -78,6 +78,14 @@ class Walker {
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
     const about = Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
+  }
+
+  // Where the picture is at a time of the cycle: between the places of the walker at the starts of its steps.
+  along(t) {
+    const { path } = this.film;
+    const k = Math.max(1, path.findIndex(([time]) => time >= t));
+    const [[t0, x0], [t1, x1]] = [path[k - 1], path[k]];
+    return x0 + ((x1 - x0) * (t - t0)) / (t1 - t0);
   }
 
   // Two legs change their roles at every impact, so their colours follow the leg and not the role.

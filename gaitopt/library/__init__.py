@@ -1,0 +1,1 @@
+"""What ``import gaitopt`` offers beside the results themselves: long calls with progress, figures, pages, files."""

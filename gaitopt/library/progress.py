@@ -1,0 +1,114 @@
+"""Progress of long work: a bar on a terminal or in a notebook, a line now and then elsewhere, or a function's calls."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+SOLVED = 1e-10
+"""Violation at which the bar is full."""
+LINE_EVERY = 5.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+Counter = bool | Callable[[int, int], None]
+"""``progress`` of a call with countable parts: show it or not, or call a function with parts done and their total."""
+Follower = bool | Callable[[int, float], None]
+"""``progress`` of a solution or a continuation: show it or not, or call a function with a number and a value."""
+
+
+def library_console(*, shown: bool) -> Console:
+    """The console of a library call: standard error of a terminal or a notebook's output; silent elsewhere."""
+    console = Console(stderr=True)
+    console.quiet = not (shown and _is_live(console))
+    return console
+
+
+def _is_live(console: Console) -> bool:
+    """Whether a bar can be drawn again and again; in a notebook that takes ipywidgets."""
+    return find_spec("ipywidgets") is not None if console.is_jupyter else console.is_terminal
+
+
+@contextmanager
+def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, float], None]]:
+    """Give a callback that shows iteration and violation: a bar on a terminal, one line per iteration elsewhere.
+
+    The bar counts the decimal digits that the violation has lost.
+    """
+    if not _is_live(console):
+        console.print(what)
+        yield lambda iteration, violation: console.print(f"  iteration {iteration}, violation {violation:.1e}")
+        return
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=20), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        bar = progress.add_task(what, total=-math.log10(SOLVED))
+
+        def show(iteration: int, violation: float) -> None:
+            digits = -math.log10(max(violation, SOLVED))
+            words = f"{what}  iteration {iteration}, violation {violation:.1e}"
+            progress.update(bar, completed=max(digits, 0.0), description=words)
+
+        yield show
+
+
+@contextmanager
+def following(
+    console: Console, what: str, words: Callable[[int, float], str]
+) -> Iterator[Callable[[int, float], None]]:
+    """Give a callback whose numbers are shown in words beside a clock."""
+    with Progress(
+        TextColumn("{task.description}", markup=False), TimeElapsedColumn(), console=console, transient=True
+    ) as progress:
+        bar = progress.add_task(what, total=None)
+        yield lambda count, value: progress.update(bar, description=f"{what}  {words(count, value)}")
+
+
+@contextmanager
+def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], None]]:
+    """Give a callback (done, total) that shows progress and the time that is left."""
+    if _is_live(console):
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=console, transient=True) as progress:
+            bar = progress.add_task(what, total=None)
+            yield lambda done, total: progress.update(bar, completed=done, total=total)
+        return
+    clock = _Clock()
+
+    def show(done: int, total: int) -> None:
+        words = clock.look(done, total)
+        if words:
+            console.print(f"  {what}: {done} of {total}{words}")
+
+    yield show
+
+
+class _Clock:
+    """When to print a line, and how long it will still take at the pace so far."""
+
+    def __init__(self) -> None:
+        self._began = self._last = time.monotonic()
+        self._first: int | None = None
+
+    def look(self, done: int, total: int) -> str:
+        now = time.monotonic()
+        self._first = done - 1 if self._first is None else self._first
+        if now - self._last < LINE_EVERY and done < total:
+            return ""
+        self._last = now
+        left = (now - self._began) / max(done - self._first, 1) * (total - done)
+        return f", about {left:.0f} s left" if done < total else f", {now - self._began:.0f} s"

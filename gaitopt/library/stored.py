@@ -1,0 +1,72 @@
+"""Results to run folders and back."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.errors import SolveError, StorageError
+from gaitopt.gait import Branch, Gait, Step
+from gaitopt.gait.table import trajectory_header, trajectory_rows
+from gaitopt.mechanics import HybridSystem
+from gaitopt.runs.basin_tiles import BASIN_FILE, Basin, read_basin
+from gaitopt.runs.restore import restore_gait
+from gaitopt.runs.restore_branch import restore_branch
+from gaitopt.runs.restore_walk import restore_walk
+from gaitopt.runs.sweep_table import SWEEP_FILE, Sweep, read_sweep
+from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, read_run, run_folder, write_run, write_walk
+from gaitopt.study.simulate import Walk
+
+Result = Gait | Branch | Walk | Sweep | Basin
+
+
+def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
+    """Store a gait or a walk in a run folder, as the command line does.
+
+    Parameters
+    ----------
+    path : the folder, by default ``results/NAME-HASH``.
+
+    Raises
+    ------
+    SolveError
+        If the gait is a failed attempt.
+    StorageError
+        If the folder belongs to something else or cannot be written.
+    """
+    folder = run_folder(result.problem) if path is None else Path(path)
+    if isinstance(result, Walk):
+        table = motion_table(result.system, result.p, result.trajectory.steps)
+        return write_walk(folder, problem=result.problem, walk=result.to_record(), trajectory=table)
+    if not result.steps:
+        raise SolveError(f"{result.problem.name} is {result.status}: only a gait is stored")
+    table = motion_table(result.system, result.p, result.steps)
+    return write_run(folder, problem=result.problem, gait=result.to_record(), trajectory=table)
+
+
+def load_run(path: str | Path) -> Result:
+    """Read what a run folder holds: a branch, a gait, a walk, or the sweep or basin in a folder of its own.
+
+    Raises
+    ------
+    StorageError
+        If the folder is not a run, or is broken, unfinished or newer.
+    """
+    folder = Path(path)
+    readers: dict[str, Callable[[Path], Result]] = {
+        BRANCH_FILE: restore_branch,
+        GAIT_FILE: lambda run: restore_gait(read_run(run)),
+        WALK_FILE: restore_walk,
+        SWEEP_FILE: read_sweep,
+        BASIN_FILE: read_basin,
+    }
+    for name, reader in readers.items():
+        if (folder / name).is_file():
+            return reader(folder)
+    raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(readers)})")
+
+
+def motion_table(system: HybridSystem, p: NDArray[np.float64], steps: Iterable[Step]) -> Table:
+    """The table of a motion that a run folder holds."""
+    return Table(header=trajectory_header(system), rows=trajectory_rows(system, p, steps))

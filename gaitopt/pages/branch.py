@@ -1,0 +1,88 @@
+"""The report of a branch: a diagram over the continued parameter, and every gait of it behind a click."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gaitopt.figures.branches import OF_EACH_STEP
+from gaitopt.figures.film import film
+from gaitopt.figures.labels import label
+from gaitopt.figures.motion import motion_from_record
+from gaitopt.gait.cascade import cascades
+from gaitopt.mechanics import HybridSystem
+from gaitopt.pages.page import numbers, render, words
+from gaitopt.pages.provenance import provenance
+from gaitopt.problem import Problem
+from gaitopt.study.system import build_system
+
+Record = Mapping[str, Any]
+
+FRAMES = 30
+"""Frames of one step of one point: 200 of them stay well under a megabyte."""
+POINTS = 17
+"""Chebyshev points of a phase: right to seven digits, which is more than a page can show."""
+
+
+def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -> str:
+    """HTML of a branch.
+
+    Parameters
+    ----------
+    problem : the problem that was continued.
+    parameter : dotted key of the parameter that was continued.
+    records : points and special points, as the continuation wrote them.
+
+    Raises
+    ------
+    ValueError
+        If there is no point among the records.
+    """
+    points = [record for record in records if record["record"] == "point" and record["state"] is not None]
+    if not points:
+        raise ValueError(f"the branch of {problem.name} has no points yet")
+    system = build_system(problem)
+    films = [_film(system, problem, parameter, point) for point in points]
+    common = {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
+    gaits = [
+        {
+            "film": {key: value for key, value in shown.items() if key not in common},
+            "branch": point["branch"],
+            "value": point["value"],
+            **_of_each_step(point),
+            **numbers(point),
+        }
+        for point, shown in zip(points, films, strict=True)
+    ]
+    specials = [_special(record) for record in records if record["record"] == "special"]
+    return render(
+        "branch.html",
+        title=f"{problem.name} over {label(parameter).words}",
+        about=problem.about,
+        data={
+            "common": common,
+            "gaits": gaits,
+            "specials": specials,
+            "cascades": [str(cascade) for cascade in cascades(records)],
+            "parameter": str(label(parameter)),
+            **words(films, points),
+        },
+        checks=[],
+        origins=[provenance(problem, {})],
+    )
+
+
+def _film(system: HybridSystem, problem: Problem, parameter: str, point: Record) -> dict[str, Any]:
+    p = system.values({**problem.parameters, **point["parameters"], parameter: point["value"]})
+    return film(motion_from_record(system, p, point, name=problem.name, points=POINTS), FRAMES)
+
+
+def _special(record: Record) -> dict[str, Any]:
+    gait = record.get("gait") or {}
+    known = {key: record.get(key) for key in ("branch", "type", "value", "status", "reason", "from", "to", "next")}
+    return {**known, **_of_each_step(gait), "scalars": numbers(gait)["scalars"] if gait else {}}
+
+
+def _of_each_step(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Scalars that every step of a cycle has of its own."""
+    if "steps" not in record:
+        return {}
+    return {"steps": {key: [float(f"{step[key]:.9g}") for step in record["steps"]] for key in OF_EACH_STEP}}

@@ -1,0 +1,77 @@
+"""The report of one gait, or of several side by side."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gaitopt.figures.comparison import differences, node_points, points_of, simulated
+from gaitopt.figures.film import film
+from gaitopt.figures.motion import Motion, motion_of, smooth
+from gaitopt.figures.packing import pack
+from gaitopt.gait import Gait
+from gaitopt.pages.page import numbers, render, words
+from gaitopt.pages.provenance import provenance
+
+FLOOR = 1e-17
+"""Differences of exactly zero are drawn here, at the foot of the log axis."""
+
+
+def gait_report(gait: Gait) -> str:
+    """HTML of a gait: numbers, figures, moving walker, NLP against simulation, verification, provenance."""
+    return comparison_report([gait])
+
+
+def comparison_report(gaits: Sequence[Gait]) -> str:
+    """HTML of several gaits side by side.
+
+    Raises
+    ------
+    ValueError
+        If one of them is a failed attempt.
+    """
+    if not all(gait.converged for gait in gaits):
+        raise ValueError("only converged gaits have a report; look at their status first")
+    records = [gait.to_record() for gait in gaits]
+    shown = [_shown(gait, name) for gait, name in zip(gaits, _names(gaits), strict=True)]
+    return render(
+        "gaits.html",
+        title=" and ".join(dict.fromkeys(gait["film"]["name"] for gait in shown)),
+        about=gaits[0].problem.about if len(gaits) == 1 else "Side by side",
+        data={"gaits": shown, **words([gait["film"] for gait in shown], records)},
+        checks=[(gait["film"]["name"], record["verification"]) for gait, record in zip(shown, records, strict=True)],
+        origins=[provenance(gait.problem, gait.solver) for gait in gaits],
+    )
+
+
+def _names(gaits: Sequence[Gait]) -> list[str]:
+    """Names of the problems; gaits of the same name are told apart by their hash."""
+    names = [gait.problem.name for gait in gaits]
+    return [n if names.count(n) == 1 else f"{n} ({g.problem.hash8})" for n, g in zip(names, gaits, strict=True)]
+
+
+def _shown(gait: Gait, name: str) -> dict[str, Any]:
+    motion = motion_of(gait, name)
+    return {"film": film(motion), "roads": _roads(motion, gait), **numbers(gait.to_record())}
+
+
+def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
+    """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
+    walked = simulated(gait)
+    times, states = node_points(gait) or points_of(motion.steps)
+    columns = [motion.state_index(name) for name in motion.system.walker.shape]
+    names = motion.system.walker.shape
+    nodes = {"t": times} | {name: states[:, k] for name, k in zip(names, columns, strict=True)}
+    arcs = [
+        (arc.mode, {"t": began + arc.times} | {n: arc.states[:, k] for n, k in zip(names, columns, strict=True)})
+        for began, arc in smooth(walked)
+    ]
+    gaps = [
+        {"t": times, "difference": np.log10(np.maximum(np.abs(gap).max(axis=1), FLOOR))}
+        for times, gap in differences(motion.steps, walked)
+    ]
+    return {
+        "nodes": pack(nodes),
+        "lines": [{"mode": str(mode), **pack(line)} for mode, line in arcs],
+        "gaps": [pack(gap) for gap in gaps],
+    }

@@ -1,0 +1,71 @@
+"""A page from its content: templates, scripts and style sheets are put into one file that needs nothing else."""
+
+import base64
+import gzip
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+from gaitopt.figures.labels import QUANTITIES, UNITS, label, symbol
+
+Record = Mapping[str, Any]
+
+
+def render(template: str, **content: Any) -> str:
+    """The page of a template; texts are escaped, and data stand in the page as compressed JSON."""
+    loaders = [PackageLoader("gaitopt.pages", "web"), PackageLoader("gaitopt.figures", "web")]
+    templates = Environment(
+        loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    templates.filters |= {"figure": figure, "packed": packed}
+    return templates.get_template(template).render(content)
+
+
+def packed(data: Mapping[str, Any]) -> str:
+    """Data as compressed JSON in letters, for ``frame.html``."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
+
+
+def figure(value: float | None) -> str:
+    """A number for the eye."""
+    return "–" if value is None else f"{value:.6g}"
+
+
+def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
+    """Labels that the scripts need: of the scalars that occur, and of the walker's states."""
+    keys = [key for key in QUANTITIES if any(key in record for record in records)]
+    names = {name for film in films for name in film["shape"]}
+    symbols = {key: symbol(key) for name in (*sorted(names), "x") for key in (name, f"d{name}")}
+    freed = {key for record in records for key in record.get("parameters", ())}
+    return {
+        "scalars": {key: asdict(label(key)) for key in keys},
+        "symbols": symbols,
+        "parameters": {key: asdict(label(key)) for key in sorted(freed)},
+    }
+
+
+def numbers(record: Record) -> dict[str, Any]:
+    """What the page shows of a gait besides its motion."""
+    scalars = {key: record[key] for key in QUANTITIES if key in record}
+    return {
+        "scalars": {key: value if value is None else float(f"{value:.9g}") for key, value in scalars.items()},
+        "multipliers": [[float(f"{m['re']:.7g}"), float(f"{m['im']:.7g}")] for m in record["multipliers"]],
+        "impact": record["impact"],
+        "state": {name: float(f"{value:.9g}") for name, value in record["state"].items()},
+        "parameters": record["parameters"],
+        "passed": None if record["verification"] is None else record["verification"]["passed"],
+    }
+
+
+def state_rows(record: Record) -> list[tuple[str, float, str]]:
+    """Symbol, value and unit of every state just after the impact."""
+    return [(symbol(name), value, state_unit(name)) for name, value in record["state"].items()]
+
+
+def state_unit(name: str) -> str:
+    """Unit of a state: the foot's x in metres, angles in radians."""
+    return UNITS.get(name, "rad/s" if name.startswith("d") else "rad")

@@ -1,0 +1,50 @@
+"""The report of a simulated walk: how it ended, its states step by step, and the animation over all steps."""
+
+from base64 import b64encode
+from io import BytesIO
+
+import matplotlib as mpl
+
+from gaitopt.figures.film import film
+from gaitopt.figures.labels import symbol
+from gaitopt.figures.motion import motion_of_walk
+from gaitopt.figures.style import STYLE
+from gaitopt.figures.walk import section_states
+from gaitopt.pages.page import render, state_unit
+from gaitopt.pages.provenance import provenance
+from gaitopt.study.simulate import Walk
+
+
+def walk_report(walk: Walk) -> str:
+    """HTML of a walk.
+
+    Raises
+    ------
+    ValueError
+        If the walk ended before anything moved.
+    """
+    names = [name for name in walk.system.state_names if name != "x"]
+    columns = [walk.system.state_names.index(name) for name in names]
+    states = walk.trajectory.section_states[:, columns]
+    impacts = ["start", *(str(step.impact.mode) for step in walk.complete_steps if step.impact is not None)]
+    rows = zip(walk.section_times.tolist(), impacts, states.tolist(), strict=True)
+    return render(
+        "walk.html",
+        title=walk.problem.name,
+        about=walk.problem.about,
+        walk=walk,
+        columns=[f"{symbol(name)} [{state_unit(name)}]" for name in names],
+        rows=[(t, impact.replace("_", " "), state) for t, impact, state in rows],
+        picture=_picture(walk),
+        data={"film": film(motion_of_walk(walk))},
+        checks=[],
+        origins=[provenance(walk.problem, {})],
+    )
+
+
+def _picture(walk: Walk) -> str:
+    """The figure of the section's states as a data address."""
+    drawn = BytesIO()
+    with mpl.rc_context(STYLE):
+        section_states(walk).savefig(drawn, format="svg", metadata={"Date": None})
+    return f"data:image/svg+xml;base64,{b64encode(drawn.getvalue()).decode()}"

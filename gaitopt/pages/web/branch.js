@@ -1,0 +1,211 @@
+// The diagram of a branch: any scalar over the parameter; a gait is chosen by click, slider, or arrow keys.
+
+const SPECIAL_WORDS = {
+  fold: "fold", branch_point: "branches cross", period_doubling: "period doubling", neimark_sacker: "Neimark–Sacker", mode_change: "other phases begin",
+  impact_change: "other impact begins", lift_off: "foot lifts off", painleve: "Painlevé paradox", end: "branch ends",
+  vanishing: "gait vanishes",
+};
+const LOG = 10; // multipliers beyond this go on a log axis
+const SMALLEST = 1e-3; // what a multiplier of zero is drawn as there
+const NEAR = 40; // pixels within which a gait is under the pointer
+
+// Outlines around (0, 0) of unit size, one for every type of special point.
+const MARKS = {
+  fold: [[0.9, 0], [0.64, 0.64], [0, 0.9], [-0.64, 0.64], [-0.9, 0], [-0.64, -0.64], [0, -0.9], [0.64, -0.64]],
+  branch_point: [[0, -1], [0.95, -0.3], [0.6, 0.8], [-0.6, 0.8], [-0.95, -0.3]],
+  period_doubling: [[-0.8, -0.8], [0.8, -0.8], [0.8, 0.8], [-0.8, 0.8]],
+  neimark_sacker: [[0, -1], [1, 0], [0, 1], [-1, 0]],
+  mode_change: [[0, -1], [0.95, 0.8], [-0.95, 0.8]],
+  impact_change: [[0, 1], [0.95, -0.8], [-0.95, -0.8]],
+};
+const CROSS = [[-0.8, -0.8], [0, -0.25], [0.8, -0.8], [0.25, 0], [0.8, 0.8], [0, 0.25], [-0.8, 0.8], [-0.25, 0]]; // where families end
+
+// Whether a branch ends only where it was asked to end.
+function isBound(special) {
+  return special.type === "end" && special.reason?.startsWith("reached ");
+}
+
+function markPath(type, x, y, size) {
+  return `M${(MARKS[type] ?? CROSS).map(([a, b]) => `${x + size * a} ${y + size * b}`).join("L")}Z`;
+}
+
+function specialKey(specials) {
+  const key = html("p", { class: "key" });
+  for (const type of new Set(specials.filter((special) => !isBound(special)).map((special) => special.type))) {
+    const sample = html("span", {});
+    const picture = svg(sample, "svg", { width: 16, height: 16, "aria-hidden": "true" });
+    svg(picture, "path", { class: `special ${type}`, d: markPath(type, 8, 8, 6) });
+    sample.append(` ${SPECIAL_WORDS[type] ?? type}`);
+    key.append(sample);
+  }
+  return key;
+}
+
+class BranchDiagram {
+  constructor(host, data, choose) {
+    Object.assign(this, { ...data, choose, chosen: 0 });
+    this.numbers = [...new Set(this.gaits.map((gait) => gait.branch))];
+    const keys = Object.keys(this.scalars).filter((key) => this.gaits.some((gait) => typeof gait.scalars[key] === "number"));
+    this.quantity = html("select", { id: "quantity" }, ...keys.map((key) => html("option", { value: key }, this.scalars[key].words)));
+    this.quantity.value = keys.includes("spectral_radius") ? "spectral_radius" : keys[0];
+    this.quantity.addEventListener("change", () => this.draw());
+    this.slider = html("input", { type: "range", id: "point", min: 0, max: this.gaits.length - 1, step: 1, value: 0 });
+    this.slider.addEventListener("input", () => this.select(Number(this.slider.value)));
+    this.diagram = html("div", { class: "diagram" });
+    this.tip = html("div", { class: "tip", hidden: "" });
+    const labels = [html("label", { for: "quantity" }, "Show "), this.quantity];
+    const slide = html("div", { class: "slide" }, html("label", { for: "point" }, "Gait "), this.slider);
+    host.append(html("p", {}, ...labels), this.diagram, slide, this.sequences(), this.specialList());
+    this.draw();
+    this.select(0);
+  }
+
+  value(gait) {
+    return gait.scalars[this.quantity.value];
+  }
+
+  // The scalar of a gait, or of every step of a cycle where each has its own.
+  values(gait) {
+    return gait.steps?.[this.quantity.value] ?? [this.value(gait)];
+  }
+
+  // Where a value stands on the vertical axis.
+  height(value) {
+    return this.log && typeof value === "number" ? Math.log10(Math.max(value, SMALLEST)) : value;
+  }
+
+  draw() {
+    const key = this.quantity.value;
+    const drawn = this.gaits.filter((gait) => typeof this.value(gait) === "number");
+    this.log = key === "spectral_radius" && drawn.some((gait) => this.value(gait) > LOG);
+    const level = key === "spectral_radius" ? [this.height(1)] : [];
+    const { words, unit } = this.scalars[key];
+    const options = { title: `${words} over ${this.parameter}`, x: this.parameter, y: unit ? `${words} [${unit}]` : words, height: 340 };
+    options.xRange = extent(this.gaits.map((gait) => gait.value));
+    options.yRange = extent([...drawn.flatMap((gait) => this.values(gait).map((value) => this.height(value))), ...level]);
+    if (this.log) options.yTick = (power) => shown(10 ** power);
+    this.diagram.replaceChildren();
+    this.chart = new Chart(this.diagram, options, (chart) => this.paint(chart, level));
+    const entries = this.numbers.map((number, n) => [COLOURS[n % COLOURS.length], `branch ${number}`]);
+    legend(this.diagram, entries, "Thick: stable. Thin, dotted: unstable.");
+    this.diagram.lastElementChild.append(specialKey(this.specials));
+    this.chart.box.append(this.tip);
+  }
+
+  paint(chart, level) {
+    level.forEach((y) => chart.level(y, "axis faint"));
+    this.numbers.forEach((number, n) => this.paintBranch(chart, this.gaits.filter((gait) => gait.branch === number), COLOURS[n % COLOURS.length]));
+    for (const special of this.specials) this.paintSpecial(chart, special);
+    this.marker = svg(chart.svg, "circle", { class: "chosen", r: 7 });
+    this.mark();
+    chart.svg.addEventListener("pointermove", (event) => this.hover(event));
+    chart.svg.addEventListener("pointerleave", () => (this.tip.hidden = true));
+    chart.svg.addEventListener("click", (event) => {
+      const near = this.nearest(event);
+      if (near >= 0) this.select(near);
+    });
+  }
+
+  paintBranch(chart, gaits, colour) {
+    const known = gaits.filter((gait) => typeof this.value(gait) === "number");
+    const points = (gait) => this.values(gait).map((value) => [gait.value, this.height(value)]);
+    known.slice(1).forEach((gait, k) => {
+      const before = points(known[k]);
+      points(gait).forEach((point, step) => chart.line([before[step], point], `curve ${colour} ${radius(gait) < 1 ? "thick" : "unstable"}`));
+    });
+    known.forEach((gait) => points(gait).forEach((point) => chart.dot(...point, `dot ${colour}`, 2)));
+  }
+
+  paintSpecial(chart, special) {
+    const own = special.scalars[this.quantity.value];
+    const nearest = this.gaits[this.nearestTo(special)];
+    const values = typeof own === "number" ? (special.steps?.[this.quantity.value] ?? [own]) : nearest ? this.values(nearest) : [];
+    if (typeof special.value !== "number" || isBound(special)) return;
+    const size = values.length > 1 ? 4 : 7;
+    for (const y of values.filter((value) => typeof value === "number")) {
+      const [a, b] = [chart.px(special.value), chart.py(this.height(y))];
+      const mark = svg(chart.svg, "path", { class: `special ${special.type}`, d: markPath(special.type, a, b, size) });
+      svg(mark, "title").textContent = SPECIAL_WORDS[special.type] ?? special.type;
+    }
+  }
+
+  // Index of the gait under the pointer, or -1.
+  nearest(event) {
+    const frame = this.chart.svg.getBoundingClientRect();
+    const [x, y] = [event.clientX - frame.left, event.clientY - frame.top];
+    const distances = this.gaits.map((gait) => {
+      const heights = this.values(gait).map((value) => this.height(value)).filter((height) => typeof height === "number");
+      return Math.min(Infinity, ...heights.map((height) => Math.hypot(this.chart.px(gait.value) - x, this.chart.py(height) - y)));
+    });
+    const best = distances.indexOf(Math.min(...distances));
+    return distances[best] < NEAR ? best : -1;
+  }
+
+  nearestTo(special) {
+    const distances = this.gaits.map((gait) => (gait.branch === special.branch ? Math.abs(gait.value - special.value) : Infinity));
+    const best = distances.indexOf(Math.min(...distances));
+    return distances[best] < Infinity ? best : -1;
+  }
+
+  hover(event) {
+    const near = this.nearest(event);
+    this.tip.hidden = near < 0;
+    if (near < 0) return;
+    const gait = this.gaits[near];
+    const [x, y] = [this.chart.px(gait.value), this.chart.py(this.height(this.values(gait)[0]))];
+    this.tip.textContent = this.describe(gait);
+    this.tip.style.left = `${Math.min(x, this.chart.width - 190)}px`;
+    this.tip.style.top = `${y + 14}px`;
+  }
+
+  describe(gait) {
+    return `${this.parameter.split(" [")[0]} ${shown(gait.value)}, ${this.scalars[this.quantity.value].words} ${shown(this.value(gait))}, ${sequence(gait.film, gait.impact)}`;
+  }
+
+  select(index) {
+    this.chosen = index;
+    this.slider.value = index;
+    const gait = this.gaits[index];
+    this.slider.setAttribute("aria-valuetext", this.describe(gait));
+    this.mark();
+    this.choose(gait, `Branch ${gait.branch}, ${this.parameter.split(" [")[0]} = ${shown(gait.value)}`);
+  }
+
+  mark() {
+    const gait = this.gaits[this.chosen];
+    const height = this.height(this.values(gait)[0]);
+    if (!this.marker) return;
+    this.marker.style.display = typeof height === "number" ? "" : "none";
+    if (typeof height === "number") set(this.marker, { cx: this.chart.px(gait.value), cy: this.chart.py(height) });
+  }
+
+  // Mode sequence of every branch as a bar, at its middle gait.
+  sequences() {
+    const rows = this.numbers.map((number) => {
+      const gaits = this.gaits.filter((gait) => gait.branch === number);
+      const middle = gaits[Math.floor(gaits.length / 2)];
+      const [low, high] = extent(gaits.map((gait) => gait.value)).map(shown);
+      const stable = gaits.filter((gait) => radius(gait) < 1).length;
+      const cells = [String(number), modeBar(middle.film, 1), sequence(middle.film, middle.impact), `${low} to ${high}`, `${stable} of ${gaits.length}`];
+      return html("tr", {}, ...cells.map((cell) => html("td", {}, cell)));
+    });
+    const head = ["branch", "one step", "mode sequence", this.parameter, "stable gaits"].map((words) => html("th", { scope: "col" }, words));
+    const table = html("table", { class: "sequences" }, html("thead", {}, html("tr", {}, ...head)), html("tbody", {}, ...rows));
+    const modes = this.gaits.flatMap((gait) => gait.film.phases.map((phase) => phase.mode));
+    return html("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": "mode sequences" }, table, modeKey(modes));
+  }
+
+  specialList() {
+    const list = html("ul", { class: "specials" });
+    for (const special of this.specials) {
+      const words = `${SPECIAL_WORDS[special.type] ?? special.type} at ${shown(special.value)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
+      const button = html("button", { type: "button" }, words);
+      const nearest = this.nearestTo(special);
+      button.disabled = nearest < 0;
+      button.addEventListener("click", () => this.select(nearest));
+      list.append(html("li", {}, button, special.reason ? ` ${special.reason}` : ""));
+    }
+    for (const words of this.cascades) list.append(html("li", {}, `Cascade: ${words}`));
+    return list;
+  }
+}

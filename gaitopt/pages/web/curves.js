@@ -1,0 +1,156 @@
+// The figures of one gait: portrait, force ratio, slip, torques, multipliers; dashed where the foot slips.
+// `fellows` are all motions that stand side by side, this one among them: they share their axes.
+
+const COLOURS = ["first", "second", "third"];
+const REACH = 2; // of the plane of multipliers: beyond it they stand at its edge with their value
+
+// Times, columns and phases of an unrolled film, and the slip of the stance foot since its own step began.
+function motion(film) {
+  const t = new Float64Array(film.columns.x0.length);
+  const slipped = new Float64Array(t.length);
+  for (const { start, end, first, last, origin } of film.phases)
+    for (let k = first; k <= last; k += 1) {
+      t[k] = start + ((end - start) * (k - first)) / (last - first);
+      slipped[k] = 1000 * (film.columns.x0[k] - origin);
+    }
+  return { film, t, slipped, ...film.columns };
+}
+
+// First and last point of every step.
+function stepEnds({ phases }) {
+  return Array.from({ length: phases.at(-1).step + 1 }, (_, step) => {
+    const own = phases.filter((phase) => phase.step === step);
+    return [own[0].first, own.at(-1).last];
+  });
+}
+
+function timeAxis({ film }) {
+  return film.steps > 1 ? "time since the start [s]" : "time since impact [s]";
+}
+
+// Draw y over x, phase by phase.
+function stroke(chart, moving, x, y, colour) {
+  for (const { mode, first, last } of moving.film.phases) {
+    const points = Array.from({ length: last - first + 1 }, (_, k) => [x[first + k], y[first + k]]);
+    chart.line(points, `curve ${colour} ${mode === "stick" ? "" : "slipping"}`);
+  }
+}
+
+function portrait(host, moving, fellows, labels) {
+  const { shape } = moving.film;
+  const options = { title: `Phase portrait of ${shape.map((name) => labels.symbols[name]).join(" and ")}`, x: "angle [rad]", y: "rate [rad/s]" };
+  const all = (name) => fellows.flatMap((fellow) => [...(fellow[name] ?? [])]);
+  options.xRange = extent(shape.flatMap(all));
+  options.yRange = extent(shape.flatMap((name) => all(`d${name}`)));
+  new Chart(host, options, (chart) => {
+    shape.forEach((name, n) => {
+      const [x, y, colour] = [moving[name], moving[`d${name}`], COLOURS[n % COLOURS.length]];
+      const ends = stepEnds(moving.film);
+      ends.forEach(([first, last], step) => {
+        const [next] = ends[(step + 1) % ends.length];
+        chart.line([[x[last], y[last]], [x[last], y[next]], [x[next], y[next]]], `jump ${colour}`);
+        chart.dot(x[first], y[first], `dot ${colour}`);
+      });
+      stroke(chart, moving, x, y, colour);
+    });
+  });
+  legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), "Dashed: the foot slips. Dotted: the impact. Dot: just after it.");
+}
+
+function ratios({ f_t, f_n }) {
+  return f_t.map((force, k) => force / f_n[k]);
+}
+
+function longest(fellows) {
+  return Math.max(...fellows.map((fellow) => fellow.film.period));
+}
+
+function forceRatio(host, moving, fellows) {
+  const { film } = moving;
+  const ratio = ratios(moving);
+  const highest = Math.max(...extent(fellows.flatMap((fellow) => [...ratios(fellow), ...fellow.film.impulse_ratios])).map(Math.abs));
+  const reach = film.friction < 1.6 * highest ? Math.max(highest, 1.12 * film.friction) : highest;
+  const options = { title: "Force ratio fₜ / fₙ", x: timeAxis(moving), y: "force ratio σ", xRange: [0, longest(fellows)], yRange: [-reach, reach] };
+  new Chart(host, options, (chart) => {
+    chart.band(film.friction, Infinity, "beyond");
+    chart.band(-Infinity, -film.friction, "beyond");
+    stroke(chart, moving, moving.t, ratio, "first");
+    stepEnds(film).forEach(([, last], step) => chart.cross(moving.t[last], film.impulse_ratios[step], "curve second"));
+  });
+  const cone = `Shaded: beyond the friction cone ±μ = ±${Number(film.friction.toPrecision(4))}.`;
+  legend(host, [["first", "stance foot"], ["second", "impulse ratio that a sticking impact needs (cross)"]], film.friction < reach * 1.05 ? cone : `The cone ±${film.friction} is wider than the picture.`);
+}
+
+function slip(host, moving, fellows) {
+  const range = extent(fellows.flatMap((fellow) => [...fellow.slipped]));
+  if (range.every((value) => Math.abs(value) < 1e-3)) return;
+  const options = { title: "Slip of the stance foot", x: timeAxis(moving), y: "x [mm]", xRange: [0, longest(fellows)], yRange: range };
+  new Chart(host, options, (chart) => stroke(chart, moving, moving.t, moving.slipped, "first"));
+}
+
+function torques(host, moving, fellows) {
+  const { actuators } = moving.film;
+  const torque = actuators.map((name) => moving[`torque ${name}`]);
+  const range = extent(fellows.flatMap((fellow) => fellow.film.actuators.flatMap((name) => [...fellow[`torque ${name}`]])));
+  if (!range.some((value) => value !== 0 && Number.isFinite(value))) return;
+  const options = { title: "Torques", x: timeAxis(moving), y: "torque [N m]", xRange: [0, longest(fellows)], yRange: range };
+  new Chart(host, options, (chart) => torque.forEach((column, n) => stroke(chart, moving, moving.t, column, COLOURS[n])));
+  legend(host, actuators.map((name, n) => [COLOURS[n], name]));
+}
+
+function multiplierPlane(host, gait) {
+  const largest = Math.max(...gait.multipliers.flat().map(Math.abs));
+  const reach = Math.min(REACH, Math.max(1.15, 1.1 * largest));
+  const options = { title: "Floquet multipliers", x: "real part", y: "imaginary part", xRange: [-reach, reach], yRange: [-reach, reach], square: true };
+  new Chart(host, options, (chart) => {
+    const turn = Array.from({ length: 121 }, (_, k) => (2 * Math.PI * k) / 120);
+    chart.line(turn.map((angle) => [Math.cos(angle), Math.sin(angle)]), "axis");
+    for (const [re, im] of gait.multipliers) {
+      const size = Math.max(Math.abs(re), Math.abs(im)) / reach;
+      const [x, y] = size > 1 ? [re / size, im / size] : [re, im];
+      chart.dot(x, y, `dot ${Math.hypot(re, im) < 1 ? "first" : "second"}`, 5);
+      if (size > 1) chart.text(chart.px(x), chart.py(y) - 9, `${shown(Number(Math.hypot(re, im).toPrecision(3)))} ↗`, "middle");
+    }
+  });
+  legend(host, [["first", "inside the unit circle"], ["second", "outside: unstable"]]);
+  host.lastElementChild.append(multiplierList(gait));
+}
+
+// The multipliers in figures, with their moduli.
+function multiplierList({ multipliers }) {
+  const body = html("tbody");
+  const cells = (tag, words) => words.map((word) => html(tag, tag === "th" ? { scope: "col" } : { class: "number" }, word));
+  for (const [re, im] of multipliers) body.append(html("tr", {}, ...cells("td", [shown(re), shown(im), shown(Math.hypot(re, im))])));
+  return html("table", { class: "multipliers", "aria-label": "Floquet multipliers" }, html("thead", {}, html("tr", {}, ...cells("th", ["re λ", "im λ", "|λ|"]))), body);
+}
+
+function roads(host, { nodes, lines, gaps }, film, labels) {
+  const found = unpack(nodes);
+  const walked = lines.map((line) => ({ mode: line.mode, ...unpack(line) }));
+  const options = { title: "Simulation and NLP", x: film.steps > 1 ? "time since the start [s]" : "time since impact [s]", y: "angle [rad]", xRange: [0, film.period] };
+  options.yRange = extent(film.shape.flatMap((name) => walked.flatMap((arc) => [...arc[name]])));
+  new Chart(host, options, (chart) =>
+    film.shape.forEach((name, n) => {
+      const colour = COLOURS[n % COLOURS.length];
+      for (const arc of walked) chart.line(pairs(arc.t, arc[name]), `curve ${colour} ${arc.mode === "stick" ? "" : "slipping"}`);
+      pairs(found.t, found[name]).forEach(([t, angle]) => chart.dot(t, angle, `ring ${colour}`, 3.5));
+    }),
+  );
+  legend(host, film.shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), "Lines: simulation, which chooses its modes. Circles: NLP.");
+  const curves = gaps.map(unpack);
+  const difference = { ...options, title: "Largest difference of the states", y: "|difference|", height: 190 };
+  difference.yRange = extent(curves.flatMap((gap) => [...gap.difference]));
+  difference.yTick = (power) => (Number.isInteger(power) ? `1e${power}` : "");
+  new Chart(host, difference, (chart) => curves.forEach((gap) => chart.line(pairs(gap.t, gap.difference), "curve first")));
+}
+
+function pairs(x, y) {
+  return Array.from(x, (value, k) => [value, y[k]]);
+}
+
+function legend(host, entries, note = "") {
+  const key = html("p", { class: "key" });
+  for (const [colour, words] of entries) key.append(html("span", {}, html("span", { class: `swatch ${colour}` }), ` ${words}`));
+  if (note) key.append(html("span", {}, note));
+  host.lastElementChild.append(key);
+}

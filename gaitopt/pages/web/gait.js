@@ -1,0 +1,120 @@
+// One gait: what it is, how it moves, its figures.
+
+const MOTORS = ["work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque"]; // no rows of zeros without any
+
+function radius(gait) {
+  return Math.max(0, ...gait.multipliers.map(([re, im]) => Math.hypot(re, im)));
+}
+
+function badge(gait) {
+  const stable = radius(gait) < 1;
+  return html("span", { class: `badge ${stable ? "good" : "bad"}` }, stable ? "stable" : "unstable");
+}
+
+function sequence(film, impact) {
+  const steps = Array.from({ length: film.steps }, (_, step) => film.phases.filter((phase) => phase.step === step).map(({ mode }) => mode));
+  const merged = steps.map((modes) => modes.filter((mode, k) => mode !== modes[k - 1]).map((mode) => MODE_WORDS[mode]).join(", "));
+  return `${merged.join(" | ")}; impact: ${MODE_WORDS[impact]}`;
+}
+
+class GaitPanel {
+  // gaits: all that stand side by side, this one among them
+  constructor(host, gait, gaits, labels, heading, settings) {
+    host.replaceChildren();
+    const check = { true: "verified by simulation", false: "NOT verified", null: "" }[gait.passed];
+    gait.film = gait.film.columns ? gait.film : unrolled(gait.film);
+    const film = gait.film;
+    if (heading) host.append(html("h2", { "aria-live": "polite" }, heading));
+    host.append(html("p", {}, badge(gait), ` ${sequence(film, gait.impact)}`, html("span", { class: "soft" }, check && ` · ${check}`)));
+    const stage = html("section", { class: "stage", "aria-label": "animation" });
+    const charts = html("section", { class: "charts", tabindex: 0, "aria-label": "figures" });
+    this.aside = html("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": "numbers" });
+    host.append(html("div", { class: "overview" }, stage, this.aside), charts);
+    this.player = new Player(stage, film, settings);
+    const moving = motion(film);
+    const fellows = gaits.map((other) => (other === gait ? moving : motion(other.film.columns ? other.film : unrolled(other.film))));
+    const draw = (paint, ...what) => {
+      const cell = html("div");
+      paint(cell, ...what);
+      if (cell.childElementCount) charts.append(cell);
+    };
+    draw(portrait, moving, fellows, labels);
+    draw(forceRatio, moving, fellows);
+    draw(slip, moving, fellows);
+    draw(torques, moving, fellows);
+    draw(multiplierPlane, gait, gaits);
+    if (gait.roads) draw(roads, gait.roads, film, labels);
+  }
+}
+
+// Scalars, state after impact and freed parameters of gaits in columns; of two also their difference.
+function numbersTable(host, gaits, labels) {
+  const body = html("tbody");
+  const names = gaits.map((gait) => gait.film.name);
+  const head = ["", "unit", ...(gaits.length > 1 ? names : ["value"]), ...(gaits.length === 2 ? ["difference"] : [])];
+  const row = (words, unit, values) => {
+    if (values.every((value) => value === undefined)) return;
+    const cells = values.map(shown);
+    if (values.length === 2) cells.push(values.every((v) => typeof v === "number") ? shown(values[1] - values[0]) : "");
+    body.append(html("tr", {}, html("th", { scope: "row" }, words), html("td", {}, unit), ...cells.map((cell) => html("td", { class: "number" }, cell))));
+  };
+  const passive = gaits.every((gait) => !gait.scalars.peak_torque);
+  for (const [key, { words, unit }] of Object.entries(labels.scalars).filter(([key]) => !(passive && MOTORS.includes(key)))) row(words, unit, gaits.map((gait) => gait.scalars[key]));
+  const states = [...new Set(gaits.flatMap((gait) => Object.keys(gait.state)))];
+  for (const name of states.filter((name) => name !== "x")) {
+    const unit = (name === "dx" ? "m" : "rad") + (name.startsWith("d") ? "/s" : "");
+    row(`${labels.symbols[name] ?? name} after impact`, unit, gaits.map((gait) => gait.state[name]));
+  }
+  const freed = [...new Set(gaits.flatMap((gait) => Object.keys(gait.parameters)))];
+  for (const key of freed) row(`${labels.parameters[key].words} (found)`, labels.parameters[key].unit, gaits.map((gait) => gait.parameters[key]));
+  const titles = head.map((words) => html("th", { scope: "col" }, words));
+  host.replaceChildren(html("table", {}, html("thead", {}, html("tr", {}, ...titles)), body));
+}
+
+function shown(value) {
+  if (typeof value !== "number") return "–";
+  return String(Math.abs(value) < 1e-12 ? 0 : Number(value.toPrecision(6))).replace("-", "−");
+}
+
+// Buttons that bring one of several gaits into view where they do not fit side by side.
+function tabs(gaits, side) {
+  const buttons = gaits.map((gait, k) => {
+    const button = html("button", { type: "button" }, gait.film.name);
+    button.addEventListener("click", () => side.scrollTo({ left: side.children[k].offsetLeft - side.offsetLeft, behavior: "smooth" }));
+    return button;
+  });
+  return html("nav", { class: "tabs", "aria-label": "gaits" }, ...buttons);
+}
+
+// One button and one slider for all walkers, and the first two of them drawn over each other.
+function together(panels, gaits) {
+  const section = html("section", { class: "together", "aria-label": "all gaits together" });
+  const play = html("button", { type: "button", class: "play" });
+  const say = () => (play.textContent = panels.some(({ player }) => player.playing) ? "Pause all" : "Play all");
+  play.addEventListener("click", () => {
+    const on = !panels.some(({ player }) => player.playing);
+    for (const { player } of panels) player.seek(0), player.play(on);
+    say();
+  });
+  for (const { player } of panels) player.button.addEventListener("click", say);
+  say();
+  const overlay = html("div", { class: "overlay", hidden: "" });
+  const show = html("button", { type: "button", "aria-pressed": "false" }, `Overlay of ${gaits[0].film.name} and ${gaits[1].film.name}`);
+  show.addEventListener("click", () => {
+    const on = overlay.hidden;
+    overlay.hidden = !on;
+    show.setAttribute("aria-pressed", String(on));
+    overlay.replaceChildren();
+    if (!on) return;
+    const walkers = gaits.slice(0, 2).map((gait) => new Walker(overlay, gait.film));
+    overlay.append(html("p", { class: "soft" }, "The second walker is drawn pale. Both start just after an impact; the picture follows each of them."));
+    const tick = (now) => {
+      if (!overlay.isConnected || overlay.hidden || !walkers[0].ground.isConnected) return;
+      for (const walker of walkers) walker.draw(((now / 1000) * FIRST_SPEED) % walker.duration);
+      if (!matchMedia("(prefers-reduced-motion: reduce)").matches) requestAnimationFrame(tick);
+    };
+    requestAnimationFrame(tick);
+  });
+  section.append(html("div", { class: "controls" }, play, show), overlay);
+  return section;
+}

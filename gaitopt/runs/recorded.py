@@ -1,0 +1,57 @@
+"""The motion behind a JSON record, integrated again from its state, its modes and their durations."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import Arc, Step, curves
+from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.nlp import integrate_to
+from gaitopt.nlp.assembly import impact_record
+
+Array = NDArray[np.float64]
+
+POINTS = 33
+"""Chebyshev points of a phase; they resolve a phase of walking."""
+
+
+def recorded_steps(system: HybridSystem, p: Array, record: Mapping[str, Any], points: int = POINTS) -> tuple[Step, ...]:
+    """The steps of a gait, or of a point of a branch.
+
+    Parameters
+    ----------
+    p : ndarray, shape (n_p,) - parameters for which the record holds.
+    record : with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
+    points : Chebyshev points of every phase.
+    """
+    return tuple(_integrated(system, p, step, points) for step in record.get("steps", (record,)))
+
+
+def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], points: int) -> Step:
+    """One step from the record of its state after impact, its phases and its impact."""
+    z = np.array([record["state"][name] for name in system.state_names])
+    time, arcs = 0.0, list[Arc]()
+    for phase in record["phases"]:
+        mode = Mode.from_record(phase)
+        if arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
+            z = np.asarray(system.impact(mode)(z, p)[0]).ravel()
+        if mode.sticks:
+            z[-1] = 0.0
+        for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
+            times = start + (end - start) * (curves.points(points) + 1) / 2
+            states = integrate_to(system, mode, z, times, p, system.control.data(segment))
+            arcs.append(Arc(mode=mode, segment=segment, times=times, states=states))
+            z = states[-1].copy()
+        time += phase["duration"]
+    return Step(arcs=tuple(arcs), impact=impact_record(system, Mode(record["impact"]), z, p))
+
+
+def _segments(start: float, end: float, breakpoints: Sequence[float]) -> list[tuple[float, float, int]]:
+    """Pieces of [start, end] between the control's breakpoints, each with its segment."""
+    cuts = [start, *(b for b in breakpoints if start < b < end), end]
+    middles = [(a + b) / 2 for a, b in pairwise(cuts)]
+    segments = np.searchsorted(breakpoints, middles, side="right")
+    return [(a, b, int(k)) for a, b, k in zip(cuts[:-1], cuts[1:], segments, strict=True)]

@@ -1,0 +1,142 @@
+"""A finished sweep: the gait of every point of its grid as a table, in a folder and in memory."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gaitopt.display import Plotted
+from gaitopt.errors import StorageError
+from gaitopt.gait import Status
+from gaitopt.gait.frames import columns_of, data_frame, data_set
+from gaitopt.gait.quantities import column_unit
+from gaitopt.mechanics.modes import Mode
+from gaitopt.problem import Problem
+from gaitopt.runs.grid import Grid
+from gaitopt.store import Table, read_object, read_problem, read_sealed
+from gaitopt.store.files import parsed
+from gaitopt.store.records import validated
+from gaitopt.store.text import parse_cell
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
+SCALARS = (
+    "period", "step_length", "speed", "work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared",
+    "peak_torque", "slip_distance", "foot_clearance", "spectral_radius", "required_friction", "impulse_ratio",
+    "min_normal_force",
+)  # fmt: skip
+"""Columns of the table, after the grid's own."""
+WORDS = ("status", "verified", "start", "modes")
+"""Columns between those that hold words."""
+STOPS_SEPARATOR = "; "
+"""Between modes that state stops; others are separated by a space."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep(Plotted):
+    """The gaits of a problem over a grid of its parameters.
+
+    Attributes
+    ----------
+    problem, grid : what was asked.
+    records : of every point in the order of the grid: ``at`` (values by dotted key), ``status``, and where there is a
+        gait its scalars; after a fresh sweep all keys of a gait.
+    """
+
+    problem: Problem
+    grid: Grid
+    records: Sequence[Mapping[str, Any]]
+
+    def __repr__(self) -> str:
+        axes = ", ".join(f"{axis.key} {axis.lower:g} to {axis.upper:g} ({axis.count})" for axis in self.grid.axes)
+        solved = sum(record["status"] == Status.CONVERGED for record in self.records)
+        return f"<Sweep {self.problem.name} over {axes}: {solved} of {len(self)} points have a gait>"
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def column(self, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """A scalar at every point, NaN where there is no gait; of the grid's shape."""
+        values = [record.get(name) if record["status"] == Status.CONVERGED else None for record in self.records]
+        return np.array([np.nan if value is None else value for value in values], dtype=float).reshape(self.grid.shape)
+
+    def to_frame(self) -> "DataFrame":
+        """One row per point: the columns of ``table.csv``, units in ``attrs["units"]``."""
+        table = sweep_table(self.grid, self.records)
+        units = {name: column_unit(name) for name in table.header}
+        return data_frame(table.header, table.rows, units, problem=self.problem.name)
+
+    def to_xarray(self) -> "Dataset":
+        """The same as an xarray dataset over the parameters, with units as attributes."""
+        table = sweep_table(self.grid, self.records)
+        keys = tuple(axis.key for axis in self.grid.axes)
+        columns = columns_of(table.header, table.rows)
+        variables = {n: (keys, v.reshape(self.grid.shape)) for n, v in columns.items() if n not in keys}
+        places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
+        units = {name: column_unit(name) for name in table.header}
+        return data_set(variables, places, units, problem=self.problem.name)
+
+
+def read_sweep(place: Path) -> Sweep:
+    """Status and scalars of every point of the sweep in its own folder.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds no finished sweep, or is broken.
+    """
+    run, own = place.resolve().parent, place.resolve().name
+    path = place / TABLE_FILE
+    grid = validated(Grid, {"axes": read_object(run, f"{own}/{SWEEP_FILE}").get("over")}, place / SWEEP_FILE)
+    rows = parsed(_parse_rows, read_sealed(run, f"{own}/{TABLE_FILE}"), path)
+    if len(rows) != grid.size:
+        raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was left alone")
+    points = grid.points(np.arange(grid.size)).tolist()
+    keys = [axis.key for axis in grid.axes]
+    records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
+    return Sweep(problem=read_problem(run), grid=grid, records=records)
+
+
+def _parse_rows(text: str) -> list[dict[str, Any]]:
+    """Words and scalars of every row of the table.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing or a cell is no number; the message names the line.
+    """
+    reader, rows = csv.DictReader(text.splitlines()), list[dict[str, Any]]()
+    known = [name for name in SCALARS if name in (reader.fieldnames or ())]
+    for row in reader:
+        try:
+            passed = {"true": {"passed": True}, "false": {"passed": False}}.get(row["verified"])
+            phases, _, impact = row["modes"].partition(" / ")
+            words = {"status": row["status"], "start": row["start"], "verification": passed, "impact": impact}
+            modes = {"phases": [Mode(mode).record for mode in phases.split(STOPS_SEPARATOR if "," in phases else None)]}
+            rows.append(words | modes | {name: parse_cell(row[name]) for name in known})
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"line {reader.line_num}: {error!r}") from error
+    return rows
+
+
+def sweep_table(grid: Grid, records: Sequence[Mapping[str, Any]]) -> Table:
+    """One row per point: the grid's values, status, whether it was verified, start, modes and the scalars."""
+    keys = [axis.key for axis in grid.axes]
+    scalars = [name for name in SCALARS if name not in keys]
+
+    def row(record: Mapping[str, Any]) -> list[Any]:
+        verification, phases = record.get("verification"), record.get("phases") or ()
+        passed = "" if verification is None else str(verification["passed"]).lower()
+        names = [Mode.from_record(phase) for phase in phases]
+        modes = (STOPS_SEPARATOR if any(mode.stops for mode in names) else " ").join(names)
+        values = [record.get(name) for name in scalars]
+        texts = [record["status"], passed, record.get("start", ""), f"{modes} / {record['impact']}" if names else ""]
+        return [*record["at"].values(), *texts, *(float("nan") if v is None else v for v in values)]
+
+    return Table(header=(*keys, *WORDS, *scalars), rows=[row(record) for record in records])

@@ -1,0 +1,187 @@
+"""Objects say in a line what they are, draw and tabulate themselves, and survive the disk bit by bit."""
+
+import importlib.util
+import io
+import subprocess
+import sys
+from base64 import b64decode
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from matplotlib.axes import Axes
+from named import named, verification
+from pictured import gait
+
+import gaitopt as go
+from gaitopt.errors import ProblemError, StorageError
+from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES
+from gaitopt.gait.quantities import QUANTITIES
+
+LONGEST_LINE = 200
+WHEEL = "rimless-wheel-slip"
+
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
+
+@pytest.fixture(scope="module")
+def branch():
+    return go.continuation(named(WHEEL), "friction", named(WHEEL).problem.static_friction - 0.01, max_points=4)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return go.simulate(named("compass-passive-a"), {"theta1": -0.15}, steps=20)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep") / "run"
+    counts = []
+    problem = go.load_problem(WHEEL)
+    result = go.sweep(
+        problem, {"friction": (0.3, 0.5, 3)}, workers=1, output=folder, progress=lambda done, _: counts.append(done)
+    )
+    assert counts == [1, 2, 3]
+    return result, folder
+
+
+@pytest.fixture
+def everything(branch, walk, swept):
+    return [named(WHEEL), branch, walk, walk.trajectory, verification(WHEEL), swept[0], named(WHEEL).problem]
+
+
+def test_every_result_prints_in_one_line(everything, branch):
+    for result in (*everything, branch[0], branch.specials[0], *walk_parts(everything[2])):
+        assert "\n" not in repr(result)
+        assert len(repr(result)) < LONGEST_LINE
+    assert f"radius {named(WHEEL).spectral_radius:.4g}" in repr(named(WHEEL))
+    assert "converged" in repr(named(WHEEL))
+
+
+def walk_parts(walk):
+    return walk.trajectory.steps[0], walk.trajectory.steps[0].arcs[0]
+
+
+def test_a_notebook_shows_the_table_of_the_command_line_and_a_picture(everything):
+    for result in everything:
+        if hasattr(result, "_repr_html_"):
+            shown = result._repr_html_()
+            assert "<pre" in shown
+            assert "<script" not in shown
+    shown = named(WHEEL)._repr_html_()
+    assert "Floquet multipliers" in shown
+    assert b64decode(shown.partition("base64,")[2].partition('"')[0]).startswith(b"\x89PNG")
+
+
+def test_everything_the_command_line_draws_is_drawn_from_the_objects(branch, walk, swept):
+    gaits = [gait("compass-passive-a"), gait("compass-passive-b")]
+    assert all(isinstance(gaits[0].plot(word), Axes) for word in GAIT_FIGURES)
+    assert isinstance(go.plot(gaits, "force"), Axes)
+    assert all(isinstance(branch.plot(word), Axes) for word in BRANCH_FIGURES)
+    assert isinstance(swept[0].plot("speed"), Axes)
+    assert isinstance(walk.plot(), Axes)
+    with pytest.raises(ValueError, match="choose from portrait"):
+        gaits[0].plot("landscape")
+    with pytest.raises(TypeError, match="no figures"):
+        go.plot(3)
+
+
+def test_pages_of_objects_need_no_network(branch, walk):
+    for page in (named(WHEEL).report(), walk.report(), branch.report(), walk.animate(), named(WHEEL).animate()):
+        assert "http" not in page.text.replace("http-equiv", "")
+        assert page.save("page.html").read_text() == page.text
+        assert page._repr_html_().startswith("<iframe srcdoc=")
+
+
+def test_the_walk_ends_in_the_picture_where_it_ends(walk):
+    assert walk.trajectory.ending == "fall"
+    axes = walk.plot("section")
+    (end,) = [line for line in axes.lines if line.get_linestyle() == "--"]
+    assert end.get_xdata()[0] == len(walk.complete_steps) + 0.5
+
+
+def test_the_table_of_a_gait_is_that_of_its_run_folder_bit_by_bit():
+    ours = named(WHEEL)
+    folder = ours.save("run")
+    stored = pd.read_csv(folder / "trajectory.csv")
+    pd.testing.assert_frame_equal(stored, ours.to_frame(), check_exact=True)
+    assert ours.to_frame().attrs["units"]["dtheta"] == "rad/s"
+
+
+@pytest.mark.parametrize("name", ["gait", "walk", "branch", "sweep"])
+def test_datasets_survive_a_file_bit_by_bit(name, branch, walk, swept):
+    ours = {"gait": named(WHEEL), "walk": walk, "branch": branch, "sweep": swept[0]}[name].to_xarray()
+    ours.to_netcdf("data.nc", engine="scipy")
+    with xr.open_dataset("data.nc", engine="scipy") as stored:
+        for key in ours:
+            np.testing.assert_array_equal(stored[key].values, ours[key].values)
+            assert stored[key].attrs.get("units") == ours[key].attrs.get("units")
+
+
+def test_columns_of_a_branch_have_the_units_of_its_scalars(branch):
+    frame = branch.to_frame()
+    assert frame.attrs["units"]["speed"] == QUANTITIES["speed"][1]
+    np.testing.assert_array_equal(frame["spectral_radius"][: len(branch)], branch.column("spectral_radius"))
+
+
+def test_a_missing_package_is_named_with_its_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ModuleNotFoundError, match=r"pip install 'gaitopt\[frames\]'"):
+        named(WHEEL).to_frame()
+
+
+def test_runs_come_back_as_what_was_stored(walk, swept):
+    ours = named(WHEEL)
+    again = go.load_run(ours.save("gait"))
+    np.testing.assert_array_equal(again.state, ours.state)
+    stored = go.load_run(walk.save("walk"))
+    np.testing.assert_allclose(stored.trajectory.section_states, walk.trajectory.section_states, atol=1e-15)
+    np.testing.assert_array_equal(stored.gait_states, walk.gait_states)
+    assert repr(stored) == repr(walk)
+    (place,) = swept[1].glob("sweep-*")
+    np.testing.assert_array_equal(go.load_run(place).column("speed"), swept[0].column("speed"))
+    with pytest.raises(StorageError, match="no result"):
+        go.load_run("nothing")
+
+
+def test_a_branch_comes_back_with_its_gaits(branch, run, empty_folder):
+    assert (
+        run("continue", WHEEL, "--param", "friction", "--to", "0.39", "--max-points", "3", "--quiet", "-o", "b")[0] == 0
+    )
+    again = go.load_run("b")
+    assert again.specials[0].type == "end"
+    verified = go.verify(again[1].gait)
+    assert verified.figure("state") < 1e-9
+    assert again[1].gait.problem.friction == again[1].value
+
+
+def test_a_wrong_range_is_named():
+    with pytest.raises(ProblemError, match=r"friction.*\(LO, HI, N\)|LO:HI:N"):
+        go.sweep(go.load_problem(WHEEL), {"friction": (0.3, 0.3, 4)})
+
+
+def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    for screen, shown in ((Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr(sys, "stderr", screen)
+        go.solve(go.load_problem(WHEEL))
+        assert bool(screen.getvalue()) == shown
+    silent = Terminal()
+    monkeypatch.setattr(sys, "stderr", silent)
+    go.solve(go.load_problem(WHEEL), progress=False)
+    assert not silent.getvalue()
+
+
+def test_no_package_takes_the_name_of_a_public_function():
+    for name in go.__all__:
+        assert importlib.util.find_spec(f"gaitopt.{name}") is None, name
+
+
+def test_results_import_neither_figures_nor_pages():
+    program = "import sys, gaitopt as go; go.Gait, go.Branch, go.solve; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

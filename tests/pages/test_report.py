@@ -1,0 +1,116 @@
+"""A report is one offline page that says everything about a gait, a branch or a comparison, and nothing false."""
+
+import base64
+import gzip
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from pictured import branch, gait
+
+from gaitopt.gait import Status
+from gaitopt.pages import branch_report, comparison_report, gait_report
+
+
+def data_of(page):
+    packed = re.search(r'<script type="text/plain" id="data">(.*?)</script>', page, re.DOTALL)[1]
+    return json.loads(gzip.decompress(base64.b64decode(packed)))
+
+
+def pages():
+    problem = gait("compass-passive-a").problem
+    return {
+        "gait": gait_report(gait("compass-passive-a")),
+        "two": comparison_report([gait("compass-passive-a"), gait("compass-pd-impact-slip")]),
+        "branch": branch_report(problem, "friction", branch()),
+    }
+
+
+@pytest.fixture(scope="module")
+def written():
+    return pages()
+
+
+def test_a_page_names_no_address(written):
+    for page in written.values():
+        assert not re.search(r"https?:|//\w+\.|@import|url\(|src=", page)
+        assert "default-src 'none'" in page
+
+
+def test_the_numbers_are_those_of_the_gait(written):
+    (shown,) = data_of(written["gait"])["gaits"]
+    record = gait("compass-passive-a").to_record()
+    for key, value in shown["scalars"].items():
+        assert value == pytest.approx(record[key], rel=1e-8)
+    assert {"period", "speed", "spectral_radius", "impulse_ratio"} <= shown["scalars"].keys()
+    assert shown["state"].keys() == record["state"].keys()
+
+
+def test_every_claim_of_the_verification_is_in_the_table(written):
+    for claim in gait("compass-passive-a").verification["claims"]:
+        assert f'<th scope="row">{claim["name"]}</th>' in written["gait"]
+    assert "passed</span>" in written["gait"]
+
+
+def test_a_failed_verification_is_said_plainly():
+    ours = gait("compass-passive-a")
+    record = dict(ours.verification)
+    record["passed"] = False
+    record["claims"] = [{**record["claims"][0], "passed": False, "figure": None}, *record["claims"][1:]]
+    page = gait_report(ours.verified(record))
+    assert "failed</span>" in page
+    assert 'class="bad">FAILED' in page
+    assert data_of(page)["gaits"][0]["passed"] is False
+
+
+def test_provenance_holds_the_problem_verbatim_and_its_hash(written):
+    problem = gait("compass-passive-a").problem
+    assert problem.digest in written["gait"]
+    assert "phases: [slip_forward, stick, slip_backward]" in written["gait"]
+    assert "casadi" in written["gait"]
+
+
+def test_a_failed_attempt_has_no_report():
+    failed = replace(gait("compass-passive-a"), status=Status.INFEASIBLE, steps=())
+    with pytest.raises(ValueError, match="converged"):
+        gait_report(failed)
+
+
+def test_gaits_of_one_name_are_told_apart():
+    ours = gait("compass-passive-a")
+    other = replace(ours, problem=ours.problem.replace({"friction": 0.145}))
+    names = [shown["film"]["name"] for shown in data_of(comparison_report([ours, other]))["gaits"]]
+    assert len(set(names)) == 2
+
+
+def test_every_point_and_special_point_of_a_branch_is_on_its_page(written):
+    data = data_of(written["branch"])
+    points = [record for record in branch() if record["record"] == "point"]
+    assert [shown["value"] for shown in data["gaits"]] == [point["value"] for point in points]
+    assert [special["type"] for special in data["specials"]] == ["neimark_sacker", "end"]
+
+
+def test_films_of_a_branch_move_with_their_own_parameter(written):
+    films = [shown["film"] for shown in data_of(written["branch"])["gaits"]]
+    assert [film["friction"] for film in films] == [0.15, 0.145, 0.14, 0.135, 0.16, 0.15, 0.14]
+
+
+def test_two_hundred_points_stay_under_three_hundred_kilobytes():
+    points = [record for record in branch() if record["record"] == "point"]
+    many = [{**points[k % len(points)], "index": k} for k in range(200)]
+    page = branch_report(gait("compass-passive-a").problem, "friction", many)
+    assert len(page.encode()) < 300_000
+
+
+def test_a_branch_without_points_is_refused():
+    with pytest.raises(ValueError, match="no points"):
+        branch_report(gait("compass-passive-a").problem, "friction", [])
+
+
+def test_a_name_cannot_smuggle_markup_into_a_page():
+    ours = gait("compass-passive-a")
+    hostile = replace(ours.problem, about="<b>bold</b>", text="# </pre><script>alert(1)</script>")
+    page = gait_report(replace(ours, problem=hostile))
+    assert "<b>bold" not in page
+    assert "<script>alert" not in page

@@ -1,0 +1,92 @@
+"""`gaitopt plot` and `gaitopt report` write what they are asked for, and leave what is not a run alone."""
+
+import pytest
+from pictured import branch, gait
+
+from gaitopt.cli.main import main
+from gaitopt.store import LineWriter
+from gaitopt.store.run import begin_run
+
+PROBLEM = "rimless-wheel-slip"
+
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
+
+@pytest.fixture
+def branch_run(tmp_path):
+    folder = begin_run(tmp_path / "results" / "branch", gait("compass-passive-a").problem)
+    with LineWriter(folder / "branch.jsonl") as lines:
+        for record in branch():
+            lines.append(record)
+    return folder
+
+
+def test_plot_solves_stores_and_draws_what_tells_something(tmp_path, capsys):
+    assert main(["plot", PROBLEM, "--quiet"]) == 0
+    paths = capsys.readouterr().out.split()
+    assert all((tmp_path / path).stat().st_size > 1000 for path in paths)
+    names = {path.rpartition("/")[2] for path in paths}
+    assert {"portrait.svg", "portrait.png", "force.svg", "roads.png", "animation.html"} <= names
+    assert "torques.svg" not in names
+
+
+def test_a_stored_run_is_drawn_without_solving_it_again(capsys):
+    main(["solve", PROBLEM, "--quiet"])
+    assert main(["plot", PROBLEM, "--what", "portrait", "--format", "pdf", "-o", "drawn"]) == 0
+    said = capsys.readouterr()
+    assert "taken from" in said.err
+    assert said.out.endswith("drawn/portrait.pdf\n")
+
+
+def test_gaits_in_one_picture_go_to_a_folder_of_their_own(tmp_path, capsys):
+    assert main(["plot", PROBLEM, "rimless-wheel-stick", "--what", "portrait", "--quiet"]) == 0
+    assert "comparison/portrait.svg" in capsys.readouterr().out
+    assert (tmp_path / "comparison" / "portrait.png").is_file()
+
+
+@pytest.mark.parametrize("arguments", [("--what", "nonsense"), ("--format", "gif")])
+def test_unknown_figures_and_formats_are_named(arguments, capsys):
+    assert main(["plot", PROBLEM, "--quiet", *arguments]) == 2
+    assert arguments[1] in capsys.readouterr().err
+
+
+def test_report_of_a_run_of_two_and_of_one_that_is_not_solvable(tmp_path, capsys):
+    assert main(["report", PROBLEM, "--quiet"]) == 0
+    assert "<!DOCTYPE html>" in (tmp_path / capsys.readouterr().out.strip()).read_text()
+    assert main(["report", PROBLEM, "rimless-wheel-stick", "-o", "both.html", "--quiet"]) == 0
+    assert "rimless-wheel-stick" in (tmp_path / "both.html").read_text()
+    assert main(["report", "rimless-wheel-stick", "--set", "friction=0.5", "--quiet"]) == 4
+
+
+def test_a_branch_is_drawn_and_reported_from_its_folder(branch_run, capsys):
+    assert main(["plot", str(branch_run), "--what", "speed"]) == 0
+    assert (branch_run / "figures" / "speed.svg").is_file()
+    assert main(["report", str(branch_run)]) == 0
+    assert "Neimark" in (branch_run / "report.html").read_text()
+    assert main(["plot", str(branch_run), "--what", "portrait"]) == 2
+    assert "spectral_radius" in capsys.readouterr().err
+
+
+def test_a_torn_last_line_of_a_branch_is_dropped(branch_run):
+    with (branch_run / "branch.jsonl").open("a") as lines:
+        lines.write('{"record": "poi')
+    assert main(["report", str(branch_run)]) == 0
+
+
+@pytest.mark.parametrize("spoil", ["manifest.json", "resolved.json", "branch.jsonl"])
+def test_a_broken_branch_is_named_and_left_alone(branch_run, spoil, capsys):
+    (branch_run / spoil).write_text("{nonsense\n{}\n")
+    before = sorted(branch_run.iterdir())
+    assert main(["report", str(branch_run)]) == 6
+    assert str(branch_run) in capsys.readouterr().err
+    assert sorted(branch_run.iterdir()) == before
+
+
+@pytest.mark.parametrize("command", ["plot", "report"])
+def test_a_folder_that_is_not_a_run_is_left_alone(command, tmp_path, capsys):
+    folder = tmp_path / "holiday"
+    folder.mkdir()
+    (folder / "photo.jpg").write_text("not a run")
+    assert main([command, str(folder)]) == 6
+    assert "left alone" in capsys.readouterr().err
+    assert [path.name for path in folder.iterdir()] == ["photo.jpg"]
