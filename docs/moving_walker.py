@@ -48,7 +48,7 @@ def picture(gait):
     times[len(times) // 2] += 1e-4
     times = np.maximum.accumulate(times)
     camera = 2 * length * times
-    world = np.concatenate([points, points + [length, 0]])
+    world = np.concatenate([points, points + np.array([length, 0])])
     x = WIDTH / 2 + SCALE * (world[..., 0] - camera[:, None])
     y = GROUND - SCALE * world[..., 1]
     half = len(times) // 2
@@ -68,7 +68,7 @@ def picture(gait):
     glow = np.where(np.concatenate([slips, slips]), 9.0, 0.1)
     body.append(animated("circle", "slip", {"cx": x[:, 0], "cy": y[:, 0], "r": glow}, times, seconds))
     for k, radius in ((2, 5), (4, 5), (HIP, 7)):
-        body.append(animated("circle", f"mass", {"cx": x[:, k], "cy": y[:, k], "r": [radius] * len(x)}, times, seconds))
+        body.append(animated("circle", "mass", {"cx": x[:, k], "cy": y[:, k], "r": [radius] * len(x)}, times, seconds))
     tilt = np.degrees(slope(motion_of(gait)))
     style = (
         ".ground{stroke:#808080;fill:none;stroke-width:1.2}.leg{stroke-width:5;stroke-linecap:round}"

@@ -13,6 +13,7 @@ from nbclient import NotebookClient
 from gaitopt import load_problem, simulate, solve, verify
 from gaitopt.cli.main import main
 from gaitopt.cli.simulate import read_state
+from gaitopt.gait import Ending
 from gaitopt.problem import parse_problem
 
 ROOT = Path(__file__).parents[1]
@@ -79,6 +80,15 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path):
     assert kinds.count("image/png") == 3  # figures appear without any magic
     assert "<iframe" in "".join(output["data"].get("text/html", "") for output in outputs if "data" in output)
     assert not [output for output in outputs if output.get("name") == "stderr"]
+
+
+def test_the_pages_name_every_claim_and_every_ending():
+    claims = (ROOT / "docs" / "verification.md").read_text()
+    named = [cell.strip() for row in re.findall(r"^\| ([a-z ,]+) \|", claims, re.MULTILINE) for cell in row.split(",")]
+    gait = solve(load_problem("rimless-wheel-slip"))
+    assert {claim.name for claim in verify(gait).claims} <= set(named)
+    trouble = (ROOT / "docs" / "troubleshooting.md").read_text()
+    assert all(f"| `{ending}` |" in trouble for ending in Ending if ending is not Ending.COMPLETED)
 
 
 def test_the_reference_of_the_problem_file_is_that_of_the_schema():

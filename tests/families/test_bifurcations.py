@@ -34,8 +34,8 @@ MAPS = {
     "pitchfork, handle": (lambda x: 1.0, lambda x: 1 + x),
     "pitchfork, prongs": (lambda x: 2 * x, lambda x: 1 - 2 * x**2),
 }
-"""Fixed points of x + m - x^2, x + m x - x^2 (x = m) and x + m x - x^3 (x = 0, here x being m; m = x^2): derivative of the
-parameter m, and multiplier."""
+"""Derivative of the parameter m and multiplier, along fixed points of x + m - x^2 (over x, m = x^2), of x + m x - x^2
+(x = m, over m) and of x + m x - x^3 (x = 0 over m, and m = x^2 over x)."""
 
 
 @pytest.mark.parametrize("name", MAPS)
