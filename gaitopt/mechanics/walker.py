@@ -103,6 +103,14 @@ class Walker(BaseModel, ABC):
         """All shape coordinates just after an impact, from the free ones of ``section``."""
 
     @classmethod
+    def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
+        """Lines that draw the walker, each a sequence of points [m], with arguments as for ``mechanism``.
+
+        It concerns pictures alone. Without any, the walker is drawn from its bodies and feet.
+        """
+        return ()
+
+    @classmethod
     def state_names(cls) -> tuple[str, ...]:
         """Names of the integrated state ``z = (shape, x, d shape, dx)``."""
         rates = tuple(f"d{name}" for name in cls.shape)
