@@ -1,14 +1,10 @@
-"""Designs against their targets, and many starts over cores: ``python benchmarks/design.py [--json FILE]``."""
+"""Designs against their targets, and many starts over cores."""
 
-import argparse
-import json
 import os
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rich.console import Console
-from rich.table import Table
 from timing import Row
 
 from gaitopt import load_problem, solve
@@ -55,21 +51,6 @@ def start_rows(cores: int) -> list[Row]:
     return rows
 
 
-def main() -> None:
-    """Measure, print the table, write JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, help="where to write the rows")
-    asked = parser.parse_args()
-    rows = [*map(design_row, TARGETS), *start_rows(os.cpu_count() or 1)]
-    table = Table("what", "way", "seconds", "ratio", "", box=None)
-    for row in rows:
-        table.add_row(
-            row.what, row.way, f"{row.seconds:.1f}", "" if row.ratio is None else f"{row.ratio:.2f}", row.note
-        )
-    Console(width=150).print(table)
-    if asked.json is not None:
-        asked.json.write_text(json.dumps([row.to_record() for row in rows], indent=2) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+def rows() -> list[Row]:
+    """All designs, and many starts."""
+    return [*map(design_row, TARGETS), *start_rows(os.cpu_count() or 1)]

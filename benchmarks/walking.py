@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 from plain import PlainCompass
+from reuse import solve_anew
 from timing import Row, compared, watched_memory
 
 from gaitopt import load_problem, return_map, solve
@@ -75,12 +76,13 @@ def multiplier_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
 
 
 def gait_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
-    """A gait from its guess: fsolve on the simulated step against the NLP, built and solved."""
+    """A gait from its guess: fsolve on the simulated step against Newton's method on the shooting equations."""
     problem = gait.problem
     guess = np.array([problem.guess.state[name] for name in problem.walker.section_names(slipping=False)])
     ways = {
         "plain: fsolve": (lambda: plain.gait(guess), "the state alone"),
-        "gaitopt.solve": (lambda: solve(problem), "NLP built, solved, polished; with error estimate and multipliers"),
+        "gaitopt.solve, layout new": (lambda: solve_anew(problem), "with error estimate and multipliers"),
+        "gaitopt.solve, layout known": (lambda: solve(problem), ""),
     }
     return compared("a gait from its guess", ways, rounds=2)
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from gaitopt.runs.basin_tiles import Basin
     from gaitopt.runs.front import Front
     from gaitopt.runs.sweep_table import Sweep
-    from gaitopt.search import Gaits, explain
+    from gaitopt.search.distinct import Gaits
+    from gaitopt.search.explain import explain
     from gaitopt.study import Verification, Walk, return_map, simulate, verify
 
 __version__ = "0.1.0"
@@ -75,7 +76,7 @@ _HOME = {
     "Front": "gaitopt.runs.front",
     "Gait": "gaitopt.gait",
     "GaitoptError": "gaitopt.errors",
-    "Gaits": "gaitopt.search",
+    "Gaits": "gaitopt.search.distinct",
     "ImpactLaw": "gaitopt.mechanics.modes",
     "Mechanism": "gaitopt.mechanics.walker",
     "Mode": "gaitopt.mechanics.modes",
@@ -92,7 +93,7 @@ _HOME = {
     "basin": "gaitopt.library.calls",
     "check_walker": "gaitopt.mechanics.consistency",
     "continuation": "gaitopt.library.calls",
-    "explain": "gaitopt.search",
+    "explain": "gaitopt.search.explain",
     "find": "gaitopt.library.calls",
     "front": "gaitopt.library.calls",
     "load_problem": "gaitopt.problem",

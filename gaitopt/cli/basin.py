@@ -34,12 +34,13 @@ def basin(
     """Walk from every state of a grid until it settles on a gait or fails.
 
     The other coordinates are those of RUN's gait. Finished tiles are kept; the same command goes on where it was.
+    `gaitopt solve RUN@attractor.K` makes a gait of the K-th one, RUN being the folder that is printed.
     """
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.signals import interruptible
     from gaitopt.library.progress import job_progress
     from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
-    from gaitopt.simulation import choose_engine
+    from gaitopt.simulation.engine import INSTALL, Engine, choose_engine, is_installed
     from gaitopt.store import adding, writing
     from gaitopt.workers.jobs import make_workers
 
@@ -49,6 +50,8 @@ def basin(
     start, folder = _start(run, changes, output, console)
     plan = BasinPlan(start=start, grid=points, max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
+    if engine == Engine.AUTO and not is_installed():
+        console.print(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")
     with writing(folder, plan.problem):
         with interruptible() as interrupted, job_progress(console, "tiles") as progress:
             found = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
@@ -87,12 +90,18 @@ def _print(console: "Console", record: dict[str, Any]) -> None:
     from rich.table import Table
 
     table = Table(title=f"{record['problem']}: {record['states']:,} states", box=None, title_justify="left")
-    for name, justify in (("ends on", "left"), ("states", "right"), ("share", "right"), ("modes; impact", "left")):
+    for name, justify in (
+        ("", "right"),
+        ("ends on", "left"),
+        ("states", "right"),
+        ("share", "right"),
+        ("modes; impact", "left"),
+    ):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
-    for gait in record["gaits"]:
+    for number, gait in enumerate(record["gaits"]):
         modes = f"{', '.join(gait['phases'])}; {gait['impact']}"
-        table.add_row(gait["kind"], f"{gait['states']:,}", f"{gait['share']:.2%}", modes)
+        table.add_row(str(number), gait["kind"], f"{gait['states']:,}", f"{gait['share']:.2%}", modes)
     for name, count in sorted(record["failures"].items(), key=lambda item: -item[1]):
-        table.add_row(name.replace("_", " "), f"{count:,}", f"{count / record['states']:.2%}", "")
+        table.add_row("", name.replace("_", " "), f"{count:,}", f"{count / record['states']:.2%}", "")
     console.print(table)
     console.print(f"run: {record['run']}", soft_wrap=True)

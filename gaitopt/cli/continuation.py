@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.options import DebugOption, OutOption, QuietOption, SetOption
+from gaitopt.mechanics.modes import Mode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -221,7 +222,7 @@ def _short(record: Mapping[str, Any]) -> dict[str, Any]:
 
 def _sequence(record: Mapping[str, Any]) -> str:
     steps = [
-        f"{', '.join(phase['mode'] for phase in step['phases'])}; {step['impact']}"
+        f"{', '.join(Mode.from_record(phase) for phase in step['phases'])}; {step['impact']}"
         for step in record.get("steps", (record,))
     ]
     return f"{len(steps)} times {steps[0]}" if len(steps) > 1 and len(set(steps)) == 1 else " | ".join(steps)

@@ -24,15 +24,15 @@ def explain(
     debug: DebugOption = False,
 ) -> int:
     """Say why a problem has no gait: the conditions that it violates, the gaits that there are, the nearest values."""
-    from gaitopt import search
     from gaitopt.cli.console import narration, print_json, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
+    from gaitopt.search.explain import explain as explained
     from gaitopt.workers.jobs import make_workers
 
     console, found = narration(quiet=quiet), asked(problem, changes)
     with interruptible() as interrupted:
-        explanation = search.explain(
+        explanation = explained(
             found,
             starts=starts,
             seed=seed,

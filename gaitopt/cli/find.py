@@ -15,6 +15,7 @@ from gaitopt.cli.options import (
     key_value,
 )
 from gaitopt.cli.starts import SeedOption
+from gaitopt.mechanics.modes import Mode
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -146,4 +147,4 @@ def print_list(console: "Console", title: str, gaits: "Sequence[Mapping[str, Any
 
 
 def _sequence(step: "Mapping[str, Any]") -> str:
-    return f"{', '.join(phase['mode'] for phase in step['phases'])}; {step['impact']}"
+    return f"{', '.join(Mode.from_record(phase) for phase in step['phases'])}; {step['impact']}"

@@ -37,17 +37,19 @@ def front(
     from gaitopt.cli.runs import asked
     from gaitopt.cli.signals import interruptible
     from gaitopt.library.progress import job_progress
-    from gaitopt.runs.front import design_front
+    from gaitopt.runs.front import check_front, design_front
     from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
 
-    axes, found = grid(over).axes, asked(problem, changes)
+    console = narration(quiet=quiet)
+    axes, found = grid(over).axes, asked(problem, changes, console)
     if len(axes) != 1:
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
     folder = output or run_folder(found)
     check_folder(folder, found)
+    check_front(found, axes[0], folder)
     path = folder / f"front-{axes[0].key}.json"
     with writing(folder, found):
-        with interruptible() as interrupted, job_progress(narration(quiet=quiet), "designs") as progress:
+        with interruptible() as interrupted, job_progress(console, "designs") as progress:
             points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
         if points is None:
             raise KeyboardInterrupt

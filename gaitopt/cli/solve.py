@@ -2,14 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from gaitopt.cli.grids import SchedulerOption, WorkersOption
 from gaitopt.cli.options import (
     DebugOption,
     JsonOption,
     OutOption,
-    ProblemArgument,
     QuietOption,
     SetOption,
 )
@@ -23,14 +24,22 @@ if TYPE_CHECKING:
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
-MANY_PHASES = 10
-"""Known gaits have up to five; so many take more than half a minute."""
+ATTRACTOR = "@attractor."
 NOT_A_GAIT = 4
 NOT_VERIFIED = 5
 
 
+SolvedArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="PROBLEM",
+        help="A name from `gaitopt list`, a .yaml file, or RUN@attractor.K, the K-th gait in the table of a basin.",
+    ),
+]
+
+
 def solve(
-    problem: ProblemArgument,
+    problem: SolvedArgument,
     start: StartOption = None,
     starts: StartsOption = 1,
     seed: SeedOption = 0,
@@ -51,14 +60,20 @@ def solve(
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.runs import asked
     from gaitopt.cli.starts import print_optima, sampled_optima, started
+    from gaitopt.runs.grid import check_jobs_fit
     from gaitopt.store import run_folder, writing
     from gaitopt.workers.jobs import make_workers
 
     console = narration(quiet=quiet)
+    if ATTRACTOR in problem:
+        if changes or start or starts > 1:
+            raise typer.BadParameter(f"{problem} is a gait as it is: --set, --start and --starts change a problem")
+        return _solve_attractor(problem, output, console, json=json)
     found = asked(problem, changes, console)
     found = started(found, start, console) if start else found
     folder = output or run_folder(found)
     jobs_at = make_workers(workers, scheduler)
+    check_jobs_fit(starts, folder)
     with writing(folder, found):
         best, about = found, dict[str, Any]()
         if starts > 1:
@@ -72,6 +87,26 @@ def solve(
         return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
 
 
+def _solve_attractor(place: str, output: Path | None, console: "Console", *, json: bool) -> int:
+    """Solve the gait of RUN@attractor.K, verify it and store it."""
+    from gaitopt.cli.signals import interruptible
+    from gaitopt.library.progress import solver_progress
+    from gaitopt.runs.basin_tiles import stored_attractor
+    from gaitopt.search.attractor import solve_attractor
+    from gaitopt.store import run_folder, writing
+
+    run, _, index = place.rpartition(ATTRACTOR)
+    attractor = stored_attractor(Path(run), index)
+    with interruptible() as interrupted, solver_progress(console, f"solving {place}") as progress:
+        gait = solve_attractor(attractor, progress=progress, should_stop=interrupted)
+        if interrupted():
+            raise KeyboardInterrupt
+    gait = verified(gait, console)
+    folder = output or run_folder(gait.problem)
+    with writing(folder, gait.problem):
+        return report(gait, folder if gait.converged else None, json=json, store=True)
+
+
 def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     """The gait of a problem with its verification, or the failed attempt.
 
@@ -80,30 +115,34 @@ def solve_verified(problem: "Problem", console: "Console") -> "Gait":
     KeyboardInterrupt
         If Ctrl-C was pressed, even if the solver swallowed it.
     """
-    from gaitopt import search, study
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import SolveError
     from gaitopt.library.progress import solver_progress
+    from gaitopt.search.own import solve_as_own
 
-    phases = 0 if problem.is_open else len(problem.cycle.phases)
-    if phases > MANY_PHASES:
-        console.print(f"large: {phases} phases in one step; each has equations of its own, so that this takes minutes")
     with interruptible() as interrupted:
         try:
             with solver_progress(console, f"solving {problem.name}") as progress:
-                gait = search.solve_as_own(problem, progress=progress, should_stop=interrupted)
+                gait = solve_as_own(problem, progress=progress, should_stop=interrupted)
         except SolveError:
             if interrupted():  # a reference whose solution was interrupted
                 raise KeyboardInterrupt from None
             raise
         if interrupted():
             raise KeyboardInterrupt
-        if not gait.converged:
-            return gait
-        if gait.message != "solved":
-            console.print(gait.message)
-        console.print("verifying by forward simulation")
-        return gait.verified(study.verify(gait).to_record())
+        return verified(gait, console)
+
+
+def verified(gait: "Gait", console: "Console") -> "Gait":
+    """A gait with its verification; a failed attempt as it is."""
+    from gaitopt import study
+
+    if not gait.converged:
+        return gait
+    if gait.message != "solved":
+        console.print(gait.message)
+    console.print("verifying by forward simulation")
+    return gait.verified(study.verify(gait).to_record())
 
 
 def report(

@@ -47,14 +47,15 @@ def sweep(
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
-    points, found = grid(over), asked(problem, changes)
+    console = narration(quiet=quiet)
+    points, found = grid(over), asked(problem, changes, console)
     folder = output or run_folder(found)
     check_folder(folder, found)
     asked_for = SweepPlan(problem=found, grid=points, warm=warm, folder=folder)
     check_sweep(asked_for)
     jobs_at = make_workers(workers, scheduler)
     with writing(folder, found):
-        with interruptible() as interrupted, job_progress(narration(quiet=quiet), "jobs") as progress:
+        with interruptible() as interrupted, job_progress(console, "jobs") as progress:
             records = run_sweep(asked_for, jobs_at, progress=progress, should_stop=interrupted)
         if records is None:
             raise KeyboardInterrupt

@@ -18,7 +18,7 @@ from gaitopt.families.monitors import MonitorKey, MonitorValue
 from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.segment import Point, Segment, segment_through
 from gaitopt.families.successors import successors
-from gaitopt.mechanics import MARGINS, Cycle, HybridSystem, Mode
+from gaitopt.mechanics import MARGINS, Cycle, HybridSystem
 from gaitopt.nlp.rollout import after_impact, roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
@@ -157,7 +157,7 @@ def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point 
 
 def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Array) -> Problem:
     """A problem with other modes, and the state after impact from which it is looked for as its guess."""
-    names = system.walker.section_names(slipping=cycle.impact is not Mode.STICK)
+    names = system.walker.section_names(slipping=cycle.impact.slips)
     guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
     return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})
 
@@ -177,7 +177,7 @@ def _start_states(segment: Segment, point: Point, cycle: Cycle, offset: float, p
         state = nodes[:, (ends[step - 1] + 1) % nodes.shape[1]]
         if impact is not segment.cycle.impacts[step - 1]:
             state = after_impact(system, p, impact, nodes[:, ends[step - 1]])
-            if impact is Mode.STICK:
+            if impact.sticks:
                 state[-1] = 0.0
         states.append(state)
     return np.array(states)

@@ -31,6 +31,9 @@ Record = BranchPoint | SpecialPoint
 
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
+ASIDE = 1e-3
+"""Arclength from a branch point at which tangents are taken: rounding does not reach so far, and curvature hardly
+counts there."""
 HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
 
 
@@ -117,20 +120,33 @@ class Continuer:
         """Folds and losses of stability between the last point and ``point``, in order."""
         kinds = bifurcations_between(self._state.point.tests, point.tests)
         found = [
-            (self._state.locate(partial(Point.test, name=name), length, point), kind) for kind, name in kinds.items()
+            (self._state.locate(partial(Point.test, name=name), length, point), kind, name)
+            for kind, name in kinds.items()
         ]
-        for location, kind in sorted(found, key=lambda pair: pair[0].length):
+        for location, kind, name in sorted(found, key=lambda entry: entry[0].length):
             gait = location.point.gait
             if is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED:
                 special = self._special(kind, location.point, location.status)
                 special = replace(special, gait=gait.verified(confirm(gait).to_record()))
-                yield self._with_branches(special)
+                if kind == "branch_point":
+                    special = replace(special, tangent=self._tangent_through(location))
+                yield self._with_branches(special, name)
 
-    def _with_branches(self, special: SpecialPoint) -> SpecialPoint:
-        """A bifurcation with the branches that begin there, or the end of a doubled family at its origin."""
+    def _tangent_through(self, location: Location) -> Array | None:
+        """Tangent at a branch point, where that of its gait is undetermined: the mean of those on both sides."""
+        segment = self._state.segment
+        sides = [segment.step(self._state.point, location.length + side * ASIDE) for side in (-1, 1)]
+        tangents = [segment.curve.entries(point.curve_point.tangent) for point in sides if point is not None]
+        return np.mean(tangents, axis=0) if len(tangents) == len(sides) else None
+
+    def _with_branches(self, special: SpecialPoint, test: str) -> SpecialPoint:
+        """A bifurcation with the branches that begin there, or the end of a doubled family at its origin.
+
+        There the doubled family turns round, and its second half is the first one, begun one cycle later.
+        """
         assert special.gait is not None
         cycle, half = special.gait.problem.cycle, halved_cycle(special.gait)
-        if special.type == "branch_point" and half is not None:
+        if special.type == "branch_point" and test == "slope" and half is not None:
             return replace(special, type="end", reason=HALVED, before=cycle, after=half)
         if special.type == "period_doubling" and 2 * len(cycle.steps) <= self._limits.most_steps:
             return replace(special, next=(next(self._numbers),))

@@ -9,7 +9,7 @@ a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of sl
 event ends the phase; g is in natural units. A monitor that changes sign along a branch marks the end of the sequence.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from gaitopt.gait import Arc, Gait, Step, curves
-from gaitopt.mechanics import Mode, ending_margin, margin_names, margin_scales, margin_unit
+from gaitopt.gait import Arc, Gait, curves
+from gaitopt.mechanics import Mode, ending_margin, margin, margin_names, margin_scales, margin_unit
+from gaitopt.mechanics.buffered import buffered, buffered_map
 
 Array = NDArray[np.float64]
 
@@ -72,15 +73,18 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
         group = [arc for arc in whole if arc.duration > SHORT * period]
         margins = [_margins(gait, arc) for arc in group]
         for row, kind in enumerate(margin_names(modes[phase])):
-            if kind not in ("touchdown", "upright"):
+            if kind != "upright" and not margin(kind).rises:
                 zeros = _zeros(gait, phase, kind)
                 found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
                 yield MonitorKey(kind, phase), _combine(found, group, whole)
         if gait.problem.cycle.starts_from_rest(phase) and gait.system.friction_drops(gait.p):
             yield MonitorKey("onset", phase), MonitorValue(_beyond_cone(gait, whole[0]), 0.0)
-    last_phases = (phase - 1 for phase in (*gait.problem.cycle.first_phases[1:], len(arcs)))
-    for phase, step in zip(last_phases, gait.steps, strict=True):
-        yield MonitorKey("touchdown", phase), MonitorValue(_second_touchdown(gait, step))
+    for first, step in zip(gait.problem.cycle.first_phases, gait.steps, strict=True):
+        for name in dict.fromkeys(name for arc in step.arcs for name in margin_names(arc.mode) if margin(name).rises):
+            within = [name in margin_names(arc.mode) for arc in step.arcs]
+            last = max(phase for phase, has in zip(step.arc_phases, within, strict=True) if has)
+            own = [arc for arc, has in zip(step.arcs, within, strict=True) if has]
+            yield MonitorKey(name, first + last), MonitorValue(_second_fall(gait, name, own))
 
 
 def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
@@ -135,13 +139,13 @@ def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc
     return MonitorValue(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))
 
 
-def _second_touchdown(gait: Gait, step: Step) -> float:
-    """Lowest interior minimum of the touchdown margin after it was armed: below zero the foot lands earlier."""
+def _second_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
+    """Lowest interior minimum of a margin after it has risen from zero: below zero it falls earlier, as a touchdown."""
     lowest, armed = OPEN, False
-    clearances = [_margins(gait, arc)[0] for arc in step.arcs]
-    level = CLEAR * max(float(values.max()) for values in clearances)
-    for arc, values in zip(step.arcs, clearances, strict=True):
-        if arc.duration < SHORT * abs(step.period):
+    clearances = [_margins(gait, arc)[margin_names(arc.mode).index(name)] for arc in arcs]
+    level, period = CLEAR * max(float(values.max()) for values in clearances), abs(arcs[-1].end)
+    for arc, values in zip(arcs, clearances, strict=True):
+        if arc.duration < SHORT * period:
             continue
         c = curves.coefficients(values)
         minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
@@ -154,9 +158,9 @@ def _second_touchdown(gait: Gait, step: Step) -> float:
 
 def _beyond_cone(gait: Gait, arc: Arc) -> float:
     """By how much the force that would hold the foot at the start of a slip exceeds static friction [N]."""
-    data = gait.system.control.data(arc.segment)
-    margins = np.asarray(gait.system.margins(Mode.STICK)(arc.times[0], arc.states[0], gait.p, data)).ravel()
-    return -float(margins[margin_names(Mode.STICK).index(ending_margin(Mode.STICK, arc.mode))])
+    data, stick = gait.system.control.data(arc.segment), arc.mode.with_contact(Mode.STICK)
+    margins = np.asarray(gait.system.margins(stick)(arc.times[0], arc.states[0], gait.p, data)).ravel()
+    return -float(margins[margin_names(stick).index(ending_margin(stick, arc.mode))])
 
 
 def _slope(c: Array) -> Array:
@@ -168,22 +172,23 @@ def _derivative(c: Array, order: int) -> Array:
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:
-    data = gait.system.control.data(arc.segment)
-    unit = margin_scales(arc.mode, gait.system.scales(gait.p))[:, None]
-    return np.asarray(gait.system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, data)) / unit
+    margins = buffered_map(gait.system.margins(arc.mode), arc.times.size)
+    (values,) = margins(arc.times[:, None], arc.states, gait.p, gait.system.data(arc.segment))
+    return np.asarray(values / margin_scales(arc.mode, gait.system.scales(gait.p))).T
 
 
 def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
-    for index, step in enumerate(gait.steps):
-        for kind, value in _impact_monitors(gait, step):
-            yield MonitorKey(kind, step=index), MonitorValue(float(value))
+    cycle, arcs = gait.problem.cycle, _arcs_by_phase(gait)
+    for phase, mode in cycle.resets:
+        at = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}
+        for kind, value in _impact_monitors(gait, mode, arcs[phase][-1].states[-1]):
+            yield MonitorKey(kind, **at), MonitorValue(float(value))
 
 
-def _impact_monitors(gait: Gait, step: Step) -> Iterator[tuple[str, float]]:
+def _impact_monitors(gait: Gait, mode: Mode, z_minus: Array) -> Iterator[tuple[str, float]]:
     """Margins of one impact by name, in natural units."""
-    assert step.impact is not None, "a gait is made of complete steps"
-    mode, scales = step.impact.mode, gait.system.scales(gait.p)
-    values = np.asarray(gait.system.impact_margins(mode)(step.arcs[-1].states[-1], gait.p)).ravel()
+    scales = gait.system.scales(gait.p)
+    (values,) = buffered(gait.system.impact_margins(mode))(z_minus, gait.p)
     for name, value in zip(gait.system.impact_margin_names(mode), values, strict=True):
         if name == "touchdown_rate" or (name == "impact_onset" and not gait.system.friction_drops(gait.p)):
             continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset

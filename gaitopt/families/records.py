@@ -50,8 +50,11 @@ def restored_special(gait: Gait, parameter: str, record: Record) -> SpecialPoint
 def recorded_cycle(record: Record) -> Cycle:
     """The modes of a record of a gait, or of one side of a change."""
     steps = record.get("steps", (record,))
-    modes = [tuple(Mode(phase if isinstance(phase, str) else phase["mode"]) for phase in s["phases"]) for s in steps]
-    return Cycle(tuple(ModeSequence(own, Mode(step["impact"])) for own, step in zip(modes, steps, strict=True)))
+    return Cycle(tuple(ModeSequence(tuple(map(_mode, step["phases"])), Mode(step["impact"])) for step in steps))
+
+
+def _mode(phase: str | Mapping[str, Any]) -> Mode:
+    return Mode(phase) if isinstance(phase, str) else Mode.from_record(phase)
 
 
 def _segment(gait: Gait, parameter: str, metric: Metric, record: Record, value: float) -> tuple[Segment, Array]:

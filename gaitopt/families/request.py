@@ -64,6 +64,9 @@ def check_request(gait: Gait, request: Request) -> None:
             raise ProblemError(
                 f"{request.parameter} is {value:g} at the start: the target must be another finite value"
             )
+        why = gait.problem.objection(request.parameter, to)
+        if why:
+            raise ProblemError(f"--to {to:g}: {request.parameter}: {why}")
         if request.lower is not None and min(to, value) < request.lower:
             raise ProblemError(f"{request.parameter}: {min(to, value):g} lies below the bound {request.lower:g}")
         if request.upper is not None and max(to, value) > request.upper:

@@ -17,7 +17,7 @@ from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Linearisation, linearise
 from gaitopt.nlp.refinement import phase_errors, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
@@ -215,7 +215,7 @@ def segment_through(
     durations = np.array(rolled.durations)
     plan = layout(problem.cycle, durations, system.control.breakpoints)
     plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
-    transcription = Transcription(system, plan, (parameter,))
+    transcription = transcribe(system, plan, (parameter,))
     w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))
     return Segment(problem, parameter, transcription, p, metric), w
 

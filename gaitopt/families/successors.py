@@ -15,7 +15,7 @@ They are proposals, the most plausible first; solving and simulating decides.
 from collections.abc import Iterable, Iterator
 
 from gaitopt.families.monitors import MonitorKey, MonitorValue
-from gaitopt.mechanics import MARGINS, Cycle, Mode, ModeSequence
+from gaitopt.mechanics import IMPACT_MARGINS, MARGINS, Cycle, Mode, ModeSequence
 
 EDGE = 0.02
 """Part of a phase at its ends within which an event is taken to be at the end."""
@@ -50,7 +50,7 @@ def _edits(cycle: Cycle, name: MonitorKey, where: float) -> Iterator[Steps]:
     own, previous = name.phase - cycle.first_phases[step], step - 1
     for phases in _phase_edits(steps[step][0], own, name.kind, where):
         yield _changed(steps, step, phases=phases)
-    if name.kind == "duration" and own == 0 and steps[previous][1] is not Mode.STICK:
+    if name.kind == "duration" and own == 0 and steps[previous][1].slips:
         yield _changed(_changed(steps, step, phases=steps[step][0][1:]), previous, impact=Mode.STICK)
 
 
@@ -63,28 +63,46 @@ def _changed(steps: Steps, index: int, *, phases: Phases | None = None, impact: 
 
 def _phase_edits(phases: Phases, own: int, kind: str, where: float) -> Iterator[Phases]:
     before, mode, after = phases[:own], phases[own], phases[own + 1 :]
-    slip = None if kind == "duration" else MARGINS[kind].onset
     if kind == "duration":
         yield (*before, *after)
-    elif slip is not None:
+        return
+    if kind in IMPACT_MARGINS:
+        for struck in _strike_edits(after, kind):
+            yield (*before, mode, *struck)
+        return
+    onset = MARGINS[kind].onset
+    if onset is not None:
+        slip = mode.with_contact(onset)
         for middle in _ordered(where, first=(slip, mode), inside=(mode, slip, mode), last=(mode, slip)):
             yield (*before, *middle, *after)
     elif kind in ("slip_velocity", "onset"):
-        for rest in (Mode.STICK, Mode.slip(-mode.direction)):
+        for rest in map(mode.with_contact, (Mode.STICK, Mode.slip(-mode.direction))):
             for middle in _ordered(where, first=(rest, mode), inside=(mode, rest, mode), last=(mode, rest)):
                 yield (*before, *middle, *after)
         yield (*before, *after)
 
 
+def _strike_edits(phases: Phases, kind: str) -> Iterator[Phases]:
+    """Phases that follow the impact of a stop."""
+    first, onset = phases[0], MARGINS[kind].onset
+    if onset is not None:
+        slip = first.with_contact(onset)
+        yield phases if first is slip else (slip, *phases)
+    elif kind in ("impact_slip_velocity", "impact_onset"):
+        if len(phases) > 1 and phases[1].locked == first.locked:
+            yield phases[1:]
+        yield (first.with_contact(Mode.STICK), *phases[1:])
+
+
 def _impact_edits(phases: Phases, impact: Mode, kind: str) -> Iterator[tuple[Phases, Mode]]:
     """Phases of the step that follows an impact, and the impact."""
-    slip = MARGINS[kind].onset
-    if slip is not None:
-        yield (phases if phases[0] is slip else (slip, *phases)), slip
+    first, onset = phases[0], MARGINS[kind].onset
+    if onset is not None:
+        yield (phases if first.contact is onset else (first.with_contact(onset), *phases)), onset
     elif kind in ("impact_slip_velocity", "impact_onset"):
         yield phases[1:], Mode.STICK
         yield phases, Mode.STICK
-        yield (Mode.slip(-impact.direction), *phases[1:]), Mode.STICK
+        yield (first.with_contact(Mode.slip(-impact.direction)), *phases[1:]), Mode.STICK
 
 
 def _ordered(where: float, *, first: Phases, inside: Phases, last: Phases) -> tuple[Phases, ...]:

@@ -25,7 +25,7 @@ from gaitopt.figures.style import (
     mode_legend,
     panels,
 )
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import CONTACTS
 
 OUTSIDE = "#f1ece4"
 """Colour of what friction cannot provide."""
@@ -94,7 +94,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
     for row, motion in enumerate(motions):
         for began, step in running(motion.steps):
             for arc in step.arcs:
-                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode])
+                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode.contact])
     named = len(motions) > 1
     axes.set_yticks(range(len(motions)) if named else [], [motion.name for motion in motions] if named else [])
     axes.tick_params(length=0, labelbottom=False)
@@ -103,7 +103,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
         spine.set_visible(False)
     axes.invert_yaxis()
     present = {mode for motion in motions for mode in motion.modes}
-    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in Mode if mode in present]
+    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in CONTACTS if mode in present]
 
 
 def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:

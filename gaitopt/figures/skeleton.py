@@ -1,8 +1,8 @@
 """What a walker looks like: points that move, lines between them, and discs for the masses.
 
-The legs of the named walkers are known. A walker may state the lines that draw it (``Walker.outline``). Any other walker
-is drawn from its bodies and feet: two points that keep their distance are joined, and whatever hangs loose is tied to
-its neighbour by a thin line.
+The legs of the named walkers are known. A walker may state the lines that draw it (``Walker.outline``). Any other
+walker is drawn from its bodies and feet: two points that keep their distance are joined, and whatever hangs loose is
+tied to its neighbour by a thin line.
 """
 
 from collections.abc import Callable

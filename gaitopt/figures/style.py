@@ -83,7 +83,7 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) ->
 
 def dashes(mode: Mode) -> Any:
     """Line style of a mode: solid where the foot sticks, dashed where it slips."""
-    return "-" if mode is Mode.STICK else SLIP_DASHES
+    return "-" if mode.sticks else SLIP_DASHES
 
 
 def entry(words: str, **style: Any) -> Line2D:
@@ -96,7 +96,7 @@ def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
     entries = []
     if Mode.STICK in modes:
         entries.append(entry("foot sticks"))
-    if any(mode is not Mode.STICK for mode in modes):
+    if any(mode.slips for mode in modes):
         entries.append(entry("foot slips", linestyle=SLIP_DASHES))
     return entries
 

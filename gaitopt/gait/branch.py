@@ -11,7 +11,7 @@ from gaitopt.display import Reported
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.quantities import column_unit
-from gaitopt.mechanics import Cycle
+from gaitopt.mechanics import Cycle, Mode
 from gaitopt.problem import cycle_data
 
 if TYPE_CHECKING:
@@ -244,7 +244,7 @@ def branch_rows(records: Iterable[Mapping[str, Any]], header: Sequence[str]) -> 
     """Rows of that table: points and special points in the order in which they were found."""
     for record in records:
         gait = record if record["record"] == "point" else {**record["gait"], **record}
-        phases = " ".join(phase["mode"] for phase in gait.get("phases", ()))
+        phases = " ".join(Mode.from_record(phase) for phase in gait.get("phases", ()))
         states = {f"state.{name}": value for name, value in (gait.get("state") or {}).items()}
         row = {**gait, **states, "type": record.get("type", "point"), "phases": phases}
         yield [row.get(column) for column in header]

@@ -111,8 +111,9 @@ def roots(values: Array) -> Array:
     c, fine = coefficients(values), to_fine @ values
     negative = fine < 0  # a zero on the grid counts as positive, so that no change is missed or doubled
     before = np.flatnonzero(negative[:-1] != negative[1:])
-    single = _newton(c, s[before], s[before + 1])
-    both = np.sort(np.concatenate([single, _double_changes(values, c, fine)]))
+    double = _double_changes(values, c, fine)
+    single = _newton(c, s[before], s[before + 1]) if before.size else np.zeros(0)
+    both = np.sort(np.concatenate([single, double]))
     return both[np.abs(both) < 1]
 
 
@@ -147,10 +148,12 @@ def critical(values: Array) -> Array:
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     """Where in [start, 1] the curve is largest, and its value there."""
     c = coefficients(values)
-    fine, to_fine, _ = _fine(values.shape[0])
-    inside = fine > start
-    s = np.concatenate([[start], fine[inside]])
-    heights = np.concatenate([evaluate(c, s[:1]), (to_fine @ values)[inside]])
+    s, to_fine, _ = _fine(values.shape[0])
+    heights = to_fine @ values
+    if start > -1:
+        inside = s > start
+        s = np.concatenate([[start], s[inside]])
+        heights = np.concatenate([evaluate(c, s[:1]), heights[inside]])
     best = int(np.argmax(heights))
     if 0 < best < s.size - 1:
         at = _newton(_derivative(c), s[best - 1 : best], s[best + 1 : best + 2])

@@ -173,7 +173,7 @@ class Gait(Moving):
         if not self.steps:
             return {
                 **counted,
-                "phases": [{"mode": str(mode), "duration": None} for mode in cycle.phases],
+                "phases": [{**mode.record, "duration": None} for mode in cycle.phases],
                 "state": None,
             }
         record = {**counted, "phases": _phase_records(self.phases), "state": self._state_record(self.state)}
@@ -197,4 +197,4 @@ class Gait(Moving):
 
 
 def _phase_records(phases: Iterable[tuple[Mode, float]]) -> list[dict[str, Any]]:
-    return [{"mode": str(mode), "duration": duration} for mode, duration in phases]
+    return [{**mode.record, "duration": duration} for mode, duration in phases]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import HybridSystem, Mode, Scales
+from gaitopt.mechanics import HybridSystem, Scales
+from gaitopt.mechanics.buffered import buffered_map
 
 Array = NDArray[np.float64]
 
@@ -55,8 +56,9 @@ class Observation:
 
 def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
     """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
-    outputs = system.observation(arc.mode)(arc.times[None, :], arc.states.T, p, system.control.data(arc.segment))
-    force, torque, power, foot, energy, _ = (np.asarray(value).T for value in outputs)
+    observation = buffered_map(system.observation(arc.mode), arc.times.size)
+    outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
+    force, torque, power, foot, energy, _ = (value.copy() for value in outputs)
     return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0])
 
 
@@ -83,7 +85,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     absolute = sum(curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T)
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
     weighted_length = float(system.weight(p)) * length
-    sticking = [o.force[:, 0] / o.force[:, 1] for a, o in observed if a.mode is Mode.STICK]
+    sticking = [o.force[:, 0] / o.force[:, 1] for a, o in observed if a.mode.sticks]
     return {
         "period": period,
         "step_length": length,
@@ -120,7 +122,7 @@ def _peak(values: Array) -> float:
 
 def _slip(system: HybridSystem, arc: Arc) -> float:
     x = arc.states[:, system.n_shape]
-    return 0.0 if arc.mode is Mode.STICK else float(abs(x[-1] - x[0]))
+    return 0.0 if arc.mode.sticks else float(abs(x[-1] - x[0]))
 
 
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:

@@ -25,6 +25,7 @@ class Ending(StrEnum):
     IMPACT_AMBIGUOUS = "impact_ambiguous"
     DOUBLE_SUPPORT = "double_support"
     NUMERICAL = "numerical"
+    SCUFFING = "scuffing"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

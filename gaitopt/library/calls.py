@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from gaitopt import search
 from gaitopt.errors import ProblemError
 from gaitopt.families.family import continuation as follow_gait
 from gaitopt.gait import Branch, Gait, SpecialPoint
+from gaitopt.gait.attractor import Attractor
 from gaitopt.library.progress import Counter, Follower, following, job_progress, library_console, solver_progress
 from gaitopt.problem import Problem
 from gaitopt.runs import multistart as starts_run
@@ -20,7 +20,10 @@ from gaitopt.runs.front import Front, design_front
 from gaitopt.runs.grid import Grid, axis_of
 from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
 from gaitopt.runs.sweep_table import Sweep
-from gaitopt.search import Gaits
+from gaitopt.search.distinct import Gaits
+from gaitopt.search.find import STARTS
+from gaitopt.search.find import find as find_gaits
+from gaitopt.search.solve import solve as solve_any
 from gaitopt.store import run_folder
 from gaitopt.workers.jobs import make_workers
 
@@ -29,7 +32,9 @@ Over = Mapping[str, tuple[float | str, float | str, int]]
 Stop = Callable[[], bool] | None
 
 
-def solve(problem: Problem, *, start: Gait | None = None, progress: Follower = True, should_stop: Stop = None) -> Gait:
+def solve(
+    problem: Problem | Attractor, *, start: Gait | None = None, progress: Follower = True, should_stop: Stop = None
+) -> Gait:
     """Solve a problem for its gait; the reference of a PD law is solved first.
 
     Where the mode sequence is open, the gait is the stable one of those that ``find`` lists (the one nearest to the
@@ -38,6 +43,7 @@ def solve(problem: Problem, *, start: Gait | None = None, progress: Follower = T
     Parameters
     ----------
     problem : from ``load_problem``; where parameters are free it is a design, the best gait that meets its constraints.
+        Or an attractor of a basin: its cycle, with the modes that the simulator sees, becomes a gait.
     start : a gait of the same walker, control law and mode sequence from which a design starts instead of the guess.
     progress : whether to show it, or a function of the iteration's number and the largest violation of a constraint.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
@@ -51,10 +57,11 @@ def solve(problem: Problem, *, start: Gait | None = None, progress: Follower = T
     SolveError
         If the reference of a PD law is not a gait.
     """
+    name = problem.problem.name if isinstance(problem, Attractor) else problem.name
     if callable(progress):
-        return search.solve(problem, start=start, progress=progress, should_stop=should_stop)
-    with solver_progress(library_console(shown=progress), f"solving {problem.name}") as show:
-        return search.solve(problem, start=start, progress=show, should_stop=should_stop)
+        return solve_any(problem, start=start, progress=progress, should_stop=should_stop)
+    with solver_progress(library_console(shown=progress), f"solving {name}") as show:
+        return solve_any(problem, start=start, progress=show, should_stop=should_stop)
 
 
 def continuation(
@@ -126,7 +133,7 @@ def continuation(
 def find(
     problem: Problem,
     *,
-    starts: int = search.STARTS,
+    starts: int = STARTS,
     seed: int = 0,
     within: Mapping[str, tuple[float, float]] | None = None,
     workers: int = 1,
@@ -156,7 +163,7 @@ def find(
         If ``within`` names something that is no section coordinate.
     """
     with _counting(progress, "parts of the search") as show:
-        return search.find(
+        return find_gaits(
             problem, starts=starts, seed=seed, within=within, workers=workers, progress=show, should_stop=should_stop
         )
 

@@ -19,7 +19,7 @@ from gaitopt.problem import Problem
 from gaitopt.runs.basin_tiles import Basin
 from gaitopt.runs.front import Front
 from gaitopt.runs.sweep_table import Sweep
-from gaitopt.search import Gaits
+from gaitopt.search.distinct import Gaits
 from gaitopt.study import Verification
 from gaitopt.study.simulate import Walk
 

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from gaitopt.gait.quantities import QUANTITIES, state_unit
 from gaitopt.library.quantities import CONTROL_UNITS, number, with_degrees
-from gaitopt.mechanics.modes import ModeSequence
+from gaitopt.mechanics.modes import Mode, ModeSequence
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
@@ -145,7 +145,9 @@ def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -
 
 
 def _phases(step: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    rows = [(str(k), phase["mode"], number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)]
+    rows = [
+        (str(k), Mode.from_record(phase), number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)
+    ]
     return [*rows, ("impact", step["impact"], "")]
 
 

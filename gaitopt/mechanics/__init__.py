@@ -18,11 +18,12 @@ from gaitopt.mechanics.margins import (
     MARGINS,
     PHASE_MARGINS,
     ending_margin,
+    margin,
     margin_names,
     margin_scales,
     margin_unit,
 )
-from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
+from gaitopt.mechanics.modes import CONTACTS, Cycle, ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.system import HybridSystem
 from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, refused_walkers, registered_walkers
@@ -30,6 +31,7 @@ from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 __all__ = [
+    "CONTACTS",
     "IMPACT_MARGINS",
     "MARGINS",
     "PHASE_MARGINS",
@@ -59,6 +61,7 @@ __all__ = [
     "control_points",
     "ending_margin",
     "find_walker",
+    "margin",
     "margin_names",
     "margin_scales",
     "margin_unit",

@@ -5,7 +5,7 @@ With s_plus = relabel(s_minus) and the stance foot at the former swing foot, at 
 
     bodies_plus = bodies_minus      mass, inertia, position, velocity and spin, in any order
     V_plus = V_minus                potential energy of springs
-    s_minus lies on the guard       for every s_plus out of ``after_impact``
+    s_minus lies on the guard       for every s_plus out of ``after_impact``, and all stops are locked there
 
 Everything else (return map, multipliers, costs) stands on that, so a walker that breaks it is refused.
 """
@@ -83,7 +83,9 @@ def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array,
     s_minus = _before_relabelling(walker, s_plus, p)
     if s_minus is None:
         return "relabel cannot be inverted: after the swap of the feet the posture before it is no longer known"
-    before = posture(walker, np.array([*s_minus, 0, 0]), np.array([*rates, 0, 0]), p)
+    J = posture(walker, np.array([*s_minus, 0, 0]), np.zeros(rates.size + 2), p).gap_jacobian
+    locked = rates - np.linalg.pinv(J) @ J @ rates  # all stops are locked at touchdown
+    before = posture(walker, np.array([*s_minus, 0, 0]), np.array([*locked, 0, 0]), p)
     q_plus = np.array([*s_plus, *before.foot[0]])
     after = posture(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p)
     if abs(before.guard) > AGREEMENT * before.guard_slope or after.guard > AGREEMENT * after.guard_slope:
@@ -92,6 +94,8 @@ def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array,
             f"{_named(walker.shape, s_plus)}, which is not that just after a touchdown "
             f"(guard {before.guard:.3g} before relabelling, {after.guard:.3g} after it)"
         )
+    if np.abs([*before.gaps, *after.gaps]).max(initial=0.0) > AGREEMENT:
+        return "a stop is not at its end at touchdown, or not just after it: its gap must be zero in both postures"
     if abs(before.foot[0, 1]) > AGREEMENT * scales.length:
         return f"the swing foot is {before.foot[0, 1]:.3g} m above the ground where touchdown is zero"
     return (

@@ -53,7 +53,16 @@ def solve_spd(A: SX, b: SX) -> SX:
     return y
 
 
-def motion(eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, torque: SX) -> Motion:
+def solve_locked(A: SX, b: SX, J: SX) -> SX:
+    """x with A x - b = J' l and J x = 0: what ``solve_spd`` gives, as far as locked stops let it."""
+    x = solve_spd(A, b)
+    if not J.shape[0]:
+        return x
+    response = solve_spd(A, J.T)
+    return x - response @ solve_spd(J @ response, J @ x)
+
+
+def motion(eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, torque: SX, locked: SX) -> Motion:
     """Motion of the walker while its stance foot slips, or is held at rest.
 
     Parameters
@@ -62,11 +71,12 @@ def motion(eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, to
     kinetic : SX - coefficient mu of a slipping foot.
     drag : SX - force against the slip besides mu f_n, zero at rest [N].
     torque : SX, shape (n_u,) - actuator torques u [N m].
+    locked : SX, shape (m, n_shape) - derivative of the gaps of the locked stops.
     """
     n = len(eom.walker.shape)
     bias = eom.B + eom.G - eom.E @ torque
     coupling = eom.M[n:, :n]
-    free = solve_spd(eom.M[:n, :n], horzcat(-bias[:n], eom.M[:n, n:]))
+    free = solve_locked(eom.M[:n, :n], horzcat(-bias[:n], eom.M[:n, n:]), locked)
     rigid, response = free[:, 0], free[:, 1:]
     stick_force = coupling @ rigid + bias[n:]
     C = eom.M[n:, n:] - coupling @ response

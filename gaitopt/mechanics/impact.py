@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 from casadi import SX, jacobian, jtimes, vertcat
 
-from gaitopt.mechanics.contact import solve_spd
+from gaitopt.mechanics.contact import solve_locked
 from gaitopt.mechanics.lagrangian import EquationsOfMotion
 from gaitopt.mechanics.modes import ImpactLaw
 
@@ -36,7 +36,7 @@ class Impact:
     z_plus : SX, shape (n_z,) - state just after the impact, feet swapped.
     impulse : SX, shape (2,) - contact impulse (F_t, F_n) at the colliding foot [N s].
     slip_velocity : SX - tangential velocity of the colliding foot just after the impact [m/s].
-    lift_velocity : SX - normal velocity of the former stance foot just after the impact [m/s].
+    lift_velocity : SX - normal velocity of the former stance foot just after the impact [m/s]; nan at a stop.
     painleve : SX - det(C) w_n' M^-1 Gamma, the apparent mass of the slipping foot [kg]; it must be positive.
     """
 
@@ -47,17 +47,18 @@ class Impact:
     painleve: SX
 
 
-def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX) -> Impact:
+def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX, locked: SX) -> Impact:
     """The impact after which the colliding foot slips or is at rest; whether that is consistent is not decided here.
 
     Parameters
     ----------
     slip : SX - sign s of the slip, or an unknown between -1 and 1; None stops the foot.
+    locked : SX, shape (m, n_shape) - derivative of the gaps of the stops that are locked until after the impact.
     """
     n = len(eom.walker.shape)
     reach = eom.W_swing[:, :n]  # the swing foot is the stance foot plus a function of the shape
     foot_mass, coupling, shape_mass = _masses(eom)
-    response = solve_spd(shape_mass, coupling.T)
+    response = solve_locked(shape_mass, coupling.T, locked)
     C = foot_mass - coupling @ response
 
     v_minus = eom.W_swing @ eom.dq

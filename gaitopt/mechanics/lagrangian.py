@@ -112,6 +112,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
             touchdown=grounded(SX(mechanism.touchdown)),
             upright=grounded(SX(mechanism.upright)),
             relabel=grounded(SX(mechanism.relabel)),
+            stops={name: grounded(SX(gap)) for name, gap in mechanism.stops.items()},
             motors=mechanism.motors,
             potential=mechanism.potential,
         ),
@@ -134,6 +135,9 @@ def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> Non
     for name, (count, other, needed) in counts.items():
         if count != needed:
             raise ProblemError(f"{walker.__name__}: {name} has {count} entries, but {other} has {needed}")
+    if (*mechanism.stops,) != walker.stops:
+        named = ", ".join(mechanism.stops)
+        raise ProblemError(f"{walker.__name__}: Mechanism.stops has {named or 'none'}, but stops are {walker.stops}")
     strangers = {*walker.section, *walker.tracked} - {*walker.shape}
     if strangers:
         raise ProblemError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")

@@ -25,6 +25,7 @@ class Margin:
     absent : words for a phase that it should end, but in which it does not fall.
     ending : how a motion ends where it falls (``gaitopt.gait.Ending``); None where a mode or the impact follows.
     onset : the slip that begins where it falls, if one does.
+    rises : whether it is zero at the start of a step, so that it may fall only after it has been positive.
     """
 
     unit: Callable[[Scales], float]
@@ -33,10 +34,15 @@ class Margin:
     absent: str = ""
     ending: str | None = None
     onset: Mode | None = None
+    rises: bool = False
 
 
 def _angle(_: Scales) -> float:
     return 1.0
+
+
+def _length(scales: Scales) -> float:
+    return scales.length
 
 
 def _speed(scales: Scales) -> float:
@@ -62,6 +68,13 @@ PHASE_MARGINS: Mapping[str, Margin] = {
         unit=_angle,
         lost="the swing foot touches the ground earlier in the step",
         absent="the swing foot does not come down",
+        rises=True,
+    ),
+    "clearance": Margin(
+        unit=_length,
+        lost="the swing foot scuffs the ground while a stop is still free",
+        ending="scuffing",
+        rises=True,
     ),
     "upright": Margin(unit=_angle, lost="the walker is no longer upright", ending="fall"),
     "normal_force": Margin(
@@ -149,14 +162,19 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
 """Margins of impacts, with impulses in place of forces."""
 
 MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS}
+STOP = Margin(unit=_angle, lost="the stop locks earlier in the step", absent="the stop does not lock", rises=True)
+"""The gap of a joint stop, whatever its name."""
 
-_STICK = ("touchdown", "upright", "normal_force", "cone_forward", "cone_backward")
-_SLIP = ("touchdown", "upright", "normal_force", "slip_velocity", "painleve")
+
+def margin(name: str) -> Margin:
+    """What is known of a margin."""
+    return MARGINS.get(name, STOP)
 
 
 def margin_names(mode: Mode) -> tuple[str, ...]:
-    """Names of the margins of a mode, in the order of ``HybridSystem.margins``."""
-    return _STICK if mode is Mode.STICK else _SLIP
+    """Names of the margins of a mode, in the order of ``HybridSystem.margins``; free stops by their names."""
+    contact = ("cone_forward", "cone_backward") if mode.sticks else ("slip_velocity", "painleve")
+    return ("clearance" if mode.free else "touchdown", "upright", "normal_force", *contact, *mode.free)
 
 
 def impact_margin_names(mode: Mode, *, two_coefficients: bool) -> tuple[str, ...]:
@@ -166,8 +184,8 @@ def impact_margin_names(mode: Mode, *, two_coefficients: bool) -> tuple[str, ...
     ----------
     two_coefficients : whether static and kinetic friction may differ.
     """
-    common = ("impulse", "lift_velocity", "touchdown_rate")
-    if mode is Mode.STICK:
+    common = ("impulse",) if mode.locked else ("impulse", "lift_velocity", "touchdown_rate")
+    if mode.sticks:
         return (*common, "impulse_cone_forward", "impulse_cone_backward")
     return (*common, "impact_slip_velocity", "impact_painleve", *(("impact_onset",) if two_coefficients else ()))
 
@@ -179,13 +197,16 @@ def margin_scales(mode: Mode, scales: Scales) -> NDArray[np.float64]:
 
 def margin_unit(name: str, scales: Scales) -> float:
     """Natural unit of one margin of a phase or an impact."""
-    return MARGINS[name].unit(scales)
+    return margin(name).unit(scales)
 
 
 def ending_margin(mode: Mode, after: Mode | None) -> str:
     """The margin whose fall to zero ends a phase in ``mode`` that is followed by ``after`` (None: the impact)."""
     if after is None:
         return "touchdown"
-    if mode is not Mode.STICK:
+    locking = [stop for stop in mode.free if stop in after.locked]
+    if locking:
+        return locking[0]
+    if mode.slips:
         return "slip_velocity"
-    return next(name for name in margin_names(mode) if PHASE_MARGINS[name].onset is after)
+    return next(name for name in margin_names(mode) if margin(name).onset is after.contact)

@@ -5,28 +5,142 @@
 A mode says which factor of each pair is zero. Gamus & Or (2013), eqs (4), (5).
 """
 
+import re
 from bisect import bisect_right
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import accumulate, pairwise
+from typing import Any, ClassVar
+
+from pydantic_core import PydanticKnownError, core_schema
 
 
-class Mode(StrEnum):
-    """What the stance foot does; for an impact, what the colliding foot does just after it."""
+class Mode(str):
+    """What the stance foot and the joint stops do; for an impact, what they do just after it.
 
-    STICK = "stick"
-    SLIP_FORWARD = "slip_forward"
-    SLIP_BACKWARD = "slip_backward"
+    The text is ``stick``, ``slip_forward`` or ``slip_backward``; of a walker with stops their states follow, as in
+    ``stick, knee free`` or ``slip_forward, knee locked``. Equal modes are one object.
+
+    Attributes
+    ----------
+    contact : what the foot does, as a mode without stops.
+    free, locked : names of the stops in either state.
+    """
+
+    STICK: ClassVar["Mode"]
+    SLIP_FORWARD: ClassVar["Mode"]
+    SLIP_BACKWARD: ClassVar["Mode"]
+    contact: "Mode"
+    free: tuple[str, ...]
+    locked: tuple[str, ...]
+
+    def __new__(cls, text: str) -> "Mode":
+        """The mode with this text.
+
+        Raises
+        ------
+        ValueError
+            If it is not what a foot can do, followed by names of stops that are free or locked.
+        """
+        if text not in _MODES:
+            contact, *stops = text.split(", ")
+            states = [stop.rpartition(" ")[::2] for stop in stops]
+            if contact not in _DIRECTIONS or any(state not in STOP_STATES for _, state in states):
+                raise ValueError(f"{text!r} is no mode: a foot can {', '.join(_DIRECTIONS)}")
+            mode = super().__new__(cls, text)
+            mode.contact = Mode(contact) if stops else mode
+            mode.free, mode.locked = (tuple(name for name, state in states if state == own) for own in STOP_STATES)
+            _MODES[text] = mode
+        return _MODES[text]
+
+    @classmethod
+    def of(cls, contact: str, stops: Mapping[str, str]) -> "Mode":
+        """What a foot does, with the state of every stop."""
+        return cls(", ".join([contact.partition(",")[0], *(f"{name} {state}" for name, state in stops.items())]))
+
+    @staticmethod
+    def slip(direction: float) -> "Mode":
+        """The slipping mode, without stops, whose slip velocity has the sign of ``direction``."""
+        return Mode.SLIP_FORWARD if direction > 0 else Mode.SLIP_BACKWARD
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> core_schema.CoreSchema:
+        """In problem files: a word, or ``{mode: stick, knee: free}`` for a walker with stops."""
+        return core_schema.no_info_before_validator_function(_read, core_schema.is_instance_schema(cls))
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
+        """Both forms."""
+        word = {"type": "string", "enum": list(_DIRECTIONS)}
+        state = {"type": "string", "enum": list(STOP_STATES)}
+        stops = {"type": "object", "properties": {"mode": word}, "required": ["mode"], "additionalProperties": state}
+        return {"anyOf": [word, stops]}
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Mode":
+        """The mode of a phase in JSON."""
+        return cls.of(record["mode"], {name: state for name, state in record.items() if state in STOP_STATES})
+
+    @property
+    def record(self) -> dict[str, str]:
+        """As in JSON: ``mode``, and the state of every stop by its name."""
+        return {"mode": str(self.contact), **self.stops}
+
+    @property
+    def data(self) -> str | dict[str, str]:
+        """As in a problem file: a word, or a mapping where there are stops."""
+        return self.record if self.stops else str(self)
+
+    @property
+    def key(self) -> str:
+        """The text as part of an identifier."""
+        return re.sub(r"\W+", "_", self)
 
     @property
     def direction(self) -> int:
         """Sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick."""
-        return _DIRECTIONS[self]
+        return _DIRECTIONS[self.contact]
 
-    @staticmethod
-    def slip(direction: float) -> "Mode":
-        """The slipping mode whose slip velocity has the sign of ``direction``."""
-        return Mode.SLIP_FORWARD if direction > 0 else Mode.SLIP_BACKWARD
+    @property
+    def sticks(self) -> bool:
+        """Whether the foot is held by friction."""
+        return self.direction == 0
+
+    @property
+    def slips(self) -> bool:
+        """Whether the foot slips."""
+        return self.direction != 0
+
+    @property
+    def stops(self) -> dict[str, str]:
+        """State of every stop by its name, in order."""
+        return dict(stop.rpartition(" ")[::2] for stop in self.split(", ")[1:])
+
+    def with_contact(self, contact: "Mode") -> "Mode":
+        """Another contact with the same states of the stops."""
+        return Mode.of(contact, self.stops)
+
+    def with_locked(self, stop: str) -> "Mode":
+        """The same contact with one more stop locked."""
+        return Mode.of(self, {**self.stops, stop: "locked"})
+
+
+def _read(data: object) -> Mode:
+    """A mode from a problem file."""
+    contact, stops = (
+        (data.get("mode"), {k: v for k, v in data.items() if k != "mode"}) if isinstance(data, dict) else (data, {})
+    )
+    for value, allowed in [(contact, _DIRECTIONS), *((state, STOP_STATES) for state in stops.values())]:
+        if value not in tuple(allowed):
+            raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, map(str, allowed)))})
+    return Mode.of(str(contact), stops)
+
+
+STOP_STATES = ("free", "locked")
+_DIRECTIONS = {"stick": 0, "slip_forward": 1, "slip_backward": -1}
+_MODES: dict[str, Mode] = {}
+Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD = CONTACTS = tuple(map(Mode, _DIRECTIONS))
 
 
 class ImpactLaw(StrEnum):
@@ -34,9 +148,6 @@ class ImpactLaw(StrEnum):
 
     COULOMB = "coulomb"
     FRICTIONLESS = "frictionless"
-
-
-_DIRECTIONS = {Mode.STICK: 0, Mode.SLIP_FORWARD: 1, Mode.SLIP_BACKWARD: -1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +191,7 @@ class Cycle:
             raise ValueError("a cycle needs at least one step")
         for phase in self.first_phases:
             impact, first = self.impact_before(phase), self.phases[phase]
-            if impact is not Mode.STICK and first is not impact:
+            if impact is not None and impact.slips and first.contact is not impact.contact:
                 raise ValueError(
                     f"after an impact with {impact} the foot is already slipping: "
                     f"the first phase must be {impact}, not {first}"
@@ -120,9 +231,22 @@ class Cycle:
         following = phase + 1
         return None if following == len(self.phases) or following in self.first_phases else self.phases[following]
 
+    def reset_after(self, phase: int) -> Mode | None:
+        """The impact with which a phase ends: of the foot, or of a stop that locks; None where nothing jumps."""
+        after = self.after(phase)
+        if after is None:
+            return self.steps[self.step_of(phase)].impact
+        return after if after.locked != self.phases[phase].locked else None
+
     def impact_before(self, phase: int) -> Mode | None:
-        """The impact with which a phase begins, that of the last step before the first; None in mid-step."""
-        return self.steps[self.step_of(phase) - 1].impact if phase in self.first_phases else None
+        """The impact with which a phase begins, that of the last step before the first; None where nothing jumps."""
+        return self.reset_after((phase - 1) % len(self.phases))
+
+    @property
+    def resets(self) -> tuple[tuple[int, Mode], ...]:
+        """Every phase that an impact ends, with that impact."""
+        pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
+        return tuple((phase, reset) for phase, reset in pairs if reset is not None)
 
     def phase_words(self, phase: int) -> str:
         """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
@@ -139,12 +263,12 @@ class Cycle:
         """
         impact = self.impact_before(phase)
         if impact is not None:
-            return int(impact is Mode.STICK)
-        return 2 if self.phases[phase - 1] is Mode.STICK and not jump else 1
+            return int(impact.sticks)
+        return 2 if self.phases[phase - 1].sticks and not jump else 1
 
     def starts_from_rest(self, phase: int) -> bool:
         """Whether a slip phase starts from rest at a force beyond the friction cone: after an impact, or reversed."""
-        return self.phases[phase] is not Mode.STICK and self.onset_order(phase) == 1
+        return self.phases[phase].slips and self.onset_order(phase) == 1
 
     def __str__(self) -> str:
         return " | ".join(map(str, self.steps))

@@ -29,6 +29,7 @@ class Posture:
     guard, guard_slope : the guard of touchdown, and the length of its gradient.
     spring_energy : potential energy besides gravity [J].
     gravity : acceleration of gravity [m/s^2].
+    gaps, gap_jacobian : ndarray, shape (n_stops,) and (n_stops, n_shape) - of the joint stops.
     """
 
     bodies: Array
@@ -41,12 +42,14 @@ class Posture:
     guard_slope: float
     spring_energy: float
     gravity: float
+    gaps: Array
+    gap_jacobian: Array
 
 
 def posture(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
     """The walker at coordinates ``q`` and rates ``dq``, both of shape (n_shape + 2,), and parameters ``p``."""
     outputs = map(np.asarray, _kinematics(walker)(q, dq, p))
-    bodies, foot, relabel, slope, rate, M, guard, guard_slope, spring, gravity = outputs
+    bodies, foot, relabel, slope, rate, M, guard, guard_slope, spring, gravity, gaps, gap_slope = outputs
     return Posture(
         bodies=bodies.T,
         foot=foot.T,
@@ -58,6 +61,8 @@ def posture(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
         guard_slope=float(np.linalg.norm(guard_slope)),
         spring_energy=float(spring[0, 0]),
         gravity=float(gravity[0, 0]),
+        gaps=gaps.ravel(),
+        gap_jacobian=gap_slope,
     )
 
 
@@ -93,7 +98,7 @@ def _kinematics(walker: type[Walker]) -> Function:
         J, a = jacobian(body.position, q[:n]), jacobian(SX(body.angle), q[:n])
         M += body.mass * (J.T @ J) + body.inertia * (a.T @ a)
     foot, relabel, guard = mechanism.swing_foot, SX(mechanism.relabel), SX(mechanism.touchdown)
-    slope = jacobian(relabel, q[:n])
+    slope, gaps = jacobian(relabel, q[:n]), vertcat(SX(0, 1), *mechanism.stops.values())
     outputs = [
         horzcat(*bodies),
         horzcat(foot, jtimes(foot, q, dq)),
@@ -105,6 +110,8 @@ def _kinematics(walker: type[Walker]) -> Function:
         jacobian(guard, q[:n]),
         SX(mechanism.potential),
         norm_2(mechanism.gravity),
+        gaps,
+        jacobian(gaps, q[:n]),
     ]
     return Function("kinematics", [q, dq, p], outputs)
 

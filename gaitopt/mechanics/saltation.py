@@ -12,16 +12,20 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def saltation(f_minus: Array, f_plus: Array, guard_gradient: Array, guard_rate: float) -> Array:
-    """Saltation matrix of a mode switch, whose reset is the identity; shape (n_z, n_z).
+def saltation(
+    f_minus: Array, f_plus: Array, guard_gradient: Array, guard_rate: float, reset: Array | None = None
+) -> Array:
+    """Saltation matrix of a transition in mid-step; shape (n_z, n_z).
 
     Parameters
     ----------
     f_minus, f_plus : ndarray, shape (n_z,) - flow just before and just after the switch.
     guard_gradient : ndarray, shape (n_z,) - gradient of the guard in the state.
     guard_rate : total time derivative of the guard along ``f_minus``.
+    reset : ndarray, shape (n_z, n_z) - derivative of the reset; the identity unless given.
     """
-    return np.eye(f_minus.size) + np.outer(f_plus - f_minus, guard_gradient) / guard_rate
+    R_z = np.eye(f_minus.size) if reset is None else reset
+    return np.asarray(R_z + np.outer(f_plus - R_z @ f_minus, guard_gradient) / guard_rate)
 
 
 def projection(f_minus: Array, guard_gradient: Array, guard_rate: float) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.contact import Motion, motion
 from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.friction import CoulombFriction, Friction
@@ -25,6 +26,7 @@ from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion,
 from gaitopt.mechanics.margins import impact_margin_names, margin_names
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.scales import Scales
+from gaitopt.mechanics.strike import strike
 from gaitopt.mechanics.walker import Walker
 
 COULOMB = CoulombFriction()
@@ -78,11 +80,11 @@ class HybridSystem:
 
     def flow(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt."""
-        return self._build(f"flow_{mode}", lambda: [self._motion(mode).dz])
+        return self._build(f"flow_{mode.key}", lambda: [self._motion(mode).dz])
 
     def margins(self, mode: Mode) -> Function:
         """(t, z, p, r) -> margins in the order of ``margin_names(mode)``."""
-        return self._build(f"margins_{mode}", lambda: [self._margins(mode)])
+        return self._build(f"margins_{mode.key}", lambda: [self._margins(mode)])
 
     def events(self, mode: Mode) -> Function:
         """(t, z, p, r) -> margins and their rates along the flow."""
@@ -91,7 +93,7 @@ class HybridSystem:
             margins = self._margins(mode)
             return jtimes(margins, self._eom.z, self._motion(mode).dz) + jacobian(margins, self._t)
 
-        return self._build(f"events_{mode}", lambda: [self._margins(mode), rates()])
+        return self._build(f"events_{mode.key}", lambda: [self._margins(mode), rates()])
 
     def linearisation(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt, its Jacobian in z, and the Jacobian of the margins in z."""
@@ -100,7 +102,7 @@ class HybridSystem:
             dz = self._motion(mode).dz
             return [dz, jacobian(dz, self._eom.z), jacobian(self._margins(mode), self._eom.z)]
 
-        return self._build(f"linearisation_{mode}", outputs)
+        return self._build(f"linearisation_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
@@ -111,7 +113,7 @@ class HybridSystem:
 
         deviations = SX.sym("deviations", self.n_z, columns)
         y = vertcat(self._eom.z, vec(deviations))
-        name = f"variational_{mode}_{columns}"
+        name = f"variational_{mode.key}_{columns}"
         return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
 
     def observation(self, mode: Mode) -> Function:
@@ -123,7 +125,7 @@ class HybridSystem:
             foot = eom.mechanism.swing_foot
             return [self._motion(mode).force, torque, torque * motor_rates, foot, eom.energy, motor_rates]
 
-        return self._build(f"observation_{mode}", outputs)
+        return self._build(f"observation_{mode.key}", outputs)
 
     def impact(self, mode: Mode) -> Function:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
@@ -132,7 +134,7 @@ class HybridSystem:
             result = self._impact(mode)
             return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
 
-        return self._build(f"impact_{mode}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_{mode.key}", outputs, inputs=[self._eom.z, self._p])
 
     def impact_jacobian(self, mode: Mode) -> Function:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
@@ -140,7 +142,7 @@ class HybridSystem:
         def outputs() -> list[SX]:
             return [jacobian(self._impact(mode).z_plus, self._eom.z)]
 
-        return self._build(f"impact_jacobian_{mode}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_jacobian_{mode.key}", outputs, inputs=[self._eom.z, self._p])
 
     def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``impact_margins``."""
@@ -153,7 +155,7 @@ class HybridSystem:
             margins = self._impact_margins(mode)
             return [vertcat(*(margins[name] for name in self.impact_margin_names(mode)))]
 
-        return self._build(f"impact_margins_{mode}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_margins_{mode.key}", outputs, inputs=[self._eom.z, self._p])
 
     @cached_property
     def open_flow(self) -> Function:
@@ -174,7 +176,7 @@ class HybridSystem:
         """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
 
         def outputs() -> list[SX]:
-            result = impact(self._eom, s, ImpactLaw.COULOMB, self._kinetic)
+            result = impact(self._eom, s, ImpactLaw.COULOMB, self._kinetic, self._locked(()))
             return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity]
 
         s = SX.sym("s")
@@ -192,7 +194,7 @@ class HybridSystem:
 
     def scales(self, p: NDArray[np.float64]) -> Scales:
         """Natural units of the walker at parameters ``p`` of shape (n_p,)."""
-        length, gravity, mass = (float(value) for value in self._scale_function(p))
+        length, gravity, mass = (float(value[0]) for value in buffered(self._scale_function)(p))
         return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
 
     def state_scales(self, scales: Scales) -> NDArray[np.float64]:
@@ -211,9 +213,9 @@ class HybridSystem:
         names = self.walker.section_names(slipping=True)
         xi = SX.sym("xi", len(names))
         free = SimpleNamespace(**{name: xi[i] for i, name in enumerate(names)})
-        shape = self.walker.after_impact(free, parameter_namespace(self.walker, self._eom.p))
-        rates = xi[len(self.walker.section) :]
-        return Function("lift", [xi, self._p], [vertcat(*shape, 0, rates)])
+        p = parameter_namespace(self.walker, self._eom.p)
+        shape, rates = self.walker.after_impact(free, p), self.walker.rates_after_impact(free, p)
+        return Function("lift", [xi, self._p], [vertcat(*shape, 0, *rates, xi[-1])])
 
     @cached_property
     def lift_jacobian(self) -> Function:
@@ -223,14 +225,14 @@ class HybridSystem:
 
     def section(self, impact_mode: Mode) -> NDArray[np.intp]:
         """Indices in ``z`` of the section coordinates after an impact of the given mode."""
-        names = self.walker.section_names(slipping=impact_mode is not Mode.STICK)
+        names = self.walker.section_names(slipping=impact_mode.slips)
         return np.array([self.state_names.index(name) for name in names])
 
     def lift_state(self, xi: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
         """State just after an impact from section coordinates, with or without dx; shape (n_z,)."""
         full = np.zeros(len(self.walker.section_names(slipping=True)))
         full[: xi.size] = xi
-        return np.asarray(self.lift(full, p)).ravel()
+        return buffered(self.lift)(full, p)[0].copy()
 
     def values(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
         """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
@@ -271,16 +273,26 @@ class HybridSystem:
 
     def _motion(self, mode: Mode) -> Motion:
         if mode not in self._motions:
-            self._motions[mode] = self._slipping(_slip(mode))
+            self._motions[mode] = self._slipping(_slip(mode), mode.locked)
         return self._motions[mode]
 
-    def _slipping(self, slip: SX | None) -> Motion:
+    def _slipping(self, slip: SX | None, locked: tuple[str, ...] = ()) -> Motion:
         drag = SX(self.friction.drag(self._coefficients, self._eom.z[-1]))
-        return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, torque=self._torque)
+        held = self._locked(locked)
+        return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, torque=self._torque, locked=held)
+
+    def _locked(self, stops: tuple[str, ...]) -> SX:
+        """Derivative of the gaps of some stops by the shape coordinates."""
+        gaps = vertcat(SX(0, 1), *(self._eom.mechanism.stops[name] for name in stops))
+        return jacobian(gaps, self._eom.z[: self.n_shape])
 
     def _impact(self, mode: Mode) -> Impact:
         if mode not in self._impacts:
-            self._impacts[mode] = impact(self._eom, _slip(mode), self.law, self._kinetic)
+            slip = _slip(mode)
+            if mode.locked:
+                self._impacts[mode] = strike(self._eom, slip, self._kinetic, self._locked(mode.locked))
+            else:
+                self._impacts[mode] = impact(self._eom, slip, self.law, self._kinetic, self._locked(self.walker.stops))
         return self._impacts[mode]
 
     def _margins(self, mode: Mode) -> SX:
@@ -294,11 +306,14 @@ class HybridSystem:
             "cone_backward": mu * f_n - f_t,
             "slip_velocity": mode.direction * self._eom.z[-1],
             "painleve": state.painleve,
+            "clearance": self._eom.mechanism.swing_foot[1],
+            **self._eom.mechanism.stops,
         }
         return vertcat(*(margins[name] for name in margin_names(mode)))
 
     def _impact_margins(self, mode: Mode) -> dict[str, SX]:
-        result, stick, mu = self._impact(mode), self._impact(Mode.STICK), self.friction.static(self._coefficients)
+        result, stick = self._impact(mode), self._impact(mode.with_contact(Mode.STICK))
+        mu = self.friction.static(self._coefficients)
         f_t, f_n = result.impulse[0], result.impulse[1]
         z, n = self._eom.z, self.n_shape + 1
         return {
@@ -321,7 +336,7 @@ class HybridSystem:
 
 def _slip(mode: Mode) -> SX | None:
     """Sign of the slip in a mode, None where the foot sticks."""
-    return None if mode is Mode.STICK else SX(mode.direction)
+    return None if mode.sticks else SX(mode.direction)
 
 
 @lru_cache(maxsize=8)

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
+from itertools import product
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -22,6 +23,7 @@ from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict
 
 from gaitopt.errors import GaitoptWarning, UnknownNameError
+from gaitopt.mechanics.modes import CONTACTS, STOP_STATES, Mode
 
 ENTRY_POINT_GROUP = "gaitopt.walkers"
 
@@ -56,6 +58,7 @@ class Mechanism:
     touchdown : SX - guard; the swing foot lands when it crosses zero from below.
     upright : SX - positive while the walker is walking; zero is a fall.
     relabel : SX, shape (n_shape,) - shape coordinates after the feet have swapped roles.
+    stops : gaps of the joint stops by name, affine in the shape: positive while free, held at zero while locked.
     motors : tuple of SX - the angle on which each actuator acts, in the order of ``Walker.actuators`` [rad].
     potential : SX - potential energy besides gravity, of springs for instance [J].
     """
@@ -66,6 +69,7 @@ class Mechanism:
     touchdown: SX
     upright: SX
     relabel: SX
+    stops: Mapping[str, SX] = field(default_factory=dict)
     motors: tuple[SX, ...] = ()
     potential: Any = field(default_factory=lambda: SX(0))
 
@@ -78,6 +82,8 @@ class Walker(BaseModel, ABC):
     model : the name used in problem files.
     shape : names of the shape coordinates.
     section : those shape coordinates that are free just after an impact.
+    section_rates : those shape coordinates whose rates are free just after an impact; all unless given.
+    stops : names of the joint stops; a stop locks where its gap closes, and all are released by the impact of the foot.
     actuators : names of the actuators.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law.
     largest_angle : size of the shape coordinates beyond which the walker does not walk [rad].
@@ -88,6 +94,8 @@ class Walker(BaseModel, ABC):
     model: ClassVar[str]
     shape: ClassVar[tuple[str, ...]]
     section: ClassVar[tuple[str, ...]]
+    section_rates: ClassVar[tuple[str, ...] | None] = None
+    stops: ClassVar[tuple[str, ...]] = ()
     actuators: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
     largest_angle: ClassVar[float] = math.pi
@@ -111,6 +119,22 @@ class Walker(BaseModel, ABC):
         return ()
 
     @classmethod
+    def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
+        """All shape rates just after an impact, from the free ones of ``section_rates`` (``free.dtheta`` and so on)."""
+        return tuple(getattr(free, f"d{name}") for name in cls.shape)
+
+    @classmethod
+    def modes(cls) -> tuple[Mode, ...]:
+        """Every mode: what the foot can do, with every state of the stops."""
+        states = [dict(zip(cls.stops, each, strict=True)) for each in product(STOP_STATES, repeat=len(cls.stops))]
+        return tuple(Mode.of(contact, stops) for stops in states for contact in CONTACTS)
+
+    @classmethod
+    def released(cls, contact: Mode) -> Mode:
+        """What the foot does, with all stops free, as just after its impact."""
+        return Mode.of(contact, dict.fromkeys(cls.stops, "free"))
+
+    @classmethod
     def state_names(cls) -> tuple[str, ...]:
         """Names of the integrated state ``z = (shape, x, d shape, dx)``."""
         rates = tuple(f"d{name}" for name in cls.shape)
@@ -119,8 +143,8 @@ class Walker(BaseModel, ABC):
     @classmethod
     def section_names(cls, *, slipping: bool) -> tuple[str, ...]:
         """Names of the section coordinates: those that are free just after a sticking or slipping impact."""
-        rates = tuple(f"d{name}" for name in cls.shape)
-        return (*cls.section, *rates, *(("dx",) if slipping else ()))
+        rates = cls.shape if cls.section_rates is None else cls.section_rates
+        return (*cls.section, *(f"d{name}" for name in rates), *(("dx",) if slipping else ()))
 
 
 def polar(length: Any, angle: Any) -> SX:

@@ -147,7 +147,7 @@ class Curve:
     ) -> CurvePoint | None:
         w, last = predicted.copy(), np.inf
         for iteration in range(ITERATIONS):
-            residual = np.asarray(self.transcription.violation(w, self.p)).ravel()
+            residual = self.transcription.violation(w, self.p)
             offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
             size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
             if not np.isfinite(size):

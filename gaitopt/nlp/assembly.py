@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
-from gaitopt.mechanics import Cycle, HybridSystem, Mode
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
@@ -75,8 +76,8 @@ def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int
 
 def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) -> ImpactRecord:
     """The impact in ``mode`` that follows ``z_minus``."""
-    z_plus, impulse, *_ = (np.asarray(value).ravel() for value in system.impact(mode)(z_minus, p))
-    stick_impulse = np.asarray(system.impact(Mode.STICK)(z_minus, p)[1]).ravel()
+    z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
+    stick_impulse = buffered(system.impact(Mode.STICK))(z_minus, p)[1].copy()
     x = system.n_shape
     state = z_plus.copy()
     state[x] = 0.0
@@ -98,9 +99,9 @@ def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[i
 
 def _rest_exactly(cycle: Cycle, arc: ArcLayout, states: Array) -> None:
     """Put to zero what Newton's method leaves of a slip velocity that an event makes zero: its sign is a decision."""
-    if arc.mode is Mode.STICK:
+    if arc.mode.sticks:
         states[:, -1] = 0.0
     elif arc.start is None and cycle.onset_order(arc.phase) > 0:
         states[0, -1] = 0.0
-    if arc.end is None and cycle.after(arc.phase) is not None:
+    if arc.end is None and ending_margin(arc.mode, cycle.after(arc.phase)) == "slip_velocity":
         states[-1, -1] = 0.0

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Cause
-from gaitopt.mechanics import MARGINS, Cycle, ending_margin, margin_names
+from gaitopt.mechanics import Cycle, ending_margin, margin
+from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
 
@@ -28,6 +29,8 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     ``margins`` are the values of the transcription's inequalities at ``w``. Where a phase runs backwards in time, that
     is all there is to say.
     """
+    if (margins >= 0).all() and (problem.unpack(w)[1] >= 0).all():
+        return []
     found = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
     found = found or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
     worst: dict[tuple[int | None, int], Cause] = {}
@@ -39,14 +42,13 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
 
 def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
     """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
-    full, armed = problem.full_parameters(p, problem.unpack(w)[2])[:, None], False
+    full, armed = problem.full_parameters(p, problem.unpack(w)[2]), False
     for index, arc in enumerate(problem.layout.arcs):
         armed = armed and not (arc.start is None and arc.phase in problem.layout.cycle.first_phases)
         times, states = problem.sample(w, p, index, SAMPLES)
-        data = problem.system.control.data(arc.segment)[:, None]
-        outputs = problem.system.margins(arc.mode).map(times.size)(times[None, :], states.T, full, data)
-        heights = np.asarray(outputs)[margin_names(arc.mode).index("touchdown")]
-        for t, height in zip(times, heights, strict=True):
+        margins = buffered_map(problem.system.margins(arc.mode), times.size)
+        (values,) = margins(times[:, None], states, full, problem.system.data(arc.segment))
+        for t, height in zip(times, values[:, 0].tolist(), strict=True):
             if armed and height < -AIRBORNE:
                 words = f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"
                 step = problem.layout.cycle.step_of(arc.phase)
@@ -58,7 +60,7 @@ def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
 def missing_event(cycle: Cycle, phase: int) -> Cause:
     """Why a phase of the guess does not end as the sequence wants it to."""
     ending = ending_margin(cycle.phases[phase], cycle.after(phase))
-    words = f"{cycle.phase_words(phase)} has no end: from the guess, {MARGINS[ending].absent}"
+    words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
     return Cause(what=ending, words=words, phase=phase, step=cycle.step_of(phase))
 
 
@@ -98,7 +100,7 @@ def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array)
         partner = replace(label, name=label.name.replace("forward", "backward"))
         if partner not in rows:
             continue
-        normal = replace(label, name="impulse" if label.phase is None else "normal_force")
+        normal = replace(label, name="impulse" if label.name.startswith("impulse") else "normal_force")
         forward, backward, f_n = margins[i], margins[rows[partner]], margins[rows[normal]]
         if min(forward, backward) < 0 < f_n:
             needed = abs(forward - backward) / (2 * f_n)
@@ -109,10 +111,10 @@ def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array)
 
 def _margin_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     _, labels = problem.inequalities
-    units = problem.units(problem.full_parameters(p, problem.unpack(w)[2])).margins
+    units = problem.margin_units(problem.full_parameters(p, problem.unpack(w)[2]))
     for label, value, unit in zip(labels, margins, units, strict=True):
-        if value < 0 and MARGINS[label.name].violated:
-            text = f"{_place(problem, w, label)}: {MARGINS[label.name].violated.format(value=value)}"
+        if value < 0 and margin(label.name).violated:
+            text = f"{_place(problem, w, label)}: {margin(label.name).violated.format(value=value)}"
             numbers = {"needed": 0.0, "available": float(value), "severity": float(-value / unit)}
             yield _cause(label.name, text, problem, w, label, **numbers)
 

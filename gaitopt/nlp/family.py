@@ -6,9 +6,9 @@ violated margins afterwards; where that does not converge, or finds no gait, IPO
 
 import time
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
-from casadi import Function
 from numpy.typing import NDArray
 
 from gaitopt.gait import Cause, Gait, Status, in_words
@@ -18,7 +18,7 @@ from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import linearise, polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.solve import rejection_reason
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.transcription import transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
@@ -52,13 +52,14 @@ class Family:
         self.gait, self._system = gait, gait.system
         durations = [duration for _, duration in gait.phases]
         plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
-        self._transcription = Transcription(gait.system, plan.refined(list(gait.shooting.intervals)))
-        self._program = Feasibility(self._transcription, should_stop=should_stop)
-        self._equalities = Function(
-            "equalities", [self._transcription.w, self._transcription.parameters], [self._transcription.equalities]
-        )
+        self._transcription = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)))
+        self._should_stop = should_stop
         self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
         self._factor = linearise(self._transcription, self._w, gait.p).factor()
+
+    @cached_property
+    def _program(self) -> Feasibility:
+        return Feasibility(self._transcription, should_stop=self._should_stop)
 
     def solve(self, problem: Problem) -> Gait:
         """The gait of ``problem``, which differs from the first one in parameter values alone.
@@ -99,7 +100,7 @@ class Family:
         w, size, count = self._w, np.inf, 0
         units = self._transcription.units(p).equalities
         for count in range(1, MAX_CHORDS + 1):
-            residual = np.asarray(self._equalities(w, p)).ravel()
+            residual = self._transcription.violation(w, p)
             before, size = size, np.abs(residual / units).max()
             if not size < CONTRACTION * before:
                 return None, (), count

@@ -56,6 +56,10 @@ class Feasibility:
         floor = np.full(start.size, -np.inf)
         floor[self._n_nodes :] = self._shortest_phase
         units = self._transcription.units(p)
-        rows = [units.equalities, units.unknowns[-1:], *([] if self._relaxed else [units.margins])]
+        rows = [
+            units.equalities,
+            units.unknowns[-1:],
+            *([] if self._relaxed else [self._transcription.margin_units(p)]),
+        ]
         sizes = (units.unknowns, np.concatenate(rows))
         return self._solver.solve(start, p, (floor, np.full(start.size, np.inf)), (lower, self._upper), sizes)

@@ -3,13 +3,14 @@
     k_i = f(t + c_i h, z + h sum_j a_ij k_j),        z_next = z + h sum_i b_i k_i
 
 The tableau is that of Dormand and Prince (DOP853, 12 stages, 3 more for states inside the step), as scipy publishes it.
+The flow has no repeated subexpressions; looking for more among its stages takes longer than it saves.
 """
 
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from casadi import SX, Function, cse, horzcat, vertcat
+from casadi import SX, Function, horzcat, vertcat
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
@@ -31,7 +32,7 @@ def shooting_step(system: HybridSystem, mode: Mode) -> Function:
     """
     z, t, h, p, r = _symbols(system)
     z_next = _end(mode, z, h, _stages(system, mode, z, t, h, p, r))
-    return Function(f"step_{mode}", [z, t, h, p, r], cse([z_next]))
+    return Function(f"step_{mode.key}", [z, t, h, p, r], [z_next])
 
 
 @lru_cache(maxsize=64)
@@ -49,7 +50,7 @@ def sampled_step(system: HybridSystem, mode: Mode) -> Function:
     first, last, move = stages[0], stages[DOP853.n_stages], z_next - z
     series = [move, h * first - move, 2 * move - h * (last + first), *(h * _combined(d, stages) for d in DOP853.D)]
     samples = [z, *(z + _extension(series, float(c)) for c in LOBATTO_POINTS[1:-1]), z_next]
-    return Function(f"sampled_step_{mode}", [z, t, h, p, r], cse([horzcat(*samples)]))
+    return Function(f"sampled_step_{mode.key}", [z, t, h, p, r], [horzcat(*samples)])
 
 
 def integrate_to(system: HybridSystem, mode: Mode, z: Array, times: Array, p: Array, r: Array) -> Array:
@@ -79,7 +80,7 @@ def _combined(weights: Array, stages: list[SX]) -> SX:
 
 def _end(mode: Mode, z: SX, h: SX, stages: list[SX]) -> SX:
     z_next = z + h * _combined(DOP853.B, stages)
-    return vertcat(z_next[:-1], 0) if mode is Mode.STICK else z_next
+    return vertcat(z_next[:-1], 0) if mode.sticks else z_next
 
 
 def _extension(series: list[SX], s: float) -> SX:

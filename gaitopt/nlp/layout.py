@@ -1,8 +1,8 @@
 """How the steps of a cycle are cut into arcs and shooting intervals.
 
 Phases follow each other at unknown times; the breakpoints of the control lie at fixed times since the impact.
-Both are ends of arcs, and every arc is cut into equal intervals, so that no interval straddles a kink. The first node
-of a step lies just after the impact before it and the last one just before its own: one node more than intervals.
+Both are ends of arcs, and every arc is cut into equal intervals, so that no interval straddles a kink. Between
+two impacts, of the foot or of a stop, there is one node more than intervals: just after the one, just before the other.
 """
 
 from collections.abc import Iterator, Sequence
@@ -52,14 +52,15 @@ class Layout:
 
     @property
     def n_nodes(self) -> int:
-        """Number of nodes: one more than intervals in every step."""
-        return self.intervals + len(self.cycle.steps)
+        """Number of nodes: one more than intervals for every impact."""
+        return self.intervals + len(self.cycle.resets)
 
     @property
     def first_nodes(self) -> tuple[int, ...]:
         """Index of the first node of every arc."""
         ends = np.cumsum([0, *(arc.intervals for arc in self.arcs[:-1])])
-        return tuple(int(k) + self.cycle.step_of(arc.phase) for k, arc in zip(ends, self.arcs, strict=True))
+        jumps = np.array([phase for phase, _ in self.cycle.resets])
+        return tuple(int(k) + int((jumps < arc.phase).sum()) for k, arc in zip(ends, self.arcs, strict=True))
 
     @property
     def start_nodes(self) -> NDArray[np.intp]:
@@ -69,10 +70,20 @@ class Layout:
         )
 
     @property
+    def last_nodes(self) -> tuple[int, ...]:
+        """Index of the last node of every phase."""
+        ends = {arc.phase: first + arc.intervals for arc, first in zip(self.arcs, self.first_nodes, strict=True)}
+        return tuple(ends.values())
+
+    @property
     def impact_nodes(self) -> tuple[int, ...]:
         """Index of the node just before the impact of every step."""
-        ends = {self.cycle.step_of(a.phase): f + a.intervals for a, f in zip(self.arcs, self.first_nodes, strict=True)}
-        return tuple(ends.values())
+        return tuple(self.last_nodes[following - 1] for following in (*self.cycle.first_phases[1:], 0))
+
+    @property
+    def reset_nodes(self) -> tuple[int, ...]:
+        """Index of the node just before every impact, of the foot or of a stop."""
+        return tuple(self.last_nodes[phase] for phase, _ in self.cycle.resets)
 
     def switches(self, durations: NDArray[np.float64]) -> list[tuple[float, float]]:
         """Start and end of every phase for given phase durations, times since the last impact [s]."""

@@ -7,12 +7,14 @@ A dW = lift,  DPi = impact' dW_K       return map's derivative, A being J withou
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from gaitopt.mechanics import Mode
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise, overflow_allowed
@@ -54,7 +56,7 @@ class ScaledFactor:
         return np.asarray(self._lu.solve((right.T * self._columns).T, trans="T").T / self._rows).T
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Linearisation:
     """The equalities at one point, in SI.
 
@@ -82,16 +84,29 @@ class Linearisation:
         """Largest violation of the equalities, in natural units."""
         return float(np.abs(self.residual / self.units.equalities).max())
 
-    def factor(self, matrix: csc_matrix | None = None) -> ScaledFactor:
-        """Factors of ``square``, or of a matrix with the same rows and columns.
+    def factor(self) -> ScaledFactor:
+        """Factors of ``square``.
 
         Raises
         ------
         RuntimeError
             If it is exactly singular.
         """
-        columns = self.units.unknowns[: self.residual.size]
-        return ScaledFactor(self.square if matrix is None else matrix, self.units.equalities, columns)
+        return self._factor
+
+    @cached_property
+    def _factor(self) -> ScaledFactor:
+        return self.factor_of(self.square)
+
+    def factor_of(self, matrix: csc_matrix) -> ScaledFactor:
+        """Factors of a matrix with the rows and columns of ``square``.
+
+        Raises
+        ------
+        RuntimeError
+            If it is exactly singular.
+        """
+        return ScaledFactor(matrix, self.units.equalities, self.units.unknowns[: self.residual.size])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +120,7 @@ class Polished:
 @overflow_allowed()
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
-    residual = np.asarray(problem.violation(w, p)).ravel()
+    residual = problem.violation(w, p)
     jacobian = shooting_jacobian(problem).jacobian(w, p)
     return Linearisation(w=w, p=p, residual=residual, jacobian=jacobian, units=problem.units(p))
 
@@ -138,7 +153,7 @@ def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array,
     nodes : ndarray, shape (n_z, K + 1) - change of the node states.
     durations : ndarray, shape (n_phases,) - change of the durations [s].
     """
-    difference = np.asarray(problem.halved_defects(at.w, at.p)).ravel()
+    difference = problem.halved_defects(at.w, at.p)
     right = np.zeros(at.residual.size)
     right[: difference.size] = -difference
     nodes, durations, _ = problem.unpack(at.factor().solve(right))
@@ -162,13 +177,14 @@ def section_sensitivity(problem: Transcription, at: Linearisation) -> tuple[Arra
     system, n_z, n = problem.system, problem.system.n_z, at.residual.size
     last = slice((problem.n_nodes - 1) * n_z, problem.n_nodes * n_z)
     indices = system.section(problem.layout.cycle.impact)
-    opened = at.square
+    opened = at.square.copy()
     reset = -opened[n - n_z :, last].toarray()[indices]
-    opened = opened.tolil()
-    opened[n - n_z :, last] = 0.0
-    factor = at.factor(opened.tocsc())
+    columns = slice(*opened.indptr[[last.start, last.stop]])
+    opened.data[columns][opened.indices[columns] >= n - n_z] = 0.0
+    factor = at.factor_of(opened)
     full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
-    lift = np.asarray(system.lift_jacobian(at.w[system.section(Mode.SLIP_FORWARD)], full))
+    (flat,) = buffered(system.lift_jacobian)(at.w[system.section(Mode.SLIP_FORWARD)], full)
+    lift = flat.reshape(n_z, -1, order="F")
     right = np.zeros((n, indices.size))
     right[n - n_z :] = lift[:, : indices.size]
     response = factor.solve(right)

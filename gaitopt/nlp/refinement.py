@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gaitopt.nlp.integrator import ORDER
 from gaitopt.nlp.newton import Linearisation, integration_error, polish
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.nlp.trial import overflow_allowed
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ def refine(transcription: Transcription, at: Linearisation, tolerance: float = E
         if layout.intervals * growth.max() > MAX_INTERVALS:
             break
         wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
-        finer = Transcription(transcription.system, layout.refined(wanted), transcription.free)
+        finer = transcribe(transcription.system, layout.refined(wanted), transcription.free)
         at = polish(finer, _resample(current.transcription, finer, current.at), at.p).at
         current = Refined(transcription=finer, at=at, errors=phase_errors(finer, at))
     return current

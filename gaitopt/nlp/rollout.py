@@ -5,7 +5,8 @@ that does not come is put where its margin is closest to zero within the time of
 come where the walker would be at the rates with which it started.
 """
 
-from collections.abc import Callable, Sequence
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import brentq
 
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names, margin_unit
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.nlp.layout import Layout
 from gaitopt.nlp.trial import overflow_allowed
 
@@ -88,25 +90,30 @@ def roll_out(
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
     starts = np.atleast_2d(state)
     time, z = 0.0, starts[0].copy()
-    transit = transit_time(system, p, cycle, z)
     found: list[float] = []
     motions: list[OdeSolution] = []
     endless = None
     for phase, mode in enumerate(cycle.phases):
-        if phase > 0 and cycle.impact_before(phase) is not None:
-            time, step = 0.0, cycle.step_of(phase)
-            known_start = step < len(starts)
-            z = starts[step].copy() if known_start else after_impact(system, p, cycle.impacts[step - 1], z)
+        impact = cycle.impact_before(phase) if phase > 0 else None
+        if impact is not None:
+            step = cycle.step_of(phase)
+            known_start = phase in cycle.first_phases and step < len(starts)
+            z = starts[step].copy() if known_start else after_impact(system, p, impact, z)
+            time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # of a motion that has broken down
-        if mode is Mode.STICK:
+        if mode.sticks:
             z[-1] = 0.0
-        known = None if durations is None else durations[phase]
-        motion = _integrate(system, p, mode, time, z, max(longest - time, first_step) if known is None else known)
-        duration = known
+        flow = _ModeFlow(system, p, mode, cycle.after(phase))
+        duration = None if durations is None else durations[phase]
         if duration is None:
-            end = _phase_end(system, p, cycle, phase, motion)
-            endless = phase if end is None and endless is None else endless
-            duration = (_lost_end(system, p, cycle, phase, motion, transit) if end is None else end) - time
+            motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)
+            end = flow.end(motion)
+            if end is None:
+                endless = phase if endless is None else endless
+                end = flow.lost_end(motion, transit_time(system, p, cycle, starts[0]))
+            duration = end - time
+        else:
+            motion = flow.integrate(time, z, duration, until_end=False)
         found.append(duration)
         motions.append(motion)
         time += duration
@@ -115,9 +122,10 @@ def roll_out(
 
 
 def after_impact(system: HybridSystem, p: Array, mode: Mode, z: Array) -> Array:
-    """State just after an impact in ``mode``, with x counted from the new stance foot; shape (n_z,)."""
+    """State just after an impact, with x counted from the stance foot if that has changed; shape (n_z,)."""
     z_plus = np.asarray(system.impact(mode)(z, p)[0]).ravel()
-    z_plus[system.n_shape] = 0.0
+    if not mode.locked:
+        z_plus[system.n_shape] = 0.0
     return z_plus
 
 
@@ -138,99 +146,139 @@ def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> 
     return float(np.min(way[moving] / rates[moving], initial=LONGEST_STEP * time)) if moving.any() else time
 
 
-def _integrate(system: HybridSystem, p: Array, mode: Mode, time: float, z: Array, duration: float) -> OdeSolution:
-    """Motion in one mode across the control's breakpoints, until ``duration`` is over or the walker falls.
+class _ModeFlow:
+    """Motion in one mode at fixed parameters, across the control's breakpoints, and the margin that ends its phase."""
 
-    A motion that breaks down at once stands still: what comes of it is seen by the solver.
-    """
-    flow, margins, scales = system.flow(mode), system.margins(mode), system.scales(p)
-    data = [system.control.data(k) for k in range(len(system.control.breakpoints) + 1)]
+    def __init__(self, system: HybridSystem, p: Array, mode: Mode, after: Mode | None) -> None:
+        self._flow, self._margins = BufferedFunction(system.flow(mode)), BufferedFunction(system.margins(mode))
+        for function in (self._flow, self._margins):
+            function.inputs[2][:] = p
+        self._scales = system.scales(p)
+        self._tolerances = ATOL * system.state_scales(self._scales)
+        names = margin_names(mode)
+        self._units = [margin_unit(name, self._scales) for name in names]
+        self._upright, self._touchdown = names.index("upright"), 0  # or the clearance, while a stop is free
+        self._ending = names.index(ending_margin(mode, after))
+        self._breakpoints = system.control.breakpoints
+        self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
 
-    def segment(t: float) -> Array:
-        return data[int(np.searchsorted(system.control.breakpoints, t, side="right"))]
+    def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> OdeSolution:
+        """The motion until ``duration`` is over, the walker falls or, ``until_end``, the phase has ended.
 
-    def rate(t: float, state: Array) -> Array:
-        return np.asarray(flow(t, state, p, segment(t))).ravel()
+        A motion that breaks down at once stands still: what comes of it is seen by the solver.
+        """
+        end = max(time, time + duration)
+        solution = solve_ivp(
+            self._rate,
+            (time, end),
+            z,
+            "DOP853",
+            dense_output=True,
+            events=(_Falls(self), _FarEnough(self if until_end else None)),
+            rtol=RTOL,
+            atol=self._tolerances,
+            first_step=min(FIRST_STEP * self._scales.time, end - time) or None,
+        )
+        return solution.sol if solution.sol.interpolants else _still(time, end, z)
 
-    def upright(t: float, state: Array) -> float:
-        return float(margins(t, state, p, segment(t))[1])
+    def end(self, motion: OdeSolution) -> float | None:
+        """Time since impact at which the phase ends; None if its event does not come, or only after touchdown."""
+        landing = self._fall(motion, self._touchdown)
+        if self._ending == self._touchdown:
+            return landing
+        end = self._fall(motion, self._ending)
+        return None if end is None or (landing is not None and landing < end) else end
 
-    upright.terminal, upright.direction = True, -1  # type: ignore[attr-defined]
-    end = max(time, time + duration)
-    solution = solve_ivp(
-        rate,
-        (time, end),
-        z,
-        "DOP853",
-        dense_output=True,
-        events=(upright, _StepLimit()),
-        rtol=RTOL,
-        atol=ATOL * system.state_scales(scales),
-        first_step=min(FIRST_STEP * scales.time, end - time) or None,
-    )
-    return solution.sol if solution.sol.interpolants else _still(time, end, z)
+    def lost_end(self, motion: OdeSolution, transit: float) -> float:
+        """Time since impact at which a phase that has no end is cut off."""
+        lost = transit
+        if self._ending != self._touchdown:
+            times = _grid(motion)
+            within = times[times <= motion.ts[0] + transit]
+            lost = float(within[np.argmin(np.abs(self._along(motion, within, self._ending)))])
+        return max(lost, motion.ts[0] + SHORTEST_PHASE * transit)
+
+    def upright(self, t: float, z: Array) -> float:
+        """The margin whose end is a fall."""
+        return self._margin(t, z, self._upright)
+
+    def ends(self, t: float, z: Array) -> tuple[float, float]:
+        """The margin that ends the phase, and that of a touchdown which should not."""
+        ending = self._margin(t, z, self._ending)
+        return ending, np.inf if self._ending == self._touchdown else self._margin(t, z, self._touchdown)
+
+    def _fall(self, motion: OdeSolution, row: int) -> float | None:
+        """First time at which a margin falls through zero after having been positive, if there is one."""
+        times = _grid(motion)
+        values = self._along(motion, times, row)
+        falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
+        if not falls.size:
+            return None
+        return float(brentq(lambda t: self._margin(t, motion(t), row), times[falls[0]], times[falls[0] + 1]))
+
+    def _along(self, motion: OdeSolution, times: Array, row: int) -> Array:
+        return np.array([self._margin(t, z, row) for t, z in zip(times.tolist(), motion(times).T, strict=True)])
+
+    def _margin(self, t: float, z: Array, row: int) -> float:
+        """One margin in natural units."""
+        self._evaluate(self._margins, t, z)
+        return float(self._margins.outputs[0][row]) / self._units[row]
+
+    def _rate(self, t: float, z: Array) -> Array:
+        self._evaluate(self._flow, t, z)
+        return self._flow.outputs[0].copy()
+
+    def _evaluate(self, function: BufferedFunction, t: float, z: Array) -> None:
+        time, state, _, data = function.inputs
+        time[0], state[:], data[:] = t, z, self._data[bisect_right(self._breakpoints, t)]
+        function.evaluate()
 
 
 def _still(time: float, end: float, z: Array) -> OdeSolution:
     return solve_ivp(lambda t, state: np.zeros_like(state), (time, end), z, dense_output=True).sol
 
 
-class _StepLimit:
-    """Event that ends an integration after too many steps; in time it falls through zero within the last one."""
+class _Falls:
+    """Event that ends an integration where the walker falls."""
 
     terminal, direction = True, -1
 
-    def __init__(self) -> None:
+    def __init__(self, flow: _ModeFlow) -> None:
+        self._flow = flow
+
+    def __call__(self, t: float, state: Array) -> float:
+        return self._flow.upright(t, state)
+
+
+class _FarEnough:
+    """Event that ends an integration after too many steps, or one step after the phase of ``flow`` has ended.
+
+    In time it falls through zero within the last step. Where touchdown comes before the event that should end the
+    phase, the motion goes on: its end will be put elsewhere.
+    """
+
+    terminal, direction = True, -1
+
+    def __init__(self, flow: _ModeFlow | None) -> None:
+        self._flow, self._armed = flow, np.zeros(2, dtype=bool)
         self._left, self._before, self._end = MOST_STEPS, -np.inf, np.inf
 
     def __call__(self, t: float, state: Array) -> float:
         self._left -= 1
         if self._left == 0:
             self._end = (self._before + t) / 2
+        elif self._left > 0 and self._flow is not None:
+            margins = np.array(self._flow.ends(t, state))
+            ended, landed = self._armed & (margins <= 0)
+            self._armed |= margins > ARMED
+            if landed:
+                self._flow = None
+            elif ended:
+                self._left = 1
         self._before = t
         return self._end - t
-
-
-def _phase_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution) -> float | None:
-    """Time since impact at which the phase ends; None if its event does not come, or only after touchdown."""
-    mode, after = cycle.phases[phase], cycle.after(phase)
-    landing = _fall(_margin(system, p, mode, "touchdown", motion), motion)
-    if after is None:
-        return landing
-    end = _fall(_margin(system, p, mode, ending_margin(mode, after), motion), motion)
-    return None if end is None or (landing is not None and landing < end) else end
-
-
-def _lost_end(system: HybridSystem, p: Array, cycle: Cycle, phase: int, motion: OdeSolution, transit: float) -> float:
-    """Time since impact at which a phase that has no end is cut off."""
-    mode, after, lost = cycle.phases[phase], cycle.after(phase), transit
-    if after is not None:
-        margin, times = _margin(system, p, mode, ending_margin(mode, after), motion), _grid(motion)
-        within = times[times <= motion.ts[0] + transit]
-        lost = float(within[np.argmin([abs(margin(t)) for t in within])])
-    return max(lost, motion.ts[0] + SHORTEST_PHASE * transit)
-
-
-def _fall(margin: Callable[[float], float], motion: OdeSolution) -> float | None:
-    """First time at which a margin falls through zero after having been positive, if there is one."""
-    times = _grid(motion)
-    values = np.array([margin(t) for t in times])
-    falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
-    return float(brentq(margin, times[falls[0]], times[falls[0] + 1])) if falls.size else None
 
 
 def _grid(motion: OdeSolution) -> Array:
     steps = np.linspace(motion.ts[:-1], motion.ts[1:], GRID, endpoint=False).ravel(order="F")
     return np.append(steps, motion.t_max)
-
-
-def _margin(system: HybridSystem, p: Array, mode: Mode, name: str, motion: OdeSolution) -> Callable[[float], float]:
-    """One margin of a mode along a motion, in natural units."""
-    unit = margin_unit(name, system.scales(p))
-    row, breakpoints = margin_names(mode).index(name), system.control.breakpoints
-
-    def margin(t: float) -> float:
-        data = system.control.data(int(np.searchsorted(breakpoints, t, side="right")))
-        return float(system.margins(mode)(t, motion(t), p, data)[row]) / unit
-
-    return margin

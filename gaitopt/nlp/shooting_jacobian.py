@@ -10,12 +10,13 @@ Some five times as fast as differentiating the step in symbols.
 from functools import cached_property, lru_cache
 
 import numpy as np
-from casadi import SX, Function, cse, horzcat, jacobian, vertcat
+from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.sparse import csc_matrix
 
 from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.transcription import Transcription
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
     by = vertcat(z, t, *(p[system.parameters.index(name)] for name in free))
     f = system.flow(mode)(t, z, p, r)
-    both = Function("flow_and_derivatives", [z, t, p, r], [f, jacobian(f, by)])
+    both = Function("flow_and_derivatives", [z, t, p, r], cse([f, jacobian(f, by)]))
     stages: list[SX] = []
     columns: list[SX] = []
     for a, c in zip(DOP853.A, DOP853.C, strict=True):
@@ -39,7 +40,7 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
         rate, derivative = both(at, t + float(c) * h, p, r)
         stages.append(rate)
         columns += [rate, derivative]
-    return Function(f"stage_derivatives_{mode}", [z, t, h, p, r], cse([horzcat(*columns)]))
+    return Function(f"stage_derivatives_{mode.key}", [z, t, h, p, r], [densify(horzcat(*columns))])
 
 
 class ShootingJacobian:
@@ -61,18 +62,21 @@ class ShootingJacobian:
 
     def jacobian(self, w: Array, p: Array) -> csc_matrix:
         """d equalities / d w."""
-        tail = self._tail(w, p)
-        data = np.concatenate([np.ones(self._n * self._n_z), *self._steps(w, p), np.asarray(tail.nonzeros())])
+        (tail,) = self._tail_nonzeros(w, p)
+        data = np.concatenate([np.ones(self._n * self._n_z), *self._steps(w, p), tail])
         return csc_matrix((data[self._order], self._rows, self._pointers), shape=self._shape)
 
     @cached_property
     def _tail(self) -> Function:
         """(w, p) -> Jacobian of events, resets and periodicity."""
         t = self._t
-        rows = t.equalities[self._n * self._n_z :]
-        values = Function("tail", [t.w, t.parameters], [rows]).expand()
+        values = Function("tail", [t.w, t.parameters], [t.conditions]).expand()
         w, p = values.sx_in()
-        return Function("tail_jacobian", [w, p], cse([jacobian(values(w, p), w)]))
+        return Function("tail_jacobian", [w, p], [jacobian(values(w, p), w)])
+
+    @cached_property
+    def _tail_nonzeros(self) -> BufferedFunction:
+        return BufferedFunction(self._tail, nonzeros=True)
 
     def _by_duration(self) -> None:
         """Derivatives of start and length of every interval by the durations; both are linear in them."""
@@ -118,7 +122,7 @@ class ShootingJacobian:
         rates, derivatives, lengths = self._stages(w, t.full_parameters(p, freed))
         step = -_varied(rates, derivatives, lengths)
         for arc, at in zip(t.layout.arcs, self._intervals, strict=True):
-            if arc.mode is Mode.STICK:
+            if arc.mode.sticks:
                 step[at, -1] = 0.0
         by_durations = (
             step[:, :, n_z, None] * self._times[:, None, :] + step[:, :, n_z + 1, None] * self._lengths[:, None, :]
@@ -132,28 +136,17 @@ class ShootingJacobian:
         nodes, durations, _ = t.unpack(w)
         lengths, found = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
         starts = t.layout.start_nodes
-        spans = zip(t.layout.arcs, self._intervals, t.layout.arc_times(durations), self._functions, strict=True)
-        for arc, at, (start, end), function in spans:
+        for arc, at, (start, end) in zip(t.layout.arcs, self._intervals, t.layout.arc_times(durations), strict=True):
             m = arc.intervals
-            lengths[at] = h = (end - start) / m
-            values = function(
-                nodes[:, starts[at]], start + h * np.arange(m)[None], h, p, t.system.control.data(arc.segment)
-            )
-            found[at] = np.asarray(values).reshape(n_z, m, N_STAGES, -1).transpose(1, 0, 2, 3)
+            lengths[at] = (end - start) / m
+            times: Array = start + lengths[at] * np.arange(m)
+            data = t.system.data(arc.segment)
+            found[at] = _stage_values(t.system, arc.mode, t.free, nodes.T[starts[at]], times, lengths[at], p, data)
         stages = np.ascontiguousarray(found.transpose(2, 0, 1, 3))
         return stages[..., 0], stages[..., 1:], lengths
 
-    @cached_property
-    def _functions(self) -> list[Function]:
-        """Derivatives of all stages on the intervals of every arc."""
-        t = self._t
-        return [
-            stage_derivatives(t.system, arc.mode, t.free).map("stages", "serial", arc.intervals, [2, 3, 4], [])
-            for arc in t.layout.arcs
-        ]
 
-
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def shooting_jacobian(transcription: Transcription) -> ShootingJacobian:
     """The variation of a transcription, made once."""
     return ShootingJacobian(transcription)
@@ -200,11 +193,25 @@ def step_derivatives(
     nodes, times, lengths : where the steps start, shape (n_z, K) and (K,), and how long they are, shape (K,) [s].
     p, r : all parameters, and the segment data of the control.
     """
-    n_z, m = nodes.shape
-    values = stage_derivatives(system, mode, free)(nodes, times[None], lengths[None], p, r)
-    stages = np.asarray(values).reshape(n_z, m, N_STAGES, -1).transpose(2, 1, 0, 3)
-    stages = np.ascontiguousarray(stages)
+    values = _stage_values(system, mode, free, nodes.T, times, lengths, p, r)
+    stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
     by = _varied(stages[..., 0], stages[..., 1:], lengths)
-    if mode is Mode.STICK:
+    if mode.sticks:
         by[:, -1] = 0.0
     return by
+
+
+def _stage_values(
+    system: HybridSystem,
+    mode: Mode,
+    free: tuple[str, ...],
+    nodes: Array,
+    times: Array,
+    lengths: Array,
+    p: Array,
+    r: Array,
+) -> Array:
+    """f and its derivatives at all stages of K steps from ``nodes`` (K, n_z); shape (K, n_z, 12, n_z + 2 + n_free)."""
+    values = buffered_map(stage_derivatives(system, mode, free), times.size)
+    (stages,) = values(nodes, times[:, None], lengths[:, None], p, r)
+    return stages.reshape(times.size, N_STAGES, -1, system.n_z).transpose(0, 3, 1, 2)

@@ -1,11 +1,14 @@
-"""A problem's gait by multiple shooting: guess, IPOPT, polish, error estimate, refinement."""
+"""A problem's gait by multiple shooting: guess, Newton's method, polish, error estimate, refinement.
+
+Where the guess is not plainly next to a gait, or the gait there violates a margin, IPOPT searches.
+"""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from casadi import Function
 from numpy.typing import NDArray
 
 from gaitopt.gait import Cause, Gait, Status, in_words
@@ -13,12 +16,13 @@ from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import early_touchdown, largest_residual, missing_event, violations
 from gaitopt.nlp.feasibility import Feasibility
-from gaitopt.nlp.ipopt import IpoptResult, Progress
+from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.nearby import solve_nearby
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import NO_ENERGY, Problem, lacks_energy
 
@@ -35,12 +39,15 @@ FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attempt:
-    """One run of IPOPT on one layout."""
+    """One search on one layout: from ``start`` to ``w``, whose ``status`` says whether it solves the equations."""
 
     transcription: Transcription
     p: Array
     start: Array
-    result: IpoptResult
+    w: Array
+    status: Status
+    words: str
+    iterations: int
 
 
 def solve_gait(
@@ -72,63 +79,103 @@ def solve_gait(
     began = time.perf_counter()
     state = np.array([problem.guess.state[name] for name in system.state_names])
     guess = roll_out(system, p, problem.cycle, state, problem.guess.durations)
-    attempt = _attempt_in_order(problem, system, p, guess, progress, should_stop)
-    if attempt.result.status in FAILURES and problem.guess.durations is None:
+    if guess.endless is None:
+        near = _in_order(problem, system, p, guess, partial(_nearby, progress=progress, should_stop=should_stop))
+        if near.status is Status.CONVERGED:
+            gait = _finish(problem, near, _solver(near, began))
+            if gait.converged:
+                return gait
+    search = partial(_by_ipopt, progress=progress, should_stop=should_stop)
+    attempt = _in_order(problem, system, p, guess, search)
+    if attempt.status in FAILURES and problem.guess.durations is None:
         shortened = np.array(guess.durations) * transit_time(system, p, problem.cycle, state) / guess.period
         second = roll_out(system, p, problem.cycle, state, shortened)
-        retried = _attempt_in_order(problem, system, p, second, progress, should_stop)
-        attempt = retried if retried.result.status not in FAILURES else attempt
-    solver = {"iterations": float(attempt.result.iterations), "seconds": time.perf_counter() - began}
-    if attempt.result.status is not Status.CONVERGED:
-        status, message = attempt.result.status, attempt.result.words
+        retried = _in_order(problem, system, p, second, search)
+        attempt = retried if retried.status not in FAILURES else attempt
+    solver = _solver(attempt, began)
+    if attempt.status is not Status.CONVERGED:
+        status, message = attempt.status, attempt.words
         causes = () if status is Status.INTERRUPTED else _causes(attempt, guess)
         message = f"{message}: {in_words(causes)}" if causes else message
         return Gait(problem=problem, system=system, p=p, status=status, message=message, solver=solver, causes=causes)
     return _finish(problem, attempt, solver)
 
 
-def _attempt_in_order(
+def _solver(attempt: Attempt, began: float) -> dict[str, float]:
+    return {"iterations": float(attempt.iterations), "seconds": time.perf_counter() - began}
+
+
+def _in_order(
     problem: Problem,
     system: HybridSystem,
     p: Array,
     guess: Rollout,
-    progress: Progress | None,
-    should_stop: Callable[[], bool] | None,
+    search: Callable[[Transcription, Array, Array], Attempt],
 ) -> Attempt:
-    """Solve, and again with a new layout while a switch passes a breakpoint of the control."""
+    """Search, and again with a new layout while a switch passes a breakpoint of the control."""
     rolled = guess
     for _ in range(MAX_REORDERS):
         durations = np.array(rolled.durations)
         plan = layout(problem.cycle, durations, system.control.breakpoints)
-        transcription = Transcription(system, plan)
-        start = transcription.pack(rolled.nodes(plan), durations)
-        attempt = _attempt(transcription, p, start, progress, should_stop)
-        durations = transcription.unpack(attempt.result.w)[1]
-        if attempt.result.status is not Status.CONVERGED or plan.in_order(durations, system.control.breakpoints):
+        transcription = transcribe(system, plan)
+        attempt = search(transcription, transcription.pack(rolled.nodes(plan), durations), p)
+        if attempt.status is not Status.CONVERGED:
             break
-        rolled = roll_out(system, p, problem.cycle, attempt.result.w[: system.n_z], durations)
+        durations = transcription.unpack(attempt.w)[1]
+        if plan.in_order(durations, system.control.breakpoints):
+            break
+        rolled = roll_out(system, p, problem.cycle, attempt.w[: system.n_z], durations)
     return attempt
 
 
-def _attempt(
+def _nearby(
     transcription: Transcription,
-    p: Array,
     start: Array,
+    p: Array,
+    *,
     progress: Progress | None,
     should_stop: Callable[[], bool] | None,
+) -> Attempt:
+    """Newton's method as far as the guess is plainly next to a solution."""
+    near = solve_nearby(transcription, start, p, progress, should_stop)
+    return Attempt(
+        transcription=transcription,
+        p=p,
+        start=start,
+        w=near.w,
+        status=Status.CONVERGED if near.settled else Status.NOT_CONVERGED,
+        words="solved" if near.settled else "no solution next to the guess",
+        iterations=near.steps,
+    )
+
+
+def _by_ipopt(
+    transcription: Transcription,
+    start: Array,
+    p: Array,
     *,
+    progress: Progress | None = None,
+    should_stop: Callable[[], bool] | None = None,
     relaxed: bool = False,
 ) -> Attempt:
     """Run IPOPT; ``relaxed`` leaves the margins out."""
     program = Feasibility(transcription, progress=progress, should_stop=should_stop, relaxed=relaxed)
     result = program.solve(start, p)
-    return Attempt(transcription=transcription, p=p, start=start, result=result)
+    return Attempt(
+        transcription=transcription,
+        p=p,
+        start=start,
+        w=result.w,
+        status=result.status,
+        words=result.words,
+        iterations=result.iterations,
+    )
 
 
 def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gait:
     """Polish, refine until the integration error is small, and assemble the gait."""
     p, system = attempt.p, attempt.transcription.system
-    refined = refine(attempt.transcription, polish(attempt.transcription, attempt.result.w, p).at)
+    refined = refine(attempt.transcription, polish(attempt.transcription, attempt.w, p).at)
     wrong = rejection_reason(refined)
     if wrong:
         return Gait(
@@ -145,14 +192,14 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
         refined.transcription,
         refined.at,
         errors=refined.errors,
-        message=attempt.result.words,
+        message=attempt.words,
         solver=solver,
     )
 
 
 @overflow_allowed()
 def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
-    """What keeps a solution of IPOPT from being a gait, looked at without IPOPT; empty for a gait."""
+    """What keeps a solution of the equations from being a gait; empty for a gait."""
     transcription, at = refined.transcription, refined.at
     _, durations, _ = transcription.unpack(at.w)
     modes = transcription.layout.cycle.phases
@@ -169,28 +216,22 @@ def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
         intervals = transcription.layout.intervals
         words = f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
         return (Cause(what="integration", words=words),)
-    found = violations(transcription, at.w, at.p, _margins(transcription, at.w, at.p), RESIDUAL_TOLERANCE)
+    found = violations(transcription, at.w, at.p, transcription.margin_values(at.w, at.p), RESIDUAL_TOLERANCE)
     landing = None if found else early_touchdown(transcription, at.w, at.p)
     return tuple(found) if landing is None else (landing,)
-
-
-def _margins(transcription: Transcription, w: Array, p: Array) -> Array:
-    expression, _ = transcription.inequalities
-    function = Function("margins", [transcription.w, transcription.parameters], [expression])
-    return np.asarray(function(w, p)).ravel()
 
 
 @overflow_allowed()
 def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
     """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open."""
     transcription, p = attempt.transcription, attempt.p
-    relaxed = _attempt(transcription, p, attempt.start, None, None, relaxed=True)
-    for w in (relaxed.result.w, attempt.result.w):
-        residual = np.asarray(transcription.violation(w, p)).ravel()
+    relaxed = _by_ipopt(transcription, attempt.start, p, relaxed=True)
+    for w in (relaxed.w, attempt.w):
+        residual = transcription.violation(w, p)
         if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
-            found = violations(transcription, w, p, _margins(transcription, w, p), RESIDUAL_TOLERANCE)
+            found = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
             if found:
                 return tuple(found)
     if guess.endless is not None:
         return (missing_event(transcription.layout.cycle, guess.endless),)
-    return (largest_residual(transcription, attempt.result.w, p, residual),)
+    return (largest_residual(transcription, attempt.w, p, residual),)

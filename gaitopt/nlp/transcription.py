@@ -4,7 +4,7 @@ Unknowns w = (nodes z_0 .. z_K, phase durations, freed parameters). Equalities, 
 
     defects      z_{k+1} = step(z_k)              on every interval; in stick with v_t = 0
     events       v_t = 0 where a slip ends, mu f_n +- f_t = 0 where a stick ends, guard = 0 at touchdown
-    resets       z_{k+1} = impact(z_k)            from step to step, with x counted from the new stance foot
+    resets       z_{k+1} = impact(z_k)            at every impact; of a foot, with x counted from the new stance foot
     periodicity  z_0 = impact(z_K)                likewise, from the last step to the first
 
 Friction complementarity: the mode sets one factor of each pair to zero (the force's factor in slip is eliminated
@@ -12,14 +12,15 @@ by eq. (5)); the other factor stays an inequality at every node, except where an
 """
 
 from collections.abc import Callable, Iterator
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import MX, Function, horzcat, repmat, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.gait.curves import points
-from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names, margin_unit
+from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
+from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.units import Label, Units
@@ -51,9 +52,10 @@ class Transcription:
         ]
         self.p = vertcat(*entries) if free else self.parameters
         self.w = vertcat(vec(self.Z), self.durations, self.freed)
+        self._sampled: tuple[bytes, dict[tuple[int, int], tuple[Array, Array]]] = (b"", {})
         self._switches: list[tuple[MX, MX]] = []
         for j in range(self.n_phases):
-            start = MX(0) if layout.cycle.impact_before(j) is not None else self._switches[-1][1]
+            start = MX(0) if j in layout.cycle.first_phases else self._switches[-1][1]
             self._switches.append((start, start + self.durations[j]))
 
     def pack(self, nodes: Array, durations: Array, freed: Array | tuple[float, ...] = ()) -> Array:
@@ -76,16 +78,24 @@ class Transcription:
     @cached_property
     def equalities(self) -> MX:
         """Defects, events, resets, periodicity; shape (n_z n_nodes + n_phases,)."""
-        return vertcat(self._defects(halves=1), *self._events(), *self._resets())
+        return vertcat(self._defects(halves=1), self.conditions)
+
+    @cached_property
+    def conditions(self) -> MX:
+        """The equalities without the defects."""
+        return vertcat(*self._events(), *self._resets())
 
     @cached_property
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and what each one says."""
-        rows, labels = [], []
-        for expression, label in (*self._node_margins(), *self._onset_margins(), *self.impact_margins()):
-            rows.append(expression)
+        blocks, labels = [], list[Label]()
+        for block, own in self._node_margins():
+            blocks.append(block)
+            labels += own
+        for row, label in (*self._onset_margins(), *self.impact_margins()):
+            blocks.append(row)
             labels.append(label)
-        return vertcat(*rows), tuple(labels)
+        return vertcat(*blocks), tuple(labels)
 
     def units(self, p: Array) -> Units:
         """Natural units of unknowns, equalities and margins for the walker at parameters ``p``, shape (n_p,)."""
@@ -96,31 +106,60 @@ class Transcription:
         return Units(
             unknowns=self.pack(nodes, np.full(self.n_phases, scales.time), np.ones(len(self.free))),
             equalities=np.concatenate(
-                [np.tile(state, self.layout.intervals), events, np.tile(state, len(self.layout.cycle.steps))]
+                [np.tile(state, self.layout.intervals), events, np.tile(state, len(self.layout.cycle.resets))]
             ),
-            margins=np.array([label.unit(scales) for label in self.inequalities[1]]),
         )
 
-    @cached_property
-    def violation(self) -> Function:
-        """(w, p) -> equalities."""
-        return Function("violation", [self.w, self.parameters], [self.equalities])
+    def margin_units(self, p: Array) -> Array:
+        """Natural units of the inequalities."""
+        scales = self.system.scales(p)
+        return np.array([label.unit(scales) for label in self.inequalities[1]])
 
     @cached_property
-    def halved_defects(self) -> Function:
-        """(w, p) -> difference of the defects when every interval is integrated in two halves."""
+    def _violation(self) -> BufferedFunction:
+        return BufferedFunction(Function("violation", [self.w, self.parameters], [self.equalities]))
+
+    def violation(self, w: Array, p: Array) -> Array:
+        """Values of the equalities, shape (n_z n_nodes + n_phases,)."""
+        return self._violation(w, p)[0].copy()
+
+    def margin_values(self, w: Array, p: Array) -> Array:
+        """Values of the inequalities."""
+        return self._margin_values(w, p)[0].copy()
+
+    @cached_property
+    def _margin_values(self) -> BufferedFunction:
+        return BufferedFunction(Function("margins", [self.w, self.parameters], [self.inequalities[0]]))
+
+    @cached_property
+    def _halved_defects(self) -> BufferedFunction:
         difference = self._defects(halves=2) - self._defects(halves=1)
-        return Function("halved_defects", [self.w, self.parameters], [difference])
+        return BufferedFunction(Function("halved_defects", [self.w, self.parameters], [difference]))
+
+    def halved_defects(self, w: Array, p: Array) -> Array:
+        """Difference of the defects when every interval is integrated in two halves."""
+        return self._halved_defects(w, p)[0].copy()
 
     def node_times(self, w: Array) -> Array:
         """Time since impact of every node; shape (K + 1,) [s]."""
         return self.layout.node_times(self.unpack(w)[1])
 
     def sample(self, w: Array, p: Array, index: int, count: int) -> tuple[Array, Array]:
-        """Times (count,) and states (count, n_z) at the Chebyshev points of one arc."""
-        start, end = self.layout.arc_times(self.unpack(w)[1])[index]
-        fractions = (points(count) + 1) / 2
-        return start + (end - start) * fractions, self.states_at(w, p, index, fractions)
+        """Times (count,) and states (count, n_z) at the Chebyshev points of one arc.
+
+        Those of the last solution are kept: what examines it and what assembles its gait read the same ones.
+        """
+        solution = w.tobytes() + p.tobytes()
+        if self._sampled[0] != solution:
+            self._sampled = (solution, {})
+        samples = self._sampled[1]
+        if (index, count) not in samples:
+            start, end = self.layout.arc_times(self.unpack(w)[1])[index]
+            fractions = (points(count) + 1) / 2
+            times, states = start + (end - start) * fractions, self.states_at(w, p, index, fractions)
+            samples[index, count] = (times, states)
+        times, states = samples[index, count]
+        return times.copy(), states.copy()
 
     def states_at(self, w: Array, p: Array, index: int, fractions: Array) -> Array:
         """States (m, n_z) at fractions of one arc, each by one partial shooting step from the node before it."""
@@ -130,11 +169,10 @@ class Transcription:
         h = (end - start) / arc.intervals
         k = np.clip((fractions * arc.intervals).astype(int), 0, arc.intervals - 1)
         offset = (fractions * arc.intervals - k) * h
-        step = shooting_step(self.system, arc.mode).map(fractions.size)
-        full = self.full_parameters(p, freed)[:, None]
-        data = self.system.control.data(arc.segment)[:, None]
-        states = step(nodes[:, first + k], start + k * h, offset, full, data)
-        return np.asarray(states).T
+        step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
+        full, data = self.full_parameters(p, freed), self.system.data(arc.segment)
+        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], offset[:, None], full, data)
+        return states.copy()
 
     def arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
         """Layout, nodes, start time and interval length of one arc."""
@@ -160,7 +198,7 @@ class Transcription:
 
     def constants(self, arc: ArcLayout, width: int) -> list[MX]:
         """Parameters and segment data of an arc, repeated."""
-        return [repmat(self.p, 1, width), repmat(MX(self.system.control.data(arc.segment)), 1, width)]
+        return [repmat(self.p, 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
 
     def _defects(self, halves: int) -> MX:
         def columns(i: int) -> list[MX]:
@@ -202,35 +240,35 @@ class Transcription:
     def _end_margins(self, index: int) -> MX:
         arc, Z, start, h = self.arc(index)
         time = start + arc.intervals * h
-        return self.system.margins(arc.mode)(time, Z[:, -1], self.p, self.system.control.data(arc.segment))
+        return self.system.margins(arc.mode)(time, Z[:, -1], self.p, self.system.data(arc.segment))
 
     def _resets(self) -> list[MX]:
-        """From the end of every step to the start of the next, the last of which is the first."""
-        n, ends = self.system.n_shape, self.layout.impact_nodes
-        rows = []
-        for impact, end in zip(self.layout.cycle.impacts, ends, strict=True):
+        """From just before every impact to just after it; the last leads back to the start."""
+        n, rows = self.system.n_shape, []
+        for (_, impact), end in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
             z_plus = self.system.impact(impact)(self.Z[:, end], self.p)[0]
-            rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], 0, z_plus[n + 1 :]))
+            x = z_plus[n] if impact.locked else 0  # counted from the new stance foot
+            rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], x, z_plus[n + 1 :]))
         return rows
 
-    def _node_margins(self) -> list[tuple[MX, Label]]:
-        """Inequality factors of every phase at its nodes, without those that an event makes zero."""
+    def _node_margins(self) -> Iterator[tuple[MX, list[Label]]]:
+        """Inequality factors of every arc at its nodes, without those that an event makes zero."""
 
         def columns(i: int) -> list[MX]:
             arc, Z, start, h = self.arc(i)
             times = start + h * MX(np.arange(arc.intervals + 1)).T
             return [times, Z, *self.constants(arc, arc.intervals + 1)]
 
-        rows = []
         for i, margins in enumerate(self.map_arcs(self.system.margins, columns)):
-            arc, first = self.layout.arcs[i], self.layout.first_nodes[i]
-            for row, name in enumerate(margin_names(arc.mode)):
-                if name in ("touchdown", "upright"):
-                    continue
-                for k in range(arc.intervals + 1):
-                    if not self.is_zero_by_event(i, k, name):
-                        rows.append((margins[row, k], Label(name=name, phase=arc.phase, node=first + k)))
-        return rows
+            arc, first, names = self.layout.arcs[i], self.layout.first_nodes[i], margin_names(self.layout.arcs[i].mode)
+            places = [
+                (row, k, name)
+                for row, name in enumerate(names)
+                for k in range(arc.intervals + 1)
+                if name != "upright" and not margin(name).rises and not self.is_zero_by_event(i, k, name)
+            ]
+            rows = vec(margins)[[row + k * len(names) for row, k, _ in places]]
+            yield rows, [Label(name=name, phase=arc.phase, node=first + k) for _, k, name in places]
 
     def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
         """Whether an event makes a margin zero at node ``k`` of an arc."""
@@ -248,7 +286,7 @@ class Transcription:
         for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
             if arc.start is None and self.layout.cycle.starts_from_rest(arc.phase):
                 _, Z, start, _ = self.arc(i)
-                data = self.system.control.data(arc.segment)
+                data = self.system.data(arc.segment)
                 margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.p, data)
                 cone = margins[margin_names(Mode.STICK).index(ending_margin(Mode.STICK, arc.mode))]
                 rows.append((-cone, Label(name="onset", phase=arc.phase, node=first)))
@@ -256,10 +294,19 @@ class Transcription:
 
     def impact_margins(self) -> list[tuple[MX, Label]]:
         """Margins of the impacts."""
-        return [row for step in range(len(self.layout.cycle.steps)) for row in self._margins_of_impact(step)]
+        return [row for index in range(len(self.layout.cycle.resets)) for row in self._margins_of_impact(index)]
 
-    def _margins_of_impact(self, step: int) -> Iterator[tuple[MX, Label]]:
-        mode, z = self.layout.cycle.impacts[step], self.Z[:, self.layout.impact_nodes[step]]
-        values = self.system.impact_margins(mode)(z, self.p)
+    def _margins_of_impact(self, index: int) -> Iterator[tuple[MX, Label]]:
+        (phase, mode), node = self.layout.cycle.resets[index], self.layout.reset_nodes[index]
+        values = self.system.impact_margins(mode)(self.Z[:, node], self.p)
         for row, name in enumerate(self.system.impact_margin_names(mode)):
-            yield values[row], Label(name=name, step=step)
+            if mode.locked:
+                yield values[row], Label(name=name, phase=phase, node=node)
+            else:
+                yield values[row], Label(name=name, step=self.layout.cycle.step_of(phase))
+
+
+@lru_cache(maxsize=32)
+def transcribe(system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> Transcription:
+    """The transcription of a layout, made once: sweeps and searches meet the same ones again."""
+    return Transcription(system, layout, free)

@@ -34,9 +34,8 @@ class Units:
     Attributes
     ----------
     unknowns : ndarray, shape (n_w,) - of nodes and durations; freed parameters have one.
-    equalities, margins : ndarray - of the rows of ``Transcription.equalities`` and ``Transcription.inequalities``.
+    equalities : ndarray - of the rows of ``Transcription.equalities``.
     """
 
     unknowns: Array
     equalities: Array
-    margins: Array

@@ -84,7 +84,7 @@ class ReturnMap:
         impact = steps[-1].impact if len(steps) == self.n_steps else None
         if impact is None:
             return Return(xi=None, steps=steps, ending=ending, message=trajectory.message)
-        if (impact.mode is Mode.STICK) is not (self.section_mode is Mode.STICK):
+        if (impact.mode.sticks) is not (self.section_mode.sticks):
             message = f"the impact ends with {impact.mode}, off the section of {self.section_mode}"
             return Return(xi=None, steps=steps, ending=ending, message=message)
         return Return(xi=impact.state[self._indices], steps=steps, ending=ending, message=trajectory.message)

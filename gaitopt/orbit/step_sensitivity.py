@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.mechanics.saltation import projection, saltation
 from gaitopt.simulation import Stepper
-from gaitopt.simulation.buffered import BufferedFunction
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,14 @@ class StepSensitivity:
         if after is None:
             return projection(flow, gradient, rate)
         (flow_after,) = self._call(system.flow(after.mode), after.start, after.states[0], self._p, data)
-        return saltation(flow, flow_after, gradient, rate)
+        return saltation(flow, flow_after, gradient, rate, self._reset(arc, after))
+
+    def _reset(self, arc: Arc, after: Arc) -> Array | None:
+        """Derivative of the reset from one arc to the next; None where no stop locks."""
+        if arc.mode.locked == after.mode.locked:
+            return None
+        struck = after.mode if after.states[0][-1] else after.mode.with_contact(Mode.STICK)
+        return self._matrix(self._system.impact_jacobian(struck), arc.states[-1], self._p).copy()
 
     def _matrix(self, function: Function, *values: Array) -> Array:
         """The one output of a function as a matrix; columns lie one after the other in the buffer."""

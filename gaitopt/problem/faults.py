@@ -61,13 +61,28 @@ class OverridePlace:
 
     keys: Mapping[str, Key]
 
+    def related(self, path: Key) -> list[str]:
+        """The overrides that set ``path`` or a section around it, or else a part of it."""
+        around = [key for key, target in self.keys.items() if path[: len(target)] == target]
+        return around or [key for key, target in self.keys.items() if target[: len(path)] == path]
+
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
         """``--set walker.leg_mass``."""
-        around = [key for key, target in self.keys.items() if path[: len(target)] == target]
-        below = [key for key, target in self.keys.items() if target[: len(path)] == path]
-        keys = around or below or list(self.keys)
+        keys = self.related(path) or list(self.keys)
         label = f"--set {', '.join(map(plain, keys))}"
         return (list(self.keys).index(keys[0]), 0), label if keys == [dotted(path)] else f"{label}: {dotted(path)}"
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedPlace:
+    """A place whose values are overridden in part: every value where it was given last."""
+
+    before: Place
+    overrides: OverridePlace
+
+    def locate(self, path: Key) -> tuple[tuple[int, int], str]:
+        """``--set walker.leg_mass``, or where it was before."""
+        return (self.overrides if self.overrides.related(path) else self.before).locate(path)
 
 
 def raise_faults(faults: Iterable[Fault], place: Place) -> None:

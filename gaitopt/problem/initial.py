@@ -6,6 +6,7 @@ file gives besides must agree with it.
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -41,7 +42,7 @@ def read_gait(
     if gait is None:
         return None, None
     steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
-    cycle = _read_cycle(steps, ("gait", "steps" if several else "phases"), faults)
+    cycle = _read_cycle(steps, model, ("gait", "steps" if several else "phases"), faults)
     guess = read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
     if guess is None:
         return cycle, None
@@ -73,12 +74,37 @@ def _read_open(
     return sequence, None if state is None else Guess(state=state, durations=None)
 
 
-def _read_cycle(steps: Sequence[StepSection], path: Key, faults: list[Fault]) -> Cycle | None:
+def _read_cycle(
+    steps: Sequence[StepSection], model: type[Walker] | None, path: Key, faults: list[Fault]
+) -> Cycle | None:
+    stops = () if model is None else model.stops
     try:
+        for step in steps:
+            _check_stops(step, stops)
         return Cycle(tuple(ModeSequence(phases=step.phases, impact=step.impact) for step in steps))
     except ValueError as error:
         faults.append(Fault(path, str(error)))
         return None
+
+
+def _check_stops(step: StepSection, stops: tuple[str, ...]) -> None:
+    """Whether every phase states the stops of the walker, which lock one after the other until the foot comes down.
+
+    Raises
+    ------
+    ValueError
+        If not; the message says how to write it.
+    """
+    for mode in step.phases:
+        if tuple(mode.stops) != stops:
+            form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{name}: free" for name in stops)]) + "}"
+            raise ValueError(f"{mode} must be written {form if stops else mode.contact}, as the walker has its stops")
+    locked = [mode.locked for mode in step.phases] or [()]
+    jumps = [len(later) - len(earlier) for earlier, later in pairwise(locked) if set(earlier) <= set(later)]
+    if len(jumps) < len(locked) - 1 or max(jumps, default=0) > 1 or locked[0] or len(locked[-1]) < len(stops):
+        raise ValueError("a step begins with all stops free, and they lock one at a time before the foot comes down")
+    if step.impact.stops:
+        raise ValueError(f"the impact is written {step.impact.contact}: that of the foot frees all stops")
 
 
 def _read_state(
@@ -90,7 +116,7 @@ def _read_state(
     if section is None:
         return None
     given = section.model_dump(exclude_none=True)
-    needed = model.section_names(slipping=impact is not Mode.STICK)
+    needed = model.section_names(slipping=impact.slips)
     missing = [name for name in needed if name not in given]
     faults += [
         Fault((*path, name), f"is missing; after this impact the section is {', '.join(needed)}") for name in missing
@@ -98,19 +124,22 @@ def _read_state(
     faults += _slip_faults(given.get("dx", 0.0), impact, (*path, "dx")) if "dx" not in missing else []
     if missing or walker is None:
         return None
-    state = {"x": 0.0, "dx": 0.0} | _shape_after_impact(given, walker) | {k: given[k] for k in needed if k in given}
+    state = {"x": 0.0, "dx": 0.0} | _after_impact(given, walker) | {k: given[k] for k in needed if k in given}
     for name, value in given.items():
-        if name not in needed and name in walker.shape and not math.isclose(value, state[name], rel_tol=SAME_STATE):
+        if name not in (*needed, "x", "dx") and not math.isclose(value, state[name], rel_tol=SAME_STATE):
             message = f"{value:g} contradicts the section, just after the impact it is {state[name]:.9g}: leave it out"
             faults.append(Fault((*path, name), message))
     state |= {name: given[name] for name in ("x", "dx") if name in given}
     return {name: float(state[name]) for name in walker.state_names()}
 
 
-def _shape_after_impact(given: Mapping[str, float], walker: Walker) -> dict[str, float]:
-    free = SimpleNamespace(**{name: given[name] for name in walker.section})
-    shape = walker.after_impact(free, SimpleNamespace(**walker.model_dump()))
-    return {name: float(value) for name, value in zip(walker.shape, shape, strict=True)}
+def _after_impact(given: Mapping[str, float], walker: Walker) -> dict[str, float]:
+    """Shape coordinates and rates that follow from those of the section."""
+    free = SimpleNamespace(**{name: given[name] for name in walker.section_names(slipping=False)})
+    p = SimpleNamespace(**walker.model_dump())
+    values = (*walker.after_impact(free, p), *walker.rates_after_impact(free, p))
+    names = (*walker.shape, *(f"d{name}" for name in walker.shape))
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
 def _slip_faults(dx: float, impact: Mode, path: Key) -> list[Fault]:

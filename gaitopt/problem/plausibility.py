@@ -39,6 +39,8 @@ FALLEN = -1e-9
 """A margin of being upright below this is a fall; a wheel on two spokes is at zero, up to rounding."""
 LIGHT = 1e-6
 """A mass below this part of the whole is more likely a mistake than meant."""
+MANY_PHASES = 10
+"""Phases of a step whose gait takes many seconds; the time grows with the square of their number."""
 NO_ENERGY = "no energy comes in: a passive walker on level or uphill ground cannot be periodic"
 STATE: Key = ("gait", "guess", "state")
 Span = tuple[Key, float, float, Within]
@@ -79,6 +81,7 @@ def remarks(problem: "Problem") -> Iterator[Fault]:
         part = getattr(walker, name) / scales.mass if (field.description or "").endswith("[kg]") else 1.0
         if 0 < part < LIGHT:
             yield Fault(("walker", name), f"is unusual: {part:.1g} of the whole mass")
+    yield from _many_phases(problem)
     gravity = _geometry_at_guess(problem)[2]
     if lacks_energy(problem):
         yield Fault(("walker",), NO_ENERGY)
@@ -86,6 +89,14 @@ def remarks(problem: "Problem") -> Iterator[Fault]:
     if problem.static_friction < needed and not problem.free:
         less = f"{problem.static_friction:g} is less than tan(slope) = {needed:.4g}"
         yield Fault(("friction",), f"{less}: no steady gait holds on such a slope")
+
+
+def _many_phases(problem: "Problem") -> Iterator[Fault]:
+    steps = () if problem.is_open else problem.cycle.steps
+    for k, step in enumerate(steps):
+        if len(step.phases) > MANY_PHASES:
+            path: Key = ("gait", "steps", k, "phases") if len(steps) > 1 else ("gait", "phases")
+            yield Fault(path, f"{len(step.phases)} phases in one step are many: a solution may take minutes")
 
 
 def lacks_energy(problem: "Problem") -> bool:

@@ -17,7 +17,7 @@ from gaitopt.mechanics.modes import Cycle, ImpactLaw
 from gaitopt.mechanics.walker import Walker, registered_walkers
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
-from gaitopt.problem.faults import Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
+from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
 from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.record import problem_data
@@ -54,6 +54,7 @@ class Problem(Tabulated):
     reference : the problem whose gait the control tracks or its curve starts from.
     path, text : where it came from, verbatim; overrides are not in the text.
     origin : the problem with an open sequence that this one answers, under whose name and digest it is kept.
+    place : where each of its values was given: a line of the file, or an override.
     remarks : what is unusual about its numbers, one line each with its place; empty for most problems.
     """
 
@@ -71,6 +72,7 @@ class Problem(Tabulated):
     reference: "Problem | None" = None
     path: Path | None = None
     text: str = ""
+    place: Place = field(compare=False, repr=False)
     remarks: tuple[str, ...] = field(default=(), compare=False)
     origin: "Problem | None" = None
 
@@ -151,7 +153,15 @@ class Problem(Tabulated):
         raise_faults(faults, place)
         known = {} if self.reference is None else {_reference_name(self.control)[0]: self.reference}
         origin = _Origin(walkers=(type(self.walker),), path=self.path, chain=_chain(self.path))
-        return _build(data, place, faults, origin, text=self.text, known=known)
+        changed = _build(data, place, faults, origin, text=self.text, known=known)
+        return changed._at(ChangedPlace(self.place, place))
+
+    def objection(self, key: str, value: float) -> str | None:
+        """Why a parameter cannot have a value, whatever all others are; None if it can."""
+        faults: list[Fault] = []
+        data, place = apply_overrides(problem_data(self), {key: value}, faults)
+        assemble(data, {self.walker.model: type(self.walker)}, faults)
+        return next((fault.message for fault in faults if fault.path == place.keys[key]), None)
 
     def resolved(self) -> dict[str, Any]:
         """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name."""
@@ -178,6 +188,10 @@ class Problem(Tabulated):
     def hash8(self) -> str:
         """The first eight digits of the digest."""
         return self.digest[:8]
+
+    def _at(self, place: Place) -> "Problem":
+        """The problem with its remarks, whose values were given at ``place``."""
+        return replace(self, place=place, remarks=tuple(fault_lines(remarks(self), place)))
 
     def _open_error(self) -> ProblemError:
         return ProblemError(
@@ -233,7 +247,7 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
         if isinstance(holder, dict) and isinstance(holder.get(key), Mapping):
             nested = restore_problem(holder[key], walkers=walkers)
             known, holder[key] = {nested.name: nested}, nested.name
-    return _build(data, place, [], _Origin(walkers=tuple(walkers)), known=known)
+    return _build(data, place, [], _Origin(walkers=tuple(walkers)), known=known)._at(place)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -262,7 +276,7 @@ def _parse(text: str, origin: _Origin) -> Problem:
     if not isinstance(source.data, Mapping):
         faults.append(Fault((), "the file holds no mapping of keys; `gaitopt schema` describes a problem file"))
         raise_faults(faults, place)
-    return _build(source.data, place, faults, origin, text=text)
+    return _build(source.data, place, faults, origin, text=text)._at(place)
 
 
 def _chain(path: Path | None) -> tuple[Path, ...]:
@@ -296,9 +310,9 @@ def _build(
         message = f"the reference {shown(name)} has several steps, but its clock restarts at every impact"
         faults.append(Fault(key, f"{message}: name a gait of one step"))
     raise_faults(faults, place)
-    problem = Problem(**fields, reference=reference, path=origin.path, text=text)
+    problem = Problem(**fields, reference=reference, path=origin.path, text=text, place=place)
     raise_faults(impossible(problem), place)
-    return replace(problem, remarks=tuple(fault_lines(remarks(problem), place)))
+    return problem
 
 
 def _reference_name(control: ControlSpec | None) -> tuple[str, Key]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.mechanics.modes import Cycle, Mode
+from gaitopt.mechanics.modes import Cycle
 from gaitopt.problem.initial import OPEN
 from gaitopt.problem.sections import ConstantTorqueSpec, ControlSpec, Free, OpenSequence, Range
 
@@ -43,7 +43,7 @@ def _gait_data(problem: "Problem") -> dict[str, Any]:
         data |= {} if problem.modes.steps == 1 else {"steps": problem.modes.steps}
         slipping = problem.start is not None and problem.start.state["dx"] != 0
     else:
-        data, slipping = cycle_data(problem.modes), problem.modes.impact is not Mode.STICK
+        data, slipping = cycle_data(problem.modes), problem.modes.impact.slips
     if problem.start is not None:
         names = (*problem.walker.section_names(slipping=slipping), "x")
         data["guess"] = {"state": {name: problem.start.state[name] for name in names}}
@@ -54,7 +54,7 @@ def _gait_data(problem: "Problem") -> dict[str, Any]:
 
 def cycle_data(cycle: Cycle) -> dict[str, Any]:
     """Phases and impact of one step, or those of several under ``steps``."""
-    steps = [{"phases": [str(mode) for mode in step.phases], "impact": str(step.impact)} for step in cycle.steps]
+    steps = [{"phases": [mode.data for mode in step.phases], "impact": str(step.impact)} for step in cycle.steps]
     return steps[0] if len(steps) == 1 else {"steps": steps}
 
 

@@ -11,7 +11,7 @@ from functools import partial
 from casadi import SX, simplify
 from flint import arb
 
-from gaitopt.mechanics import Cycle, ImpactLaw, Mode, margin_names
+from gaitopt.mechanics import CONTACTS, Cycle, ImpactLaw, Mode, margin_names
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.orbit import Impact, Orbit, Passage
 from gaitopt.proof.signs import ENDS, POSITIVE, TOUCHDOWN, Part, check_pattern, parts, smallest
@@ -64,7 +64,7 @@ def _checks(orbit: Orbit, passage: Passage, sequence: Cycle) -> Iterator[Check]:
                 continue
             pattern = ENDS if name == arc.event else POSITIVE
             yield f"arc {j + 1}, {arc.mode}: {name}", partial(_margin_claim, name, found, pattern, order)
-        if first_of_phase and (j > 0 or sequence.impact is Mode.STICK):
+        if first_of_phase and (j > 0 or sequence.impact.sticks):
             yield f"arc {j + 1}, {arc.mode}: mode at rest", partial(_rest, orbit, j, passage.starts[j], sequence)
     yield "touchdown", partial(_margin_claim, "touchdown", touchdown, TOUCHDOWN, 0)
     yield "impact", partial(_impact, orbit, passage.ends[-1][:-1])
@@ -132,11 +132,11 @@ def _rest(orbit: Orbit, j: int, y: list[arb], sequence: Cycle) -> tuple[str, arb
     arc = orbit.arcs[j]
     margins = {
         mode: dict(zip(margin_names(mode), map(arb, orbit.field(mode, arc.segment).margins(y)[0]), strict=True))
-        for mode in Mode
+        for mode in CONTACTS
     }
     cones = dict(zip(SLIPS, (margins[Mode.STICK][name] for name in ("cone_forward", "cone_backward")), strict=True))
     needed = {f"no lift-off in {slip}": margins[slip]["normal_force"] * margins[slip]["painleve"] for slip in SLIPS}
-    if arc.mode is Mode.STICK:
+    if arc.mode.sticks:
         needed |= {f"margin to {slip}": cones[slip] for slip in SLIPS}
         words = "the foot sticks: its force lies within the cone"
     else:
@@ -150,12 +150,12 @@ def _rest(orbit: Orbit, j: int, y: list[arb], sequence: Cycle) -> tuple[str, arb
 
 def _impact(orbit: Orbit, z: list[arb]) -> tuple[str, arb | None]:
     """The impact is consistent, no other one is, and the former stance foot lifts."""
-    candidates = {mode: orbit.impact(mode, z) for mode in Mode}
+    candidates = {mode: orbit.impact(mode, z) for mode in CONTACTS}
     own = candidates[orbit.impact_mode]
     cone = orbit.system.static_friction(orbit.p)
     needed = {"lift velocity": own.lift_velocity, **_impact_margins(own, orbit.impact_mode, cone)}
-    for mode in Mode:
-        if mode is not orbit.impact_mode and not (orbit.impact_mode is Mode.STICK and _stick_has_precedence(orbit)):
+    for mode in CONTACTS:
+        if mode is not orbit.impact_mode and not (orbit.impact_mode.sticks and _stick_has_precedence(orbit)):
             other = _impact_margins(candidates[mode], mode, cone)
             if not any(margin < 0 for margin in other.values()):
                 shown = ", ".join(f"{name} {margin.str(6)}" for name, margin in other.items())
@@ -171,7 +171,7 @@ def _stick_has_precedence(orbit: Orbit) -> bool:
 def _impact_margins(impact: Impact, mode: Mode, cone: arb) -> dict[str, arb]:
     """What has to be positive for an impact to be consistent."""
     f_t, f_n = map(arb, impact.impulse)
-    if mode is Mode.STICK:
+    if mode.sticks:
         return {"normal impulse": f_n, "cone_forward": cone * f_n + f_t, "cone_backward": cone * f_n - f_t}
     return {"normal impulse": f_n, "painleve": impact.painleve, "slip velocity": mode.direction * impact.slip_velocity}
 

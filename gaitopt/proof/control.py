@@ -17,8 +17,8 @@ from gaitopt.mechanics import (
 )
 
 
-def control_record(control: Control) -> dict[str, Any]:
-    """The law as JSON-able data.
+def control_record(control: Control, scalars: Mapping[str, float]) -> dict[str, Any]:
+    """The law as JSON-able data, with ``scalars`` for ``control.parameters``.
 
     Raises
     ------
@@ -28,15 +28,17 @@ def control_record(control: Control) -> dict[str, Any]:
     if isinstance(control, NoControl):
         return {"type": "none"}
     if isinstance(control, ConstantTorque):
-        return {"type": "constant_torque", "torques": dict(control.torques)}
+        return {"type": "constant_torque", "torques": dict(scalars)}
     if isinstance(control, BezierTracking):
-        points = {name: list(row) for name, row in control.points.items()}
+        points = {
+            name: [scalars[f"reference.{name}.{k}"] for k in range(len(row))] for name, row in control.points.items()
+        }
         curve = {"duration": control.duration, "beyond_end": str(control.beyond_end), "within": control.within}
-        return {"type": "bezier", "kp": control.kp, "kd": control.kd, "points": points, **curve}
+        return {"type": "bezier", "kp": scalars["kp"], "kd": scalars["kd"], "points": points, **curve}
     if isinstance(control, ProportionalDerivative):
         pieces = [_piece_record(piece) for piece in control.reference.pieces]
         horizon = None if np.isinf(control.reference.horizon) else control.reference.horizon
-        return {"type": "pd", "kp": control.kp, "kd": control.kd, "pieces": pieces, "horizon": horizon}
+        return {"type": "pd", "kp": scalars["kp"], "kd": scalars["kd"], "pieces": pieces, "horizon": horizon}
     raise ValueError(f"a certificate cannot hold the control law {type(control).__name__}")
 
 

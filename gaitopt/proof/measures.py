@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from casadi import SX, Function
 from flint import acb, acb_mat, arb
 
-from gaitopt.mechanics import Mode
 from gaitopt.proof.graph import Graph
 from gaitopt.proof.orbit import Orbit, Passage
 from gaitopt.proof.taylor import Series, evaluate
@@ -25,7 +24,7 @@ def measures(orbit: Orbit, passage: Passage, durations: list[arb]) -> dict[str, 
         for expansion in expansions:
             ratio, power = expansion.along(graph)
             work += _integral(power, expansion.h)
-            if arc.mode is Mode.STICK:
+            if arc.mode.sticks:
                 ratios.append((ratio, expansion.h))
     return {
         "period": period,

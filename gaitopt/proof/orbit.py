@@ -17,7 +17,7 @@ from functools import cached_property
 from casadi import SX, Function, cse, jacobian
 from flint import arb, arb_mat
 
-from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.mechanics import CONTACTS, HybridSystem, Mode, margin_names
 from gaitopt.proof.bundle import Bundle, carry, identity
 from gaitopt.proof.field import Field
 from gaitopt.proof.graph import Graph
@@ -178,7 +178,7 @@ class Orbit:
 
     def _full(self, xi: Sequence[arb]) -> list[arb]:
         """Section coordinates with dx, which is zero after a sticking impact."""
-        return [*xi, arb(0)] if self.impact_mode is Mode.STICK else list(xi)
+        return [*xi, arb(0)] if self.impact_mode.sticks else list(xi)
 
     def _start_slope(self, xi: Sequence[arb], columns: int) -> arb_mat:
         slopes = self._lift(self._full(xi))[1]
@@ -199,10 +199,10 @@ class Orbit:
     def _impacts(self) -> dict[Mode, Graph]:
         z, p = SX.sym("z", self.system.n_z), SX.sym("p", len(self.p))
         graphs = {}
-        for mode in Mode:
+        for mode in CONTACTS:
             result = self.system.impact(mode)(z, p)
             outputs = cse([*result, jacobian(result[0], z)])
-            graphs[mode] = Graph(Function(f"impact_{mode}", [z, p], outputs), [self.p])
+            graphs[mode] = Graph(Function(f"impact_{mode.key}", [z, p], outputs), [self.p])
         return graphs
 
 

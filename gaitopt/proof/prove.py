@@ -56,6 +56,7 @@ def make_certificate(gait: Gait, intervals: Mapping[str, str] | None = None) -> 
     system, problem = gait.system, gait.problem
     if len(gait.steps) != 1:
         raise SolveError(f"{problem.name}: a proof needs a gait of one step, this is one of {len(gait.steps)}")
+    scalars = {name: float(gait.p[system.parameters.index(f"control.{name}")]) for name in system.control.parameters}
     texts = exact_texts(problem, system, dict(zip(system.parameters, map(float, gait.p), strict=True)))
     for key, interval in (intervals or {}).items():
         if key not in texts:
@@ -72,7 +73,7 @@ def make_certificate(gait: Gait, intervals: Mapping[str, str] | None = None) -> 
         "text": problem.text,
         "resolved": problem.resolved(),
         "parameters": texts,
-        "control": control_record(system.control),
+        "control": control_record(system.control, scalars),
         "arcs": [_arc_record(arc) for arc in arcs],
         "centre": digits,
         "settings": {"order": ORDER, "low_order": LOW_ORDER, "bits": PRECISION, "low_bits": LOW_PRECISION},

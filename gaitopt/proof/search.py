@@ -10,7 +10,7 @@ from flint import arb, arb_mat
 
 from gaitopt.gait import Arc as GaitArc
 from gaitopt.gait import Gait
-from gaitopt.mechanics import Mode, ending_margin
+from gaitopt.mechanics import ending_margin
 from gaitopt.proof.field import Field
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit
@@ -58,7 +58,7 @@ def _lasts(phases: Sequence[int]) -> list[bool]:
 
 def _steps(field: Field, arc: GaitArc) -> tuple[Step, ...]:
     y = [arb(float(value)) for value in arc.states[0]] + [arb(arc.start)]
-    if arc.mode is Mode.STICK:
+    if arc.mode.sticks:
         y[-2] = arb(0)
     left, h = arc.duration, arc.duration
     steps: list[Step] = []

@@ -10,8 +10,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import Mode
-from gaitopt.simulation.batch.steps import ENDINGS, MODES, phase_names
+from gaitopt.gait.attractor import Attractor
+from gaitopt.mechanics import CONTACTS
+from gaitopt.problem import Problem
+from gaitopt.simulation.batch.steps import ENDINGS, phase_names
 from gaitopt.study.return_map import StepMap
 
 Array = NDArray[np.float64]
@@ -52,30 +54,6 @@ class Outcomes:
     def joined(cls, parts: "list[Outcomes]") -> Self:
         """Several one after the other."""
         return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Attractor:
-    """A gait that states settle on.
-
-    Attributes
-    ----------
-    state : ndarray, shape (k,) - section coordinates.
-    period : steps per cycle.
-    phases, impact : modes of the step that leads there.
-    count : how many states of the grid settle on it.
-    """
-
-    state: Array
-    period: int
-    phases: tuple[Mode, ...]
-    impact: Mode
-    count: int
-
-    def __str__(self) -> str:
-        modes = {*self.phases, self.impact}
-        kind = "sticking" if modes == {Mode.STICK} else "slipping" if Mode.STICK not in self.phases else "stick-slip"
-        return f"{kind}{'' if self.period == 1 else f', period {self.period}'}"
 
 
 def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callable[[], bool] | None = None) -> Outcomes:
@@ -144,7 +122,8 @@ def _first_of_cycle(past: Array, periods: Codes) -> Codes:
 class Attractors:
     """The gaits that states settle on, collected from one part of a grid after the other, always in the same order."""
 
-    def __init__(self) -> None:
+    def __init__(self, problem: Problem) -> None:
+        self._problem, self._modes = problem, problem.walker.modes()
         self._found: list[Attractor] = []
 
     def add(self, outcomes: Outcomes) -> Codes:
@@ -155,9 +134,9 @@ class Attractors:
             waiting = self._claim(index, known, outcomes, waiting, labels)
         while waiting.size:
             k = waiting[0]
-            phases, impact = phase_names(int(outcomes.phases[k])), MODES[outcomes.impacts[k]]
+            phases, impact = phase_names(int(outcomes.phases[k]), self._modes), CONTACTS[outcomes.impacts[k]]
             state, period = outcomes.states[k], int(outcomes.periods[k])
-            new = Attractor(state=state, period=period, phases=phases, impact=impact, count=0)
+            new = Attractor(problem=self._problem, state=state, period=period, phases=phases, impact=impact, count=0)
             self._found.append(new)
             waiting = self._claim(len(self._found) - 1, new, outcomes, waiting, labels)
         return labels

@@ -30,8 +30,10 @@ from gaitopt.store.tiles import TILE_FILE
 from gaitopt.study.return_map import section_states, step_map
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
-TILE = 4096
-"""States of one tile: some ten seconds of walking, and what is lost by a kill."""
+TILE, SCIPY_TILE = 4096, 64
+"""States of one tile on heyoka and on scipy: some seconds of walking, and what is lost by a kill."""
+STEPS_OF_A_STATE = 10
+"""About so many steps a state takes until it settles or fails."""
 STATE_BYTES_DISK = 48
 """Of the fate of one state, compressed."""
 
@@ -73,8 +75,18 @@ class BasinPlan:
     def key(self) -> str:
         """Names the basin by all that its tiles depend on."""
         asked = {"grid": [str(axis) for axis in self.grid.axes], "base": self.base, "steps": self.max_steps}
-        asked |= {"engine": str(choose_engine(self.engine, steps=self.grid.size)), "tile": TILE}
+        asked |= {"engine": str(self.chosen_engine), "tile": self.tile_size}
         return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:8]
+
+    @property
+    def chosen_engine(self) -> Engine:
+        """What ``engine`` means for so many states."""
+        return choose_engine(self.engine, steps=self.grid.size * STEPS_OF_A_STATE)
+
+    @property
+    def tile_size(self) -> int:
+        """States of one tile."""
+        return TILE if self.chosen_engine is Engine.HEYOKA else min(TILE, SCIPY_TILE)
 
     @property
     def place(self) -> Path:
@@ -84,7 +96,7 @@ class BasinPlan:
     @property
     def tiles(self) -> range:
         """Numbers of the tiles."""
-        return range(-(-self.grid.size // TILE))
+        return range(-(-self.grid.size // self.tile_size))
 
 
 def check_basin(plan: BasinPlan) -> None:
@@ -146,9 +158,16 @@ def _walk_tiles(
     """Walk the tiles that are not on disk, each written as soon as it is finished; whether all are there."""
     missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
     done, total = len(plan.tiles) - len(missing), len(plan.tiles)
-    engine = choose_engine(plan.engine, steps=plan.grid.size)
     p = tuple(plan.start.p.tolist()) if isinstance(plan.start, Gait) else None
-    task = TileTask(problem=plan.problem, p=p, engine=engine, grid=plan.grid, base=plan.base, max_steps=plan.max_steps)
+    task = TileTask(
+        problem=plan.problem,
+        p=p,
+        engine=plan.chosen_engine,
+        grid=plan.grid,
+        size=plan.tile_size,
+        base=plan.base,
+        max_steps=plan.max_steps,
+    )
     jobs = [Job(key=f"{plan.key}-{tile}", argument=(task, tile)) for tile in missing]
     for key, outcomes in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
         tile = int(key.rpartition("-")[2])
@@ -169,6 +188,7 @@ class TileTask:
     p: tuple[float, ...] | None
     engine: Engine
     grid: Grid
+    size: int
     base: dict[str, float]
     max_steps: int
 
@@ -184,7 +204,7 @@ def walk_tile(
         If ``should_stop`` became true.
     """
     task, tile = argument
-    numbers = np.arange(tile * TILE, min((tile + 1) * TILE, task.grid.size))
+    numbers = np.arange(tile * task.size, min((tile + 1) * task.size, task.grid.size))
     values = dict(zip([axis.key for axis in task.grid.axes], task.grid.points(numbers).T, strict=True))
     names = task.problem.walker.section_names(slipping=True)
     xi = np.column_stack([values.get(name, np.full(len(numbers), task.base.get(name))) for name in names])

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
+from gaitopt.gait.attractor import Attractor
 from gaitopt.gait.frames import data_set
 from gaitopt.gait.quantities import state_unit
 from gaitopt.problem import Problem
-from gaitopt.runs.basin import Attractor, Attractors, Outcomes, ending_name, outcome_counts
+from gaitopt.runs.basin import Attractors, Outcomes, ending_name, outcome_counts
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.store import read_manifest, read_object, read_problem, read_sealed, read_tile
 from gaitopt.store.records import validated
@@ -110,6 +111,21 @@ def read_basin(place: Path) -> Basin:
     return assembled(place, read_problem(run), grid, stored.base)
 
 
+def stored_attractor(place: Path, index: str) -> Attractor:
+    """The attractor with a number, counted from 0 in the order of the table, of the basin in a folder.
+
+    Raises
+    ------
+    StorageError
+        If there is no such attractor, or no basin.
+    """
+    attractors = read_basin(place).attractors
+    if not index.isdecimal() or int(index) >= len(attractors):
+        known = f"0 to {len(attractors) - 1}" if attractors else "none"
+        raise StorageError(f"{place}@attractor.{index}: the attractors of this basin are {known}")
+    return attractors[int(index)]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Stored:
     """What is read of the file of a basin."""
@@ -120,7 +136,7 @@ class _Stored:
 
 def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
     """The whole basin from its tiles, one after the other."""
-    attractors = Attractors()
+    attractors = Attractors(problem)
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:

@@ -15,7 +15,7 @@ from gaitopt.gait import Status
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.quantities import QUANTITIES, column_unit
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Axis, check_room
+from gaitopt.runs.grid import Axis, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
 from gaitopt.workers.jobs import Workers
@@ -123,16 +123,31 @@ def design_front(
     StorageError
         If the designs do not fit in memory or on disk.
     """
-    if not problem.objective:
-        raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
-    check_room(2 * axis.count, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
-    problems = {float(value): problem.replace({axis.key: float(value)}) for value in axis.values}
+    check_front(problem, axis, folder)
+    problems = {value: problem.replace({axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
     if best is None:
         return None
     return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+
+
+def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
+    """Refuse a front that cannot be made or kept, before anything is written.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no objective, or is none at an end of the axis.
+    StorageError
+        If the designs do not fit in memory or on disk.
+    """
+    if not problem.objective:
+        raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
+    check_jobs_fit(2 * axis.count, folder)
+    for value in axis.numbers(problem)[:: max(axis.count - 1, 1)]:
+        problem.replace({axis.key: value})
 
 
 def _walk(

@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.mechanics.units import parse_angle
+from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9
+INTEGER = 1e-9
+"""A value of an axis this close to an integer is one: what equal steps leave of rounding."""
 BYTES = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
 LARGEST_SIZE = 1000 ** len(BYTES)
 JOB_BYTES_DISK = 6_000
@@ -54,6 +57,24 @@ class Axis:
     def values(self) -> Array:
         """The values in order; shape (count,)."""
         return np.linspace(self.lower, self.upper, self.count)
+
+    def numbers(self, problem: Problem) -> list[float]:
+        """The values as a problem takes them: as integers where its parameter is one.
+
+        Raises
+        ------
+        ProblemError
+            If one is none.
+        """
+        values: list[float] = self.values.tolist()
+        if not isinstance(problem.parameters.get(self.key), int):
+            return values
+        between = next((value for value in values if abs(value - round(value)) > INTEGER), None)
+        if between is not None:
+            low, high = math.ceil(self.lower), math.floor(self.upper)
+            remedy = f"give a step of one or more, for instance {low}:{high}:{high - low + 1}"
+            raise ProblemError(f"--over {self}: {between:g} is not an integer: {remedy}")
+        return [round(value) for value in values]
 
     def __str__(self) -> str:
         return f"{self.key}={self.lower!r}:{self.upper!r}:{self.count}"
@@ -129,6 +150,17 @@ class Grid:
         unknown = [axis.key for axis in self.axes if axis.key not in known]
         if unknown:
             raise UnknownNameError(f"--over {', '.join(unknown)}: not {what}; use {', '.join(known)}")
+
+
+def check_jobs_fit(jobs: int, folder: Path) -> None:
+    """Refuse more problems to be solved than can be kept, before anything is written.
+
+    Raises
+    ------
+    StorageError
+        As ``check_room``.
+    """
+    check_room(jobs, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
 
 
 def check_room(points: int, folder: Path, *, disk: int, memory: int) -> None:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from gaitopt.gait import Status
-from gaitopt.mechanics import BezierTracking, Mode
+from gaitopt.mechanics import BezierTracking
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, check_room
+from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
 from gaitopt.study.system import build_system
@@ -103,7 +103,7 @@ def multistart(
     StorageError
         If the starts do not fit in memory or on disk.
     """
-    check_room(starts, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+    check_jobs_fit(starts, folder)
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
     jobs = [problem_job(p) for p in problems]
     with writing(folder, problem):
@@ -116,7 +116,7 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[P
     """The problem with ``count`` other guesses."""
     control = build_system(problem).control
     curves = control.points if isinstance(control, BezierTracking) else {}
-    names = problem.walker.section_names(slipping=problem.cycle.impact is not Mode.STICK)
+    names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
     problems = []
     for number in range(1, count + 1):
         rng = np.random.default_rng([seed, number])

@@ -35,8 +35,10 @@ def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], point
     z = np.array([record["state"][name] for name in system.state_names])
     time, arcs = 0.0, list[Arc]()
     for phase in record["phases"]:
-        mode = Mode(phase["mode"])
-        if mode is Mode.STICK:
+        mode = Mode.from_record(phase)
+        if arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
+            z = np.asarray(system.impact(mode)(z, p)[0]).ravel()
+        if mode.sticks:
             z[-1] = 0.0
         for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
             times = start + (end - start) * (curves.points(points) + 1) / 2

@@ -79,6 +79,8 @@ def table_arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> It
     splits = np.cumsum([0, *(later[0] - earlier[0] <= same for earlier, later in pairwise(rows))])
     for _, group in groupby(zip(splits, rows, strict=True), key=lambda pair: pair[0]):
         points = [row for _, row in group]
+        if len(points) < 2:
+            raise ValueError(f"an arc of one point at {points[0][0]}")
         step = bisect_right(began, (points[0][0] + points[-1][0]) / 2) - 1
         times = np.array([row[0] for row in points]) - began[step]
         yield (

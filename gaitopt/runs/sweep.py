@@ -12,7 +12,7 @@ import numpy as np
 
 from gaitopt.errors import ProblemError
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import JOB_BYTES_DISK, JOB_BYTES_MEMORY, Grid, check_room
+from gaitopt.runs.grid import Grid, check_jobs_fit
 from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
 from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, sweep_table
 from gaitopt.store import begin_run, csv_text, json_text, replacing, write_whole, writing
@@ -62,8 +62,12 @@ class SweepPlan:
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""
-        values = self.grid.points(np.array([number]))[0]
-        return dict(zip([axis.key for axis in self.grid.axes], values.tolist(), strict=True))
+        indices = np.unravel_index(number, self.grid.shape)
+        return {axis.key: self._numbers[axis.key][k] for axis, k in zip(self.grid.axes, indices, strict=True)}
+
+    @cached_property
+    def _numbers(self) -> dict[str, list[float]]:
+        return {axis.key: axis.numbers(self.problem) for axis in self.grid.axes}
 
     def _at(self, number: int) -> Problem:
         try:
@@ -94,7 +98,7 @@ def check_sweep(sweep: SweepPlan) -> None:
         If the grid does not fit in memory or on disk.
     """
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
-    check_room(sweep.grid.size, sweep.folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+    check_jobs_fit(sweep.grid.size, sweep.folder)
     _ = sweep.jobs
 
 

@@ -13,6 +13,7 @@ from gaitopt.errors import StorageError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.quantities import column_unit
+from gaitopt.mechanics.modes import Mode
 from gaitopt.problem import Problem
 from gaitopt.runs.grid import Grid
 from gaitopt.store import Table, read_object, read_problem, read_sealed
@@ -33,6 +34,8 @@ SCALARS = (
 """Columns of the table, after the grid's own."""
 WORDS = ("status", "verified", "start", "modes")
 """Columns between those that hold words."""
+STOPS_SEPARATOR = "; "
+"""Between modes that state stops; others are separated by a space."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +118,7 @@ def _parse_rows(text: str) -> list[dict[str, Any]]:
             passed = {"true": {"passed": True}, "false": {"passed": False}}.get(row["verified"])
             phases, _, impact = row["modes"].partition(" / ")
             words = {"status": row["status"], "start": row["start"], "verification": passed, "impact": impact}
-            modes = {"phases": [{"mode": mode} for mode in phases.split()]}
+            modes = {"phases": [Mode(mode).record for mode in phases.split(STOPS_SEPARATOR if "," in phases else None)]}
             rows.append(words | modes | {name: parse_cell(row[name]) for name in known})
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"line {reader.line_num}: {error!r}") from error
@@ -130,9 +133,10 @@ def sweep_table(grid: Grid, records: Sequence[Mapping[str, Any]]) -> Table:
     def row(record: Mapping[str, Any]) -> list[Any]:
         verification, phases = record.get("verification"), record.get("phases") or ()
         passed = "" if verification is None else str(verification["passed"]).lower()
-        modes = " ".join([*(phase["mode"] for phase in phases), *(["/", record["impact"]] if phases else [])])
+        names = [Mode.from_record(phase) for phase in phases]
+        modes = (STOPS_SEPARATOR if any(mode.stops for mode in names) else " ").join(names)
         values = [record.get(name) for name in scalars]
-        texts = [record["status"], passed, record.get("start", ""), modes]
+        texts = [record["status"], passed, record.get("start", ""), f"{modes} / {record['impact']}" if names else ""]
         return [*record["at"].values(), *texts, *(float("nan") if v is None else v for v in values)]
 
     return Table(header=(*keys, *WORDS, *scalars), rows=[row(record) for record in records])

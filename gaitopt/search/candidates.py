@@ -125,7 +125,7 @@ def _walks(
             n = state.size if state[-1] else state.size - 1
             steps = damped_fixed_point(maps[mode], state[:n], box.sizes[:n])
             if steps is not None and steps[0].period > standing:
-                candidates.append(_cycle_record(system, steps, f"{job.method} {job.number}.{row}"))
+                candidates.append(cycle_record(system, steps, f"{job.method} {job.number}.{row}"))
     return candidates, len(xi)
 
 
@@ -200,7 +200,7 @@ def _guesses(
     return candidates, GUESSES
 
 
-def _cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
+def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
     """A simulated cycle, without repetitions, from the smallest of its states in lexical order."""
     starts = [step.arcs[0].states[0] for step in steps]
     n = next(k for k in range(1, len(steps) + 1) if len(steps) % k == 0 and _repeats(starts, k))
@@ -227,7 +227,7 @@ def _proposal_record(system: HybridSystem, proposal: Proposal, start: str) -> Re
 
 
 def _step_record(phases: Sequence[tuple[Mode, float]], impact: Mode) -> Record:
-    return {"phases": [{"mode": str(mode), "duration": t} for mode, t in phases], "impact": str(impact)}
+    return {"phases": [{**mode.record, "duration": t} for mode, t in phases], "impact": str(impact)}
 
 
 def _state_record(system: HybridSystem, state: Array) -> Record:

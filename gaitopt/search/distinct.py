@@ -120,7 +120,10 @@ def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
         "state": {name: candidate["state"][name] for name in names},
         "durations": [phase["duration"] for step in steps for phase in step["phases"]],
     }
-    sequences = [{"phases": [p["mode"] for p in step["phases"]], "impact": step["impact"]} for step in steps]
+    sequences = [
+        {"phases": [Mode.from_record(phase).data for phase in step["phases"]], "impact": step["impact"]}
+        for step in steps
+    ]
     cycle = sequences[0] if len(sequences) == 1 else {"steps": sequences}
     changes: dict[str, object] = {"gait": {**cycle, "guess": guess}}
     for key, free in problem.free.items():
@@ -165,7 +168,7 @@ def _same(problem: Problem, first: Record, second: Record) -> bool:
 
 def _sequence(record: Mapping[str, Any]) -> tuple[Any, ...]:
     steps = record.get("steps") or [record]
-    return tuple((step["impact"], *(phase["mode"] for phase in step["phases"])) for step in steps)
+    return tuple((step["impact"], *(Mode.from_record(phase) for phase in step["phases"])) for step in steps)
 
 
 def _near(first: Mapping[str, float], second: Mapping[str, float], part: float) -> bool:

@@ -12,7 +12,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait import Gait, Status, in_words
 from gaitopt.nlp import Family
 from gaitopt.nlp.ipopt import Progress
-from gaitopt.problem import Problem, parse_problem
+from gaitopt.problem import Problem, lacks_energy, parse_problem
 from gaitopt.search.solve import solve
 from gaitopt.study.warm import guessed_from
 
@@ -50,7 +50,9 @@ def solve_as_own(
     """
     direct = solve(problem, progress=progress, should_stop=should_stop)
     own = own_problem(problem)
-    if direct.status is Status.INTERRUPTED or own is None or own.start != problem.start or own.free:
+    if direct.status is Status.INTERRUPTED or lacks_energy(problem):
+        return direct
+    if own is None or own.start != problem.start or own.free:
         return direct
     start = solve(own, should_stop=should_stop)
     if start.status is Status.INTERRUPTED:

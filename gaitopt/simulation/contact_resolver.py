@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, margin_names
-from gaitopt.simulation.buffered import BufferedFunction
+from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode, margin, margin_names
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import natural_system, units
 
@@ -53,7 +53,7 @@ class _Candidate:
 
     def __str__(self) -> str:
         f_t, f_n = self.impulse
-        if self.mode is Mode.STICK:
+        if self.mode.sticks:
             return f"stick needs F_t = {f_t:.6g}, F_n = {f_n:.6g} N s"
         return (
             f"{self.mode} has F_n = {f_n:.6g} N s, v_t = {self.slip_velocity:.6g} m/s, "
@@ -75,20 +75,26 @@ class ContactResolver:
         self._friction, self._drops = float(system.static_friction(p)), system.friction_drops(p)
         self._n_x = system.n_shape
         self._units = units(system, p)
-        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in Mode}
+        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in system.walker.modes()}
         self._approach = BufferedFunction(system.approach)
-        self._impacts = {mode: BufferedFunction(system.impact(mode)) for mode in Mode}
+        self._impacts = {mode: BufferedFunction(system.impact(mode)) for mode in system.walker.modes()}
 
-    def mode_at_rest(self, t: float, z: Array, data: Array) -> Mode | Termination:
-        """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``."""
+    def mode_at_rest(self, mode: Mode, t: float, z: Array, data: Array) -> Mode | Termination:
+        """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``.
+
+        Parameters
+        ----------
+        mode : any with the states of the stops.
+        """
+        stuck, *slipping = (mode.with_contact(contact) for contact in CONTACTS)
         tau, zeta = t / self._units.time, z / self._units.state
-        point = [output.copy() for output in self._point(Mode.STICK, tau, zeta, data)]
-        stick = dict(zip(margin_names(Mode.STICK), point[1].tolist(), strict=True))
+        point = [output.copy() for output in self._point(stuck, tau, zeta, data)]
+        stick = dict(zip(margin_names(stuck), point[1].tolist(), strict=True))
         if not all(map(isfinite, stick.values())):
             return Termination(Ending.NUMERICAL, "the contact forces are not finite")
-        slips = {mode: self._margins(mode, tau, zeta, data) for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)}
-        leaves = self._leaves(tau, zeta, data, point)
-        possible = [Mode.STICK] if stick["normal_force"] > 0 and not any(leaves.values()) else []
+        slips = {slip: self._margins(slip, tau, zeta, data) for slip in slipping}
+        leaves = self._leaves(stuck, tau, zeta, data, point)
+        possible = [stuck] if stick["normal_force"] > 0 and not any(leaves.values()) else []
         possible += [m for m, s in slips.items() if leaves[m] and s["painleve"] > 0 and s["normal_force"] > 0]
         lifts = any(s["normal_force"] * s["painleve"] < 0 for s in slips.values())
         if lifts and not possible:
@@ -105,34 +111,50 @@ class ContactResolver:
         if v_n >= -EDGE * self._units.speed:
             words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
             return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
-        candidates = [self._candidate(mode, z_minus) for mode in Mode]
-        consistent = [candidate for candidate in candidates if self._consistent(candidate)]
-        stick = candidates[0]
+        released = self._system.walker.released
+        chosen = self._consistent_one([self._candidate(released(contact), z_minus) for contact in CONTACTS])
+        return chosen if isinstance(chosen, Termination) else self._record(*chosen)
+
+    def strike(self, mode: Mode, stop: str, z_minus: Array) -> tuple[Mode, Array] | Termination:
+        """What the foot does just after a stop has locked in state ``z_minus``, and the state there."""
+        locked = mode.with_locked(stop)
+        candidates = [self._candidate(locked.with_contact(contact), z_minus) for contact in CONTACTS]
+        if all(candidate.impulse[1] < 0 for candidate in candidates):
+            words = f"the stop {stop} would pull the stance foot off the ground"
+            return Termination(Ending.LIFT_OFF, f"{words}: {'; '.join(map(str, candidates))}")
+        chosen = self._consistent_one(candidates)
+        return chosen if isinstance(chosen, Termination) else (chosen[0].mode, chosen[0].z_plus)
+
+    def _consistent_one(self, candidates: list[_Candidate]) -> tuple[_Candidate, _Candidate] | Termination:
+        """The only impact that does not contradict itself, and the one that would hold the foot."""
+        consistent, stick = [candidate for candidate in candidates if self._consistent(candidate)], candidates[0]
         precedence = self._law is ImpactLaw.FRICTIONLESS or self._drops
         if stick in consistent and (precedence or self._at_edge(stick)):
             consistent = [stick]  # at the edge a slip has no velocity: it is the same impact
-        if len(consistent) != 1:
-            ending = Ending.IMPACT_AMBIGUOUS if consistent else Ending.IMPACT_INCONSISTENT
-            verdict = " and ".join(c.mode for c in consistent) + " are" if consistent else "no impact is"
-            numbers = "; ".join(map(str, candidates))
-            return Termination(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
-        return self._record(consistent[0], stick)
+        if len(consistent) == 1:
+            return consistent[0], stick
+        ending = Ending.IMPACT_AMBIGUOUS if consistent else Ending.IMPACT_INCONSISTENT
+        verdict = " and ".join(c.mode for c in consistent) + " are" if consistent else "no impact is"
+        numbers = "; ".join(map(str, candidates))
+        return Termination(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
 
     def touches_down(self, mode: Mode, t: float, z: Array, data: Array) -> bool:
         """Whether the swing foot touches down at this very time, which ends an arc for another reason."""
+        if mode.free:
+            return False
         _, margins, rates = self._point(mode, t / self._units.time, z / self._units.state, data)
         touchdown = margin_names(mode).index("touchdown")
         return bool(is_touchdown(margins[touchdown], rates[touchdown]))
 
-    def _leaves(self, tau: float, zeta: Array, data: Array, point: list[Array]) -> dict[Mode, bool]:
+    def _leaves(self, mode: Mode, tau: float, zeta: Array, data: Array, point: list[Array]) -> dict[Mode, bool]:
         """Which slips the foot is pushed into: the margins of the cone that do not hold for longer than an instant."""
         flow, margins, rates = point
         later = rates
         if any(map(bends_decide, margins.tolist(), rates.tolist())):
-            later = self._point(Mode.STICK, tau + LOOK, zeta + LOOK * flow, data)[2]
-        rows = zip(margin_names(Mode.STICK), margins.tolist(), rates.tolist(), (later - rates).tolist(), strict=True)
+            later = self._point(mode, tau + LOOK, zeta + LOOK * flow, data)[2]
+        rows = zip(margin_names(mode), margins.tolist(), rates.tolist(), (later - rates).tolist(), strict=True)
         left = {name: falls(name, margin, rate, change / LOOK) for name, margin, rate, change in rows}
-        return {Mode.SLIP_FORWARD: left["cone_forward"], Mode.SLIP_BACKWARD: left["cone_backward"]}
+        return {mode.with_contact(onset): left[name] for name in left if (onset := margin(name).onset)}
 
     def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Termination:
         if chosen.lift_velocity <= 0:
@@ -141,7 +163,7 @@ class ContactResolver:
         state = chosen.z_plus.copy()
         state[self._n_x] = 0.0
         return ImpactRecord(
-            mode=chosen.mode,
+            mode=chosen.mode.contact,
             state=state,
             step_length=float(chosen.z_plus[self._n_x]),
             impulse=chosen.impulse,
@@ -150,7 +172,7 @@ class ContactResolver:
 
     def _consistent(self, candidate: _Candidate) -> bool:
         f_t, f_n = candidate.impulse
-        if candidate.mode is Mode.STICK:
+        if candidate.mode.sticks:
             return bool(f_n > 0 and abs(f_t) <= self._friction * f_n * (1 + EDGE))
         return bool(f_n > 0 and candidate.mode.direction * candidate.slip_velocity > 0)
 

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 MANY_STEPS = 1000
 """Steps from which ``auto`` compiles: on scipy they take as long as the compiler does the first time."""
 
+INSTALL = "pip install 'gaitopt[fast]' on Linux, conda install heyoka.py elsewhere"
+
 
 class Engine(StrEnum):
     """An integrator of arcs; ``auto`` is heyoka where it is installed and worth its compilation, else scipy."""
@@ -23,6 +25,11 @@ class Engine(StrEnum):
     AUTO = "auto"
     SCIPY = "scipy"
     HEYOKA = "heyoka"
+
+
+def is_installed() -> bool:
+    """Whether heyoka is there."""
+    return find_spec("heyoka") is not None
 
 
 def choose_engine(engine: str, *, steps: int = 1) -> Engine:
@@ -35,12 +42,9 @@ def choose_engine(engine: str, *, steps: int = 1) -> Engine:
     """
     if engine not in tuple(Engine):
         raise UnknownNameError(f"no engine is called {engine!r}; use {', '.join(Engine)}")
-    installed = find_spec("heyoka") is not None
+    installed = is_installed()
     if engine == Engine.HEYOKA and not installed:
-        raise UnknownNameError(
-            "the engine heyoka is not installed: pip install 'gaitopt[fast]' on Linux, "
-            "conda install heyoka.py elsewhere; or use the engine scipy"
-        )
+        raise UnknownNameError(f"the engine heyoka is not installed: {INSTALL}; or use the engine scipy")
     if engine == Engine.AUTO:
         return Engine.HEYOKA if installed and steps >= MANY_STEPS else Engine.SCIPY
     return Engine(engine)

@@ -19,12 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from gaitopt.mechanics.margins import margin as known
+
 Array = NDArray[np.float64]
 
-PRIORITY = ("painleve", "normal_force", "upright", "touchdown", "slip_velocity", "cone_forward", "cone_backward")
+PRIORITY = (
+    "painleve", "normal_force", "upright", "clearance", "touchdown", "", "slip_velocity", "cone_forward",
+    "cone_backward",
+)  # fmt: skip
 """Which of several simultaneous events counts: first what the model cannot go on from (and a normal force means
 nothing where the slip has no unique solution), then the impact, which makes any change of mode at the same instant
-void, then changes of mode."""
+void, then stops (without a name here), then changes of mode."""
 EDGE = 1e-12
 """A margin this close to zero is at its edge: rounding of contact forces in units of the weight."""
 SIMULTANEOUS = 1e-12
@@ -45,7 +50,6 @@ CLOSE = 1e-3
 just falls, its tangent points nowhere."""
 BARELY_MOVING = 1e-18
 """Lift of a slip velocity, below all rounding: the shortest slips that are told apart are no faster than 1e-17."""
-LIFTS = {name: BARELY_MOVING if name == "slip_velocity" else EDGE for name in PRIORITY}
 MAX_BISECTIONS = 100
 """More than enough to halve any interval down to rounding."""
 
@@ -71,12 +75,12 @@ Reach = Callable[[float], Point]
 def falls(name: str, margin: Any, rate: Any, bend: Any = 0.0) -> Any:
     """Whether a margin does not hold at the start of an arc, and is not about to; floats, or arrays of one shape.
 
-    ``touchdown`` never falls there: the feet are level at the start of every step.
+    What rises at the start of every step never falls there: the feet are level, and stops have just been released.
     """
     deep = margin < -EDGE
     soon = margin * deep + INSTANT * (rate + INSTANT / 2 * bend) < 0
     lasting = deep | (rate * rate > 2 * bend * EDGE)
-    return (margin <= EDGE) & ((soon & lasting) | (name == "painleve")) & (name != "touchdown")
+    return (margin <= EDGE) & ((soon & lasting) | (name == "painleve")) & (not known(name).rises)
 
 
 def bends_decide(margin: Any, rate: Any) -> Any:
@@ -93,15 +97,25 @@ def fallen(
     ----------
     look : gives the rates a time ``LOOK`` later; called only where they matter.
     """
-    near = [k for k, margin in enumerate(margins) if margin <= EDGE and names[k] != "touchdown"]
+    near = [k for k, margin in enumerate(margins) if margin <= EDGE and not known(names[k]).rises]
     later = look() if any(bends_decide(margins[k], rates[k]) for k in near) else rates
     broken = [names[k] for k in near if falls(names[k], margins[k], rates[k], (later[k] - rates[k]) / LOOK)]
-    return min(broken, key=PRIORITY.index, default=None)
+    return min(broken, key=priority, default=None)
+
+
+def priority(name: str) -> int:
+    """Place of a margin among simultaneous events."""
+    return PRIORITY.index(name if name in PRIORITY else "")
+
+
+def smallest_lift(name: str) -> float:
+    """By how much a margin that may fall is lifted at least."""
+    return BARELY_MOVING if name == "slip_velocity" else EDGE
 
 
 def is_armed(name: str, margin: Any) -> Any:
-    """Whether a margin that starts with this value may fall; ``touchdown`` must have been positive."""
-    return (margin > EDGE) | (name != "touchdown")
+    """Whether a margin that starts with this value may fall; what rises must have been positive."""
+    return (margin > EDGE) | (not known(name).rises)
 
 
 def lift(name: str, margin: Any, rate: Any) -> Any:
@@ -112,7 +126,7 @@ def lift(name: str, margin: Any, rate: Any) -> Any:
     armed, so that it falls only after it has been positive. Floats, or arrays of one shape.
     """
     armed, dip = is_armed(name, margin), (margin <= EDGE) * (rate < 0) * 2 * EDGE
-    return armed * (LIFTS[name] + dip) - (1 - armed) * EDGE
+    return armed * (smallest_lift(name) + dip) - (1 - armed) * EDGE
 
 
 def coincides(margin: Any, rate: Any) -> Any:
@@ -165,7 +179,7 @@ def first_event(
         return None
     earliest = min(time for _, time, _ in found)
     simultaneous = [event for event in found if event[1] <= earliest + SIMULTANEOUS]
-    return min(simultaneous, key=lambda event: PRIORITY.index(event[0]))
+    return min(simultaneous, key=lambda event: priority(event[0]))
 
 
 def _bracket(k: int, before: Point, after: Point, armed: bool, reach: Reach) -> tuple[Point, Point] | None:

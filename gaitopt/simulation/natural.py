@@ -14,12 +14,12 @@ import numpy as np
 from casadi import SX, Function, cse, repmat, vertcat
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import HybridSystem, Mode, margin_scales
+from gaitopt.mechanics import HybridSystem, Mode, margin_names, margin_scales
 
 Array = NDArray[np.float64]
 
-N_MARGINS = 5
-"""Every mode has as many margins."""
+PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")
+"""Its place among the margins of every slip."""
 SINGULAR = 1e-8
 """Apparent mass of a slipping foot, relative to that of a sticking one, at which its slip has no unique solution. Below
 it the forces, in proportion to the inverse, have lost half of their digits; many motions are drawn into zero itself."""
@@ -58,7 +58,12 @@ def units(system: HybridSystem, p: Array) -> Units:
     """Natural units at parameters ``p``, shape (n_p,)."""
     scales = system.scales(p)
     state = system.state_scales(scales)
-    parameters = {mode: np.array([*p, scales.time, *state, *margin_scales(mode, scales)]) for mode in Mode}
+    modes = system.walker.modes()
+    units = {mode: margin_scales(mode, scales) for mode in modes}
+    most = max(map(len, units.values()))
+    parameters = {
+        mode: np.array([*p, scales.time, *state, *own, *np.ones(most - len(own))]) for mode, own in units.items()
+    }
     return Units(time=scales.time, speed=scales.speed, state=state, parameters=parameters)
 
 
@@ -74,41 +79,42 @@ class NaturalSystem:
         n_z = system.n_z
         self._tau, self._r = SX.sym("tau"), SX.sym("r", system.n_r)
         self._p, self._time = SX.sym("p", len(system.parameters)), SX.sym("T")
-        self._state, self._margins = SX.sym("D", n_z), SX.sym("S", N_MARGINS)
+        n_margins = len(margin_names(system.walker.released(Mode.STICK)))
+        self._state, self._margins = SX.sym("D", n_z), SX.sym("S", n_margins)
         self._d = vertcat(SX.ones(system.n_shape), self._state[system.n_shape :])  # angles are their own unit
         self._all = vertcat(self._p, self._time, self._state, self._margins)
 
     def flow(self, mode: Mode) -> Function:
         """Rate of the state."""
-        return self._build(f"flow_{mode}", lambda a: [self._rate(mode, a)])
+        return self._build(f"flow_{mode.key}", lambda a: [self._rate(mode, a)])
 
     def events(self, mode: Mode) -> Function:
         """Margins and their rates along the flow."""
-        return self._build(f"events_{mode}", lambda a: self._events(mode, a))
+        return self._build(f"events_{mode.key}", lambda a: self._events(mode, a))
 
     def point(self, mode: Mode) -> Function:
         """Rate of the state, margins and their rates."""
-        return self._build(f"point_{mode}", lambda a: [self._rate(mode, a), *self._events(mode, a)])
+        return self._build(f"point_{mode.key}", lambda a: [self._rate(mode, a), *self._events(mode, a)])
 
     def arc(self, mode: Mode) -> Function:
         """Rate of the state, and the margins below it."""
 
         def outputs(a: list[SX]) -> list[SX]:
             margins = self._system.margins(mode)(*a)
-            scaled = margins / self._margins
-            if mode is not Mode.STICK:
-                other = self._system.margins(Mode.slip(-mode.direction))(*a)
-                scaled[-1] = 2 * margins[-1] / (margins[-1] + other[-1]) - SINGULAR
+            scaled = margins / self._margins[: margins.numel()]
+            if mode.slips:
+                k, other = PAINLEVE, self._system.margins(_reversed(mode))(*a)
+                scaled[k] = 2 * margins[k] / (margins[k] + other[k]) - SINGULAR
             return [cse(vertcat(self._rate(mode, a), scaled))]
 
-        return self._build(f"arc_{mode}", outputs)
+        return self._build(f"arc_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """Rate of the state and of ``columns`` deviations one after the other."""
         scale = repmat(self._d, 1 + columns, 1)
         original = self._system.variational(mode, columns)
         return self._build(
-            f"variational_{mode}_{columns}", lambda a: [original(*a) * (self._time / scale)], scale=scale
+            f"variational_{mode.key}_{columns}", lambda a: [original(*a) * (self._time / scale)], scale=scale
         )
 
     def _rate(self, mode: Mode, arguments: list[SX]) -> SX:
@@ -116,12 +122,13 @@ class NaturalSystem:
 
     def _events(self, mode: Mode, arguments: list[SX]) -> list[SX]:
         margins, rates = self._system.events(mode)(*arguments)
-        scaled, scaled_rates = margins / self._margins, rates * (self._time / self._margins)
-        if mode is not Mode.STICK:
-            other, other_rates = self._system.events(Mode.slip(-mode.direction))(*arguments)
-            foot, foot_rate = (margins[-1] + other[-1]) / 2, (rates[-1] + other_rates[-1]) / 2
-            scaled[-1] = margins[-1] / foot - SINGULAR
-            scaled_rates[-1] = (rates[-1] - margins[-1] / foot * foot_rate) * (self._time / foot)
+        units = self._margins[: margins.numel()]
+        scaled, scaled_rates = margins / units, rates * (self._time / units)
+        if mode.slips:
+            k, (other, other_rates) = PAINLEVE, self._system.events(_reversed(mode))(*arguments)
+            foot, foot_rate = (margins[k] + other[k]) / 2, (rates[k] + other_rates[k]) / 2
+            scaled[k] = margins[k] / foot - SINGULAR
+            scaled_rates[k] = (rates[k] - margins[k] / foot * foot_rate) * (self._time / foot)
         return [scaled, scaled_rates]
 
     def _build(self, name: str, outputs: Callable[[list[SX]], list[SX]], scale: SX | None = None) -> Function:
@@ -131,6 +138,11 @@ class NaturalSystem:
             arguments = [self._time * self._tau, scale * zeta, self._p, self._r]
             self._functions[name] = Function(name, [self._tau, zeta, self._all, self._r], outputs(arguments))
         return self._functions[name]
+
+
+def _reversed(mode: Mode) -> Mode:
+    """The slip in the other direction."""
+    return mode.with_contact(Mode.slip(-mode.direction))
 
 
 @lru_cache(maxsize=16)

@@ -1,17 +1,14 @@
-"""Arcs by scipy's DOP853 on a compiled right-hand side. Hairer, Norsett & Wanner (1993), section II.5.
+"""Arcs by the Runge-Kutta pair DOP853; inside, all is in natural units."""
 
-Inside, all is in natural units.
-"""
-
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.simulation.dop853 import CompiledStep, Integration, StepSizeError
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival
@@ -29,7 +26,7 @@ FIRST_STEP = 0.025
 DEPARTURE_FACTOR = 4
 """Ratio of successive trial lengths when a margin must be seen leaving its edge."""
 MAX_INTEGRATION_STEPS = 20_000
-"""Bound on the work for one arc, two seconds: walking takes tens, only a very stiff control law takes more."""
+"""Bound on the work for one arc, half a second: walking takes tens, only a very stiff control law takes more."""
 
 
 class IntegrationError(ArithmeticError):
@@ -37,7 +34,7 @@ class IntegrationError(ArithmeticError):
 
 
 class ScipyStepper:
-    """A ``Stepper`` by scipy's DOP853.
+    """A ``Stepper`` by DOP853, with the coefficients that scipy publishes.
 
     Parameters
     ----------
@@ -48,8 +45,9 @@ class ScipyStepper:
 
     def __init__(self, system: HybridSystem, p: Array, *, rtol: float = RTOL, atol: float = ATOL) -> None:
         self._natural, self._units = natural_system(system), units(system, p)
-        self._tolerances = {"rtol": rtol, "atol": atol}
+        self._tolerances = rtol, atol
         self._fields: dict[Mode, _Field] = {}
+        self._variations: dict[tuple[Mode, int], tuple[CompiledStep, BufferedFunction]] = {}
 
     @np.errstate(all="ignore")  # a motion that blows up is told by the step size that vanishes
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
@@ -80,15 +78,23 @@ class ScipyStepper:
 
     def propagate_variations(self, mode: Mode, data: Array, state: Array, deviations: Array, times: Array) -> Array:
         """Deviations at the end of an arc from those at its start; see ``Stepper``."""
-        unit, columns = self._units, deviations.shape[1]
-        variational = BufferedFunction(self._natural.variational(mode, columns))
-        variational.inputs[2][:], variational.inputs[3][:] = unit.parameters[mode], data
-        start, end = times / unit.time
+        unit = self._units
+        step, rate = self._variational(mode, deviations.shape[1])
+        step.load(unit.parameters[mode], data)
+        start, end = (times / unit.time).tolist()
         y, sizes = unit.pack(state, deviations)
-        solver = DOP853(_rate(variational), start, y, end, rtol=RTOL, atol=VARIATIONAL_ATOL)
-        while solver.status == "running":
-            solver.step()
-        return unit.unpack(solver.y, sizes)
+        (f,) = rate(start, y, unit.parameters[mode], data)
+        integration = Integration(step, start, y, f.copy(), end, min(FIRST_STEP, end - start))
+        while not integration.finished:
+            integration.advance()
+        return unit.unpack(integration.y, sizes)
+
+    def _variational(self, mode: Mode, columns: int) -> tuple[CompiledStep, BufferedFunction]:
+        if (mode, columns) not in self._variations:
+            rate = self._natural.variational(mode, columns)
+            step = CompiledStep(rate, rate, rtol=RTOL, atol=VARIATIONAL_ATOL)
+            self._variations[mode, columns] = step, BufferedFunction(rate)
+        return self._variations[mode, columns]
 
     def _first_event(self, field: "_Field", start: Point, limit: float) -> tuple[str | None, float, Array, str]:
         """Name, time and state of the first event, or those at the limit; and why the integration failed, if it did."""
@@ -101,21 +107,21 @@ class ScipyStepper:
                     return (*event, "")
                 armed = [was or margin > EDGE for was, margin in zip(armed, after.margins, strict=True)]
                 before = after
-        except IntegrationError as error:
+        except (IntegrationError, StepSizeError) as error:
             return None, before.time, before.state, str(error)
         return None, before.time, before.state, ""
 
     def _points(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> Iterator[Point]:
         """The points that the integrator steps on, from ``start`` (exclusive) to ``limit``."""
-        solver, point = self._depart(field, start, armed, limit)
+        integration, point = self._depart(field, start, armed, limit)
         yield point
         for _ in range(MAX_INTEGRATION_STEPS):
-            if solver.status == "finished":
+            if integration.finished:
                 return
-            yield field.step(solver)
+            yield field.step(integration)
         raise IntegrationError(f"more than {MAX_INTEGRATION_STEPS} integration steps in one arc")
 
-    def _depart(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> tuple[DOP853, Point]:
+    def _depart(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> tuple[Integration, Point]:
         """First integration step, so short that every margin that starts at its edge has just left it.
 
         A slip that sets in and ends again within one integration step is found this way. Where a margin falls at
@@ -124,32 +130,25 @@ class ScipyStepper:
         edge = [k for k, margin in enumerate(start.margins) if armed[k] and margin <= 0]
         length = min(FIRST_STEP, limit - start.time)
         while True:
-            solver = self._solver(field, start, limit, length)
-            point = field.step(solver)
-            length = solver.step_size / DEPARTURE_FACTOR
+            integration = field.begin(start, limit, length)
+            point = field.step(integration)
+            length = integration.length / DEPARTURE_FACTOR
             if length < INSTANT / 2 or all(point.margins[k] > 0 for k in edge):
-                return solver, point
+                return integration, point
 
     def _reach(self, field: "_Field", start: Point, time: float) -> Point:
         """The motion at ``time``, by an integration of its own from ``start``."""
         if time <= start.time:
             return start
-        solver = self._solver(field, start, time, time - start.time)
-        point = field.step(solver)
-        while solver.status == "running":
-            point = field.step(solver)
+        integration = field.begin(start, time, time - start.time)
+        point = field.step(integration)
+        while not integration.finished:
+            point = field.step(integration)
         return point
-
-    def _solver(self, field: "_Field", start: Point, limit: float, first_step: float) -> DOP853:
-        if not np.isfinite(start.flow).all():
-            raise IntegrationError("the equations of motion are not finite")
-        solver = DOP853(field.rate, start.time, start.state, limit, first_step=first_step, **self._tolerances)
-        solver.fun = field.rate  # past scipy's three layers of checks, which cost as much as the mechanics
-        return solver
 
     def _field(self, mode: Mode, data: Array) -> "_Field":
         if mode not in self._fields:
-            self._fields[mode] = _Field(self._natural, mode, self._units.parameters[mode])
+            self._fields[mode] = _Field(self._natural, mode, self._units.parameters[mode], *self._tolerances)
         self._fields[mode].load(data)
         return self._fields[mode]
 
@@ -157,45 +156,35 @@ class ScipyStepper:
 class _Field:
     """Right-hand side and margins of one mode, compiled."""
 
-    def __init__(self, system: NaturalSystem, mode: Mode, p: Array) -> None:
+    def __init__(self, system: NaturalSystem, mode: Mode, p: Array, rtol: float, atol: float) -> None:
         self.names = margin_names(mode)
         self._p = p
-        self._flow, self._events = BufferedFunction(system.flow(mode)), BufferedFunction(system.events(mode))
-        self.rate = _rate(self._flow)
+        self._point = BufferedFunction(system.point(mode))
+        self._step = CompiledStep(system.flow(mode), system.point(mode), rtol=rtol, atol=atol)
 
     def load(self, data: Array) -> None:
         """Go over to a segment of the control."""
         self._data = data
-        self._flow.inputs[2][:], self._flow.inputs[3][:] = self._p, data
+        self._step.load(self._p, data)
 
-    def point(self, t: float, z: Array, flow: Array | None = None) -> Point:
-        """The point of the motion at ``t`` in state ``z``, where the rate may be known already."""
-        margins, rates = self._events(t, z, self._p, self._data)
-        return Point(t, z, self.rate(t, z) if flow is None else flow, margins.tolist(), rates.tolist())
+    def point(self, t: float, z: Array) -> Point:
+        """The point of the motion at ``t`` in state ``z``."""
+        flow, margins, rates = self._point(t, z, self._p, self._data)
+        return Point(t, z, flow.copy(), margins.tolist(), rates.tolist())
 
     def look(self, point: Point) -> list[float]:
         """Rates of the margins a little later, from which their bends follow."""
-        rates: list[float] = self._events(*point.shifted(LOOK), self._p, self._data)[1].tolist()
+        rates: list[float] = self._point(*point.shifted(LOOK), self._p, self._data)[2].tolist()
         return rates
 
-    def step(self, solver: DOP853) -> Point:
+    def begin(self, start: Point, limit: float, first_step: float) -> Integration:
+        """An integration from a point, as yet without a step."""
+        if not np.isfinite(start.flow).all():
+            raise IntegrationError("the equations of motion are not finite")
+        return Integration(self._step, start.time, start.state, start.flow, limit, first_step)
+
+    def step(self, integration: Integration) -> Point:
         """One accepted step of the integrator."""
-        solver.step()
-        if solver.status == "failed":
-            raise IntegrationError("the step size of the integrator vanishes: the motion is singular")
-        return self.point(float(solver.t), solver.y, solver.f)
-
-
-def _rate(flow: BufferedFunction) -> Callable[[float, Array], Array]:
-    """(t, z) -> dz/dt, with its names bound once: it is called some 500 times in a walking step."""
-    time, state, _, _ = flow.inputs
-    (output,) = flow.outputs
-    evaluate = flow.evaluate
-
-    def rate(t: float, z: Array) -> Array:
-        time[0] = t
-        state[:] = z
-        evaluate()
-        return output.copy()
-
-    return rate
+        integration.advance()
+        margins, rates = integration.outputs
+        return Point(integration.t, integration.y, integration.f, margins.tolist(), rates.tolist())

@@ -166,10 +166,11 @@ class Simulator:
 
     def _first_mode(self, moment: _Moment) -> Mode | Termination:
         slip_velocity = float(moment.state[-1])
-        return Mode.slip(slip_velocity) if slip_velocity != 0 else self._mode_at_rest(moment)
+        released = self.system.walker.released(Mode.slip(slip_velocity))
+        return released if slip_velocity != 0 else self._mode_at_rest(released, moment)
 
-    def _mode_at_rest(self, moment: _Moment) -> Mode | Termination:
-        return self._resolver.mode_at_rest(moment.time, moment.state, self.system.data(moment.segment))
+    def _mode_at_rest(self, mode: Mode, moment: _Moment) -> Mode | Termination:
+        return self._resolver.mode_at_rest(mode, moment.time, moment.state, self.system.data(moment.segment))
 
     def _is_touchdown(self, mode: Mode, moment: _Moment) -> bool:
         """Whether touchdown falls on a breakpoint of the control; the arc that would follow could not see it."""
@@ -207,7 +208,18 @@ class Simulator:
         here = replace(here, switches=here.switches + 1)
         if here.switches > self._max_switches:
             return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
-        return ONSETS.get(event) or self._mode_at_rest(here), here
+        if event in mode.free:
+            return self._lock(mode, event, here)
+        onset = PHASE_MARGINS[event].onset
+        return (self._mode_at_rest(mode, here) if onset is None else mode.with_contact(onset)), here
+
+    def _lock(self, mode: Mode, stop: str, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
+        """What follows the impact of a stop, and the moment after it."""
+        struck = self._resolver.strike(mode, stop, moment.state)
+        if isinstance(struck, Termination):
+            return struck, moment
+        after = replace(moment, state=struck[1])
+        return (self._mode_at_rest(struck[0], after) if struck[0].sticks else struck[0]), after
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
         """The next segment of the control; its torques may jump, and the mode of a foot at rest is decided again."""
@@ -215,7 +227,7 @@ class Simulator:
             where = ", where the control law ends" if self._limit == self.system.control.horizon else ""
             return Termination(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment
         moment = replace(moment, segment=moment.segment + 1)
-        return (self._mode_at_rest(moment) if mode is Mode.STICK else mode), moment
+        return (self._mode_at_rest(mode, moment) if mode.sticks else mode), moment
 
     def _describe(self, termination: Termination, number: int, mode: Mode | None, moment: _Moment) -> str:
         values = ", ".join(

@@ -73,14 +73,19 @@ def make_folder(folder: Path, *, parents: bool = True) -> None:
 
 def clear_leftovers(*folders: Path) -> None:
     """Remove the temporary files of killed writers; those of processes that are alive are left."""
-    import psutil
-
     for folder in folders:
         with suppress(OSError):  # what cannot be listed or removed does no harm
             for path in folder.iterdir():
                 matched = TEMPORARY_NAME.fullmatch(path.name)
-                if matched and (int(matched["pid"]) == os.getpid() or not psutil.pid_exists(int(matched["pid"]))):
+                if matched and not _is_alive(int(matched["pid"])):
                     path.unlink(missing_ok=True)
+
+
+def _is_alive(pid: int) -> bool:
+    """Whether another process has this number."""
+    import psutil  # takes as long to import as all writing takes, and is rarely needed
+
+    return pid != os.getpid() and psutil.pid_exists(pid)
 
 
 def read_bytes(path: Path) -> bytes:

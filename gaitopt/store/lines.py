@@ -1,4 +1,4 @@
-"""Records one per line, each durable once appended; a line cut off by a crash is dropped on reading.
+"""Records one per line, each durable once appended; a line that a crash cut off while it was written is not read.
 
 Every line ends with a checksum that is chained to the one before it, crc_k = CRC-32(line_k, crc_(k-1)), so that a line
 that was altered, removed, added or moved is noticed.
@@ -117,12 +117,11 @@ def _whole_lines(path: Path, known: FileSum | None = None) -> Iterator[_Line]:
     try:
         with path.open("rb") as file:
             end = crc = count = 0
-            whole, torn = hashlib.sha256(), False
-            for count, line in enumerate(file, start=1):
-                torn = not line.endswith(b"\n")
-                if torn:
-                    count -= 1
+            whole = hashlib.sha256()
+            for line in file:
+                if not line.endswith(b"\n"):
                     break
+                count += 1
                 end += len(line)
                 record, crc = _checked(path, count, line, crc)
                 whole.update(line)
@@ -131,8 +130,10 @@ def _whole_lines(path: Path, known: FileSum | None = None) -> Iterator[_Line]:
                 yield _Line(record, crc, end)
     except OSError as error:
         raise StorageError(f"cannot read {path}: {reason(error)}") from error
-    if known is not None and count < known.lines and not torn:  # a crash cuts a line, an editor removes it
-        raise StorageError(f"{path}:{count + 1}: missing, {known.lines} lines were written; the run was left alone")
+    if known is not None and count < known.lines:  # a crash cuts none of the lines that the manifest counts
+        raise StorageError(
+            f"{path}:{count + 1}: missing or cut off, {known.lines} lines were written; the run was left alone"
+        )
 
 
 def _checked(path: Path, number: int, line: bytes, before: int) -> tuple[dict[str, Any], int]:

@@ -124,7 +124,7 @@ def read_run(folder: Path) -> Run:
     return Run(
         folder=folder,
         manifest=manifest,
-        problem_text=read_sealed(folder, PROBLEM_FILE).decode(),
+        problem_text=_read_text(folder, PROBLEM_FILE),
         resolved=read_object(folder, RESOLVED_FILE),
         gait=read_object(folder, GAIT_FILE),
         trajectory=parsed(parse_csv, read_sealed(folder, TRAJECTORY_FILE), folder / TRAJECTORY_FILE),
@@ -152,7 +152,7 @@ def read_problem(folder: Path) -> Problem:
     StorageError
         If the folder is not a run, broken or newer.
     """
-    return restored_problem(folder, read_object(folder, RESOLVED_FILE), read_sealed(folder, PROBLEM_FILE).decode())
+    return restored_problem(folder, read_object(folder, RESOLVED_FILE), _read_text(folder, PROBLEM_FILE))
 
 
 def restored_problem(folder: Path, resolved: Mapping[str, Any], text: str) -> Problem:
@@ -181,6 +181,10 @@ def read_object(folder: Path, name: str) -> dict[str, Any]:
         If it is missing, unfinished, altered or anything else.
     """
     return parsed(parse_object, read_sealed(folder, name), folder / name)
+
+
+def _read_text(folder: Path, name: str) -> str:
+    return parsed(str, read_sealed(folder, name), folder / name)
 
 
 def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from gaitopt.gait import Gait, ImpactRecord, Step, curves, measure, measure_scales
+from gaitopt.gait import Arc, Gait, ImpactRecord, Step, curves, measure, measure_scales
 from gaitopt.mechanics import Scales
 from gaitopt.study.claims import Claim, claim
 
@@ -28,7 +28,7 @@ def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
     returned = np.abs((_impacts(walked)[-1].state - gait.state) / unit).max()
     yield claim("periodicity", returned, growth * AGREEMENT, "state after one cycle")
     pairs = [(step, arc) for step, own in zip(walked, gait.steps, strict=True) for arc in own.arcs]
-    inside = max(np.abs((_states(step, arc.times) - arc.states) / unit).max() for step, arc in pairs)
+    inside = max(np.abs((_states(step, arc) - arc.states) / unit).max() for step, arc in pairs)
     yield claim("states inside", inside, growth * INTERIOR_AGREEMENT, "largest difference along the cycle")
 
 
@@ -58,14 +58,17 @@ def _growth(gait: Gait) -> float:
     return max(1.0, gait.spectral_radius or 0.0)
 
 
-def _states(step: Step, times: Array) -> Array:
-    """States (m, n_z) of a step at times since impact (m,).
+def _states(step: Step, ours: Arc) -> Array:
+    """States (m, n_z) of a step at the times of an arc (m,).
 
-    Arcs are found by time: where a switch falls on a breakpoint of the control, rounding decides which comes first.
+    Arcs are found by time, among those with the same stops locked: where a switch falls on a breakpoint of the control,
+    rounding decides which comes first.
     """
-    index = np.searchsorted([arc.end for arc in step.arcs[:-1]], times)
-    states = np.empty((times.size, step.arcs[0].states.shape[1]))
-    for k, arc in enumerate(step.arcs):
+    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked]
+    times = ours.times
+    index = np.searchsorted([arc.end for arc in arcs[:-1]], times)
+    states = np.empty((times.size, ours.states.shape[1]))
+    for k, arc in enumerate(arcs):
         fractions = np.clip(2 * (times[index == k] - arc.start) / arc.duration - 1, -1, 1)
         states[index == k] = chebyshev.chebval(fractions, curves.coefficients(arc.states)).T
     return states

@@ -38,8 +38,9 @@ class Returns:
     endings : ndarray, shape (n,) - index of the outcome in ``Ending``; 0 is ``completed``.
     times : ndarray, shape (n,) - period, or the time at which the motion ended [s].
     step_lengths : ndarray, shape (n,) - NaN where the step was not completed [m].
-    phases : ndarray, shape (n,) - the modes gone through as base-4 digits, 1 + index in ``Mode``.
-    impacts : ndarray, shape (n,) - index of the impact's mode in ``Mode``; -1 where the step was not completed.
+    phases : ndarray, shape (n,) - the modes gone through as digits, 1 + index in ``modes``, in base ``len(modes) + 1``.
+    impacts : ndarray, shape (n,) - index of the impact's mode in ``modes``; -1 where the step was not completed.
+    modes : every mode of the walker.
     """
 
     names: tuple[str, ...]
@@ -49,6 +50,7 @@ class Returns:
     step_lengths: Array
     phases: Codes
     impacts: Codes
+    modes: tuple[Mode, ...]
 
     @property
     def completed(self) -> NDArray[np.bool_]:
@@ -62,7 +64,7 @@ class Returns:
 
     def sequence(self, row: int) -> tuple[Mode, ...]:
         """The modes gone through by one state."""
-        return phase_names(int(self.phases[row]))
+        return phase_names(int(self.phases[row]), self.modes)
 
 
 def return_map(
@@ -144,7 +146,8 @@ class StepMap:
         (states,) = self._lift(xi, self.p)
         found = self._batch.step(states) if self._engine is Engine.HEYOKA else self._one_by_one(states)
         fields = {name: getattr(found, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
-        return Returns(names=self.names, states=found.states[:, self._indices], **fields)
+        modes = self.system.walker.modes()
+        return Returns(names=self.names, states=found.states[:, self._indices], modes=modes, **fields)
 
     @cached_property
     def _batch(self) -> "BatchSimulator":
@@ -152,9 +155,12 @@ class StepMap:
 
         return BatchSimulator(self.system, self.p)
 
+    @cached_property
+    def _simulator(self) -> Simulator:
+        return Simulator(self.system, self.p)
+
     def _one_by_one(self, states: Array) -> BatchSteps:
-        simulator = Simulator(self.system, self.p)
-        return stack_outcomes([simulator.step(state) for state in states], states)
+        return stack_outcomes([self._simulator.step(state) for state in states], states, self.system.walker.modes())
 
 
 @lru_cache(maxsize=8)
@@ -183,6 +189,5 @@ class _ByDigest:
 
 def _joined(parts: list[Returns]) -> Returns:
     fields = ("states", "endings", "times", "step_lengths", "phases", "impacts")
-    return Returns(
-        names=parts[0].names, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in fields}
-    )
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in fields}
+    return Returns(names=parts[0].names, modes=parts[0].modes, **joined)

@@ -62,7 +62,7 @@ class Walk(Moving):
             "message": self.trajectory.message,
             "friction": self.problem.friction_data,
             "steps": len(self.complete_steps),
-            "phases": [] if last is None else [{"mode": str(m), "duration": d} for m, d in last.phases],
+            "phases": [] if last is None else [{**m.record, "duration": d} for m, d in last.phases],
             "impact": None if last is None or last.impact is None else str(last.impact.mode),
             "state": self._state_record(state),
             **(dict.fromkeys(MEASURES) if last is None else measure(self.system, self.p, [last])),

@@ -1,6 +1,8 @@
 """From a problem to its hybrid system; the reference of a PD law is solved first, from its own file."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +16,13 @@ from gaitopt.mechanics import (
     Control,
     CoulombFriction,
     HybridSystem,
+    ImpactLaw,
     NoControl,
     Piece,
     ProportionalDerivative,
     Reference,
     StaticKineticFriction,
+    Walker,
     control_points,
 )
 from gaitopt.mechanics.control.reference import continued
@@ -35,10 +39,14 @@ FITTED_POINTS = 101
 """At which the first guess of a free curve is fitted."""
 SHORTEST_PIECE = 1 / 64
 """In periods; a motion that is not smooth on this scale has long ceased to be a walk."""
+KEPT = 16
+"""Systems that are kept with their compiled functions, some megabytes each."""
 
 
 def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> HybridSystem:
     """The hybrid system of a problem's walker, control, impact law and friction.
+
+    Problems that differ in parameter values alone share one system, whose functions are compiled once.
 
     Parameters
     ----------
@@ -49,8 +57,15 @@ def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = N
     SolveError
         If the reference of a PD law is not a gait.
     """
-    friction = CoulombFriction() if isinstance(problem.friction, float) else StaticKineticFriction()
-    return HybridSystem(type(problem.walker), _control(problem, should_stop), problem.impact_law, friction)
+    structure = _Structure(
+        walker=type(problem.walker),
+        law=problem.impact_law,
+        two_coefficients=not isinstance(problem.friction, float),
+        control=_control_structure(problem),
+        problem=problem,
+        should_stop=should_stop,
+    )
+    return _shared_system(structure)
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
@@ -73,6 +88,37 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
         arc = beyond
         pieces.append(_piece(gait, arc, tracked))
     return Reference(pieces=tuple(pieces), horizon=arc.end)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Structure:
+    """What a system's functions depend on; ``problem`` and ``should_stop`` serve to build them the first time."""
+
+    walker: type[Walker]
+    law: ImpactLaw
+    two_coefficients: bool
+    control: tuple[object, ...]
+    problem: Problem = field(compare=False)
+    should_stop: Callable[[], bool] | None = field(compare=False)
+
+
+@lru_cache(maxsize=KEPT)
+def _shared_system(structure: _Structure) -> HybridSystem:
+    friction = StaticKineticFriction() if structure.two_coefficients else CoulombFriction()
+    control = _control(structure.problem, structure.should_stop)
+    return HybridSystem(structure.walker, control, structure.law, friction)
+
+
+def _control_structure(problem: Problem) -> tuple[object, ...]:
+    """The control law without those of its numbers that are parameters."""
+    spec = problem.control
+    if isinstance(spec, ConstantTorqueSpec):
+        return (spec.type, *spec.torques)
+    if isinstance(spec, PDSpec):
+        source = problem.reference_problem()
+        assert source is not None, "a reference names a problem"
+        return (spec.type, spec.reference.model_dump_json(), source.digest, type(source.walker))
+    return (spec.type,)
 
 
 def _control(problem: Problem, should_stop: Callable[[], bool] | None) -> Control:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Ending, Gait, Trajectory, curves, observe
-from gaitopt.mechanics import Mode, ModeSequence
+from gaitopt.mechanics import ModeSequence
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Engine, Simulator, make_stepper
 from gaitopt.study.claims import Claim, Verification, claim, failed_claim
@@ -91,7 +91,7 @@ def _margin_claims(gait: Gait) -> Iterator[Claim]:
     for arc in gait.arcs:
         force = observe(gait.system, gait.p, arc).force
         lowest = min(lowest, -curves.maximum(-force[:, 1])[1])
-        if arc.mode is Mode.STICK:
+        if arc.mode.sticks:
             ratio = force[:, 0] / force[:, 1]
             needed = max(curves.maximum(ratio)[1], curves.maximum(-ratio)[1])
             cone = max(cone, needed - friction)

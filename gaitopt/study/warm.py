@@ -19,12 +19,12 @@ def guessed_from(problem: Problem, record: Mapping[str, Any], known: Mapping[str
     record : of a gait of the same walker model, as ``Gait.to_record``.
     known : parameters of that gait by dotted key, control points of a curve as ``control.reference.JOINT.K``.
     """
-    names = problem.walker.section_names(slipping=problem.cycle.impact is not Mode.STICK)
+    names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
     alike = record["impact"] == problem.cycle.impact
     changes: dict[str, object] = {
         f"gait.guess.state.{name}": record["state"][name] for name in names if alike or name != "dx"
     }
-    if [phase["mode"] for phase in record["phases"]] == list(problem.cycle.phases):
+    if [Mode.from_record(phase) for phase in record["phases"]] == list(problem.cycle.phases):
         changes["gait.guess.durations"] = [phase["duration"] for phase in record["phases"]]
     for key, free in problem.free.items():
         if key in known:

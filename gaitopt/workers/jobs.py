@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from queue import Empty, Queue
 from typing import Any
 
-from gaitopt.workers.cluster import ALLOWED_DEATHS, check_address, connected
-
 AHEAD = 4
 """Jobs submitted per worker beyond the one at hand, so that no worker waits for us."""
 PATIENCE = 0.1
@@ -62,6 +60,8 @@ def make_workers(count: int | None, scheduler: str | None) -> Workers:
         If the address of the scheduler cannot be one, or lacks certificates.
     """
     if scheduler is not None:
+        from gaitopt.workers.cluster import check_address
+
         check_address(scheduler)
     return Workers(scheduler=scheduler) if count is None else Workers(count=count, scheduler=scheduler)
 
@@ -93,6 +93,8 @@ def run_jobs(
     if workers.scheduler is None and workers.count == 1:
         yield from _run_here(task, jobs, dict(done or {}), should_stop)
     elif jobs:
+        from gaitopt.workers.cluster import connected  # asyncio and more, for nothing where there is one process
+
         with connected(workers.count, workers.scheduler) as client:
             yield from _Run(client, task, jobs, dict(done or {})).results(should_stop)
 
@@ -159,6 +161,8 @@ class _Run:
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
         from distributed.protocol.pickle import loads
+
+        from gaitopt.workers.cluster import ALLOWED_DEATHS
 
         error = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt import cli, search, study
+from gaitopt import cli, study
 from gaitopt.library import progress as cli_progress
+from gaitopt.search import own
 from gaitopt.store.manifest import seal
 from gaitopt.study import Claim, Verification
 
@@ -112,7 +113,7 @@ def test_output_names_the_run_folder(run):
 def test_a_finished_run_is_verified_from_its_files_alone(run, monkeypatch):
     _, out, _ = run("solve", PROBLEM, "--json")
     solved = json.loads(out)
-    monkeypatch.setattr(search, "solve_as_own", None)
+    monkeypatch.setattr(own, "solve_as_own", None)
     for name in (PROBLEM, solved["run"]):
         code, out, _ = run("verify", name, "--json")
         verified = json.loads(out)
@@ -224,7 +225,7 @@ def test_a_wrong_override_is_3_and_named(run, changes, words):
 
 def test_a_foreign_folder_is_6_before_anything_is_solved(run, monkeypatch):
     Path("thesis.tex").write_text("precious")
-    monkeypatch.setattr(search, "solve_as_own", None)
+    monkeypatch.setattr(own, "solve_as_own", None)
     code, _, err = run("solve", PROBLEM, "-o", ".")
     assert code == 6
     assert "not a run of gaitopt" in err
@@ -277,7 +278,7 @@ def test_an_unexpected_error_is_one_line_and_a_traceback_only_on_request(run, mo
     def broken(*_, **__):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr(search, "solve_as_own", broken)
+    monkeypatch.setattr(own, "solve_as_own", broken)
     code, _, err = run("solve", PROBLEM, "--quiet")
     assert code == 1
     (line,) = err.splitlines()
@@ -302,7 +303,7 @@ def test_an_interrupt_that_the_solver_swallows_is_still_130(run, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6])
+@pytest.mark.parametrize("delay", [0.1, *(pytest.param(d, marks=pytest.mark.slow) for d in (0.0, 0.3, 0.6))])
 def test_an_interrupted_process_ends_with_130_and_nothing_half_written(tmp_path, delay):
     command = [sys.executable, "-m", "gaitopt", "solve", "compass-pd-impact-slip"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)

@@ -9,6 +9,7 @@ import pytest
 from gaitopt.errors import StorageError
 from gaitopt.families.continuer import Continuer
 from gaitopt.store import BRANCH_FILE, LineWriter, read_lines
+from gaitopt.store.manifest import seal
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
 
@@ -51,12 +52,14 @@ def test_table_has_a_row_for_every_record(run):
     assert rows[-1]["type"] == "end"
 
 
-@pytest.mark.parametrize("kept", [2, 5, 11, 12])
+@pytest.mark.parametrize("kept", [2, 11, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 12))])
 def test_branch_cut_short_goes_on_and_is_the_same(run, kept):
     run(*COMMAND)
     whole = stored()
     path = Path("branch") / BRANCH_FILE
     lines = path.read_text().splitlines(keepends=True)
+    path.write_text(lines[0])
+    seal(Path("branch"), BRANCH_FILE)  # what the manifest counts of a walk that was killed
     path.write_text("".join(lines[:kept]) + lines[kept][: len(lines[kept]) // 2])
     code, _, _ = run(*COMMAND)
     assert code == 0
@@ -152,3 +155,44 @@ def test_interrupt_keeps_what_was_found(run, monkeypatch):
     code, _, _ = run(*COMMAND)
     assert code == 130
     assert len(stored()) == 4
+
+
+def test_other_branches_through_a_special_point_are_followed(run):
+    near = (
+        "walker.slope=5.345 deg",
+        "friction=0.6",
+        "gait.guess.state={theta1: -0.2637, dtheta1: 0.8969, dtheta2: 0.1533}",
+    )
+    changes = [word for change in near for word in ("--set", change)]
+    bounds = ("--param", "walker.slope", "--to", "5.5 deg", "--max-points", "3", "--quiet")
+    code, out, _ = run("continue", "compass-passive-stick", *changes, *bounds, "-o", "branch")
+    assert code == 0
+    assert "0: branch 0, 0.0933125341" in out
+    command = ("continue", "branch@special.0", *bounds)
+    code, out, _ = run(*command, "--json")
+    assert code == 0
+    found = records(out)
+    assert {record["n_steps"] for record in found if record["record"] == "point"} == {2}
+    (folder,) = (path for path in Path("results").iterdir() if path.name.endswith("period-doubling"))
+    code, again, _ = run(*command, "--json")
+    assert again == out
+    code, _, err = run(*command, "--set", "friction=0.5")
+    assert code == 2
+    assert "a point of a finished run" in err
+    code, _, _ = run("plot", str(folder), "--what", "step_length", "--format", "svg")
+    assert code == 0
+
+
+def test_special_points_that_lead_nowhere_are_refused(run):
+    run(*COMMAND)
+    other = ("--param", "friction", "--to", "0.7", "--quiet")
+    code, _, err = run("continue", "branch@special.2", *other)
+    assert (code, "the special points of this branch are 0 to 1" in err) == (6, True)
+    code, _, err = run("continue", "branch@special.0", *other)
+    assert (code, "no other branch is found at mode_change friction = 0.91412" in err) == (4, True)
+    code, _, err = run("continue", "branch@special.1", *other)
+    assert (code, "no other branch begins at a special point of type end" in err) == (3, True)
+    code, _, err = run("continue", "elsewhere@special.0", *other)
+    assert (code, "holds no branch" in err) == (6, True)
+    code, _, err = run(*COMMAND, "--follow", "folds=2")
+    assert (code, "--follow doublings=N" in err) == (2, True)

@@ -62,15 +62,19 @@ def test_a_signal_while_something_is_shown_ends_the_command(monkeypatch, command
         assert main(command) == 0
 
 
+SWEEP = ("sweep", WHEEL, "--over", "friction=0.3:0.5:1000", "--workers", "1", "-o", "run")
+BASIN = ("basin", WHEEL, "--over", "dtheta=0.4:1.4:100000", "--engine", "scipy", "--workers", "1", "-o", "run")
+
+
 @pytest.mark.parametrize(
-    "command",
+    ("command", "signum", "code"),
     [
-        ("sweep", WHEEL, "--over", "friction=0.3:0.5:1000", "--workers", "1", "-o", "run"),
-        ("basin", WHEEL, "--over", "dtheta=0.4:1.4:100000", "--engine", "scipy", "--workers", "1", "-o", "run"),
+        pytest.param(SWEEP, signal.SIGINT, 130, id="sweep-interrupted"),
+        pytest.param(BASIN, signal.SIGTERM, 143, id="basin-terminated"),
+        pytest.param(SWEEP, signal.SIGTERM, 143, id="sweep-terminated", marks=pytest.mark.slow),
+        pytest.param(BASIN, signal.SIGINT, 130, id="basin-interrupted", marks=pytest.mark.slow),
     ],
-    ids=["sweep", "basin"],
 )
-@pytest.mark.parametrize(("signum", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_one_process_ends_at_once_and_keeps_what_is_finished(empty_folder, command, signum, code):
     begun = {"sweep": "jobs.jsonl", "basin": "basin-*"}[command[0]]
     process = subprocess.Popen([sys.executable, "-m", "gaitopt", *command], stderr=subprocess.PIPE, text=True)

@@ -7,6 +7,7 @@ from itertools import count
 
 import numpy as np
 import pytest
+from named import named
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
@@ -53,7 +54,7 @@ def test_the_passive_gait_walks_from_sticking_into_stick_slip_by_itself() -> Non
     assert branch[-1].value == pytest.approx(0.171, abs=1e-14)
 
 
-@pytest.mark.parametrize(("start", "to"), [(0.177, 0.165), (0.2, 0.14)])
+@pytest.mark.parametrize(("start", "to"), [(0.177, 0.165), pytest.param(0.2, 0.14, marks=pytest.mark.slow)])
 def test_scales_and_starts_do_not_decide_where_special_points_are(start: float, to: float) -> None:
     found = changes(continuation(passive(start), "friction", to, verify_every=0))
     assert found == pytest.approx(changes(downwards()), rel=0, abs=AGREEMENT)
@@ -65,7 +66,7 @@ def test_both_directions_meet_the_same_special_points() -> None:
     assert upwards[-1].gait.state == pytest.approx(passive(0.18).state, rel=0, abs=1e-9)
 
 
-@pytest.mark.parametrize("intervals", [30, 60])
+@pytest.mark.parametrize("intervals", [30, pytest.param(60, marks=pytest.mark.slow)])
 def test_the_mesh_does_not_decide_what_is_found(intervals: int) -> None:
     records = list(on_mesh(passive(0.18), intervals, 0.171))
     branch = Branch(
@@ -141,6 +142,19 @@ def test_a_target_must_differ_and_lie_within_the_bounds() -> None:
         continuation(passive(0.18), "friction", 0.1, lower=0.15)
     with pytest.raises(ProblemError):
         continuation(passive(0.18), "friction", float("nan"))
+
+
+@pytest.mark.parametrize(
+    ("parameter", "to", "words"),
+    [
+        ("friction", -1.0, r"--to -1: friction: -1\.0 must be at least 0"),
+        ("walker.slope", 3.0, r"--to 3: walker\.slope: 3\.0 must be at least -1\.39626 and at most 1\.39626"),
+        ("walker.mass", 0.0, r"--to 0: walker\.mass: 0\.0 must be greater than 0"),
+    ],
+)
+def test_a_target_that_no_walker_can_have_is_refused_with_the_range(parameter: str, to: float, words: str) -> None:
+    with pytest.raises(ProblemError, match=words):
+        continuation(named("rimless-wheel-slip"), parameter, to)
 
 
 def test_a_failed_attempt_cannot_be_continued() -> None:

@@ -95,7 +95,7 @@ CHANGES_OF_MODES = [
 IMPACT_CHANGES = [
     (family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.245052155579),
     (family("compass-passive-b", "friction", 0.3, 0.31), 0.304416755066),
-    (family("compass-torque-impact-slip", "friction", 0.23, 0.235), 0.232244917992),
+    pytest.param(family("compass-torque-impact-slip", "friction", 0.23, 0.235), 0.232244917992, marks=SLOW),
     pytest.param(family("compass-pd-impact-slip", "friction", 0.37, 0.38), 0.37694520138, marks=SLOW),
     pytest.param(family("compass-torque-slip", "control.hip", None, 0.49), 0.501870492312, marks=SLOW),
     pytest.param(HIP, 0.442508614033, marks=SLOW),
@@ -103,13 +103,20 @@ IMPACT_CHANGES = [
 STABILITY = [
     (family("compass-passive-a", "friction", 0.112, 0.108), "neimark_sacker", leaves_circle, 0.110349580792),
     (family("compass-passive-b", "friction", 0.146, 0.142), "period_doubling", doubles, 0.144302180459),
-    (
+    pytest.param(
         family("compass-passive-stick", "walker.slope", None, 0.095, friction=1.0),
         "period_doubling",
         doubles,
         0.093312534155,
+        marks=SLOW,
     ),
-    (family("compass-torque-slip", "friction", 0.106, 0.102), "neimark_sacker", leaves_circle, 0.103496337245),
+    pytest.param(
+        family("compass-torque-slip", "friction", 0.106, 0.102),
+        "neimark_sacker",
+        leaves_circle,
+        0.103496337245,
+        marks=SLOW,
+    ),
     pytest.param(
         family("compass-passive-b", "friction", None, 0.045), "period_doubling", doubles, 0.048697775116, marks=SLOW
     ),

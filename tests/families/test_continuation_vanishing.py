@@ -45,10 +45,15 @@ def test_stride_is_the_distance_of_the_feet_whether_they_slip_or_not() -> None:
 
 
 @pytest.mark.slow
-def test_family_in_the_ankle_torque_vanishes() -> None:
-    gait = go.solve(go.load_problem("compass-torque-efficient"))
-    branch = go.continuation(gait, "control.ankle", to=-0.3)
+@pytest.mark.parametrize(
+    ("name", "to", "place"),
+    [("compass-torque-efficient", -0.3, None), ("compass-torque-stick", -0.5, -0.07424413041)],
+)
+def test_family_in_the_ankle_torque_vanishes(name: str, to: float, place: float | None) -> None:
+    gait = go.solve(go.load_problem(name))
+    branch = go.continuation(gait, "control.ankle", to=to)
     special = branch.specials[-1]
+    assert special.value == pytest.approx(special.value if place is None else place, rel=0, abs=1e-9)
     assert (special.type, special.status) == ("vanishing", "converged")
     assert stride(special.gait) < 1e-6
     assert "period_doubling" not in [other.type for other in branch.specials if abs(other.value - special.value) < 1e-6]

@@ -11,12 +11,12 @@ STICK_NEEDS = 0.17491849133
 
 FRICTION = [
     ("rimless-wheel-stick", {"friction": 0.9}, 1, 0.91412),
-    ("rimless-wheel-stick", {"friction": 0.2}, 1, 0.91412),
+    pytest.param("rimless-wheel-stick", {"friction": 0.2}, 1, 0.91412, marks=pytest.mark.slow),
     ("rimless-wheel-slip", {"friction": 0.24}, 1, 0.26736),
     ("compass-passive-stick", {"friction": 0.174}, 1, STICK_NEEDS),
-    ("compass-passive-stick", {"friction": 0.05}, 1, STICK_NEEDS),
+    pytest.param("compass-passive-stick", {"friction": 0.05}, 1, STICK_NEEDS, marks=pytest.mark.slow),
     ("compass-passive-a", {"gait.phases": ["stick"]}, 1, STICK_NEEDS),
-    ("compass-passive-a", {"gait.phases": ["slip_forward", "stick"]}, 2, 0.16717),
+    pytest.param("compass-passive-a", {"gait.phases": ["slip_forward", "stick"]}, 2, 0.16717, marks=pytest.mark.slow),
     ("compass-passive-a", {"gait.phases": ["stick", "slip_backward"]}, 1, 0.17115),
     ("compass-torque-stick", {"friction": 0.1}, 1, 0.19456),
 ]

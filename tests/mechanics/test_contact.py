@@ -16,6 +16,7 @@ from oracles import (
 from scipy.integrate import solve_ivp
 
 from gaitopt.mechanics import (
+    CONTACTS,
     CompassBiped,
     ConstantTorque,
     HybridSystem,
@@ -25,7 +26,7 @@ from gaitopt.mechanics import (
 )
 
 Array = np.ndarray
-MODES = tuple(Mode)
+MODES = CONTACTS
 
 
 @pytest.fixture(params=CASES.values(), ids=CASES)

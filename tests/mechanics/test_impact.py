@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from oracles import CASES, FRICTION, SLIPS, WHEEL, Case, differences, numbers
 
-from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
 
 Array = np.ndarray
-MODES = tuple(Mode)
+MODES = CONTACTS
 LAWS = tuple(ImpactLaw)
 IMPULSE_RATIOS = {law: (FRICTION if law is ImpactLaw.COULOMB else 0.0) for law in LAWS}
 

@@ -7,6 +7,7 @@ import pytest
 from oracles import CASES, Case, differences, directional, numbers
 
 from gaitopt.mechanics import (
+    CONTACTS,
     BeyondEnd,
     CompassBiped,
     HybridSystem,
@@ -19,7 +20,7 @@ from gaitopt.mechanics import (
 from gaitopt.mechanics.control.reference import continued
 
 Array = np.ndarray
-MODES = tuple(Mode)
+MODES = CONTACTS
 
 
 def state_for(mode: Mode, z: Array) -> Array:

@@ -18,23 +18,21 @@ class Planar:
     """F(x, v) = 0 in the place of a step's equations; v is the parameter."""
 
     residual: Function
-    violation: Function
     n_phases: int = 0
     w: SX = field(default_factory=lambda: SX.sym("w", 2))
     layout: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(cycle=SimpleNamespace(impact=None)))
-    units: Callable[[np.ndarray], Units] = lambda _: Units(
-        unknowns=np.ones(2), equalities=np.ones(1), margins=np.ones(0)
-    )
+    units: Callable[[np.ndarray], Units] = lambda _: Units(unknowns=np.ones(2), equalities=np.ones(1))
     system: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(section=lambda _: np.array([0])))
+
+    def violation(self, w: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return np.asarray(self.residual(w, p)[0]).ravel()
 
 
 def planar(equation: str) -> Planar:
     x, v, p = SX.sym("x"), SX.sym("v"), SX.sym("p")
     expression = {"circle": x**2 + v**2 - 1, "cubic": v - x**3 + x}[equation]
     w = vertcat(x, v)
-    return Planar(
-        Function("residual", [w, p], [expression, jacobian(expression, w)]), Function("violation", [w, p], [expression])
-    )
+    return Planar(Function("residual", [w, p], [expression, jacobian(expression, w)]))
 
 
 def curve_of(equation: str, scales: tuple[float, float]) -> Curve:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitopt.gait import Status
-from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl
+from gaitopt.mechanics import CONTACTS, CompassBiped, HybridSystem, Mode, NoControl
 from gaitopt.nlp import integrate_to, roll_out, solve_gait
 from gaitopt.nlp.integrator import ORDER, shooting_step
 from gaitopt.nlp.layout import layout
@@ -29,7 +29,7 @@ def passive(name, **overrides):
     return problem, HybridSystem(type(problem.walker), NoControl(), problem.impact_law)
 
 
-@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("mode", CONTACTS)
 def test_shooting_step_has_the_order_of_its_tableau(compass, mode):
     step = shooting_step(compass, mode)
 
@@ -57,9 +57,9 @@ def test_jacobian_agrees_with_central_differences(compass):
     w = np.random.default_rng(1).normal(scale=0.1, size=transcription.w.numel())
     direction = np.random.default_rng(2).normal(size=w.size)
     eps = 1e-6
-    plus, minus = (np.asarray(transcription.violation(w + s * eps * direction, PARAMETERS)) for s in (1, -1))
+    plus, minus = (transcription.violation(w + s * eps * direction, PARAMETERS) for s in (1, -1))
     exact = linearise(transcription, w, PARAMETERS).jacobian @ direction
-    assert np.allclose(exact[:, None], (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-6)
+    assert np.allclose(exact, (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-6)
 
 
 def test_breakpoints_cut_phases_into_arcs():
@@ -122,7 +122,7 @@ def test_solution_is_right_to_its_promise():
             r"phase 1 \(stick\), t = 0\.\d+ s: needs friction 0\.174\d?, has 0\.14; impact: needs friction 0\.1447",
         ),
         ("rimless-wheel-slip", {"friction": 0.2}, r"impact: needs friction 0\.\d+, has 0\.2"),
-        ("compass-passive-a", {"friction": 0.2}, "phase"),
+        pytest.param("compass-passive-a", {"friction": 0.2}, "phase", marks=pytest.mark.slow),
     ],
 )
 def test_failure_says_what_hurts_in_physical_words(name, overrides, words):

@@ -94,7 +94,7 @@ def test_feet_that_stay_together_are_no_step():
         ),
         ("rimless-wheel-stick", {"friction": 0}, "needs friction 0.9141, has 0"),
         ("compass-torque-impact-slip", {"control.hip": -1}, "the swing foot (does not come down|leaves the ground)"),
-        ("compass-torque-slip", {"friction": 0.25}, "so it does not take place"),
+        pytest.param("compass-torque-slip", {"friction": 0.25}, "so it does not take place", marks=pytest.mark.slow),
         (
             "compass-torque-stick",
             {

@@ -111,7 +111,7 @@ def test_all_faults_of_a_file_come_at_once_in_the_order_of_their_lines():
             "compass_biped",
             "centaur",
             "3:3 walker.model",
-            "no walker is called 'centaur'; allowed: compass_biped, rimless_wheel",
+            "no walker is called 'centaur'; allowed: compass_biped, kneed_walker, rimless_wheel",
         ),
         ("impact: stick", "impact: stik", "14:3 gait.impact", "'stik' is not one of the choices; did you mean stick?"),
         (

@@ -76,6 +76,7 @@ def test_what_no_walker_can_have_is_refused_with_its_range(name, key, value, wor
         (WHEEL, "walker.slope", "40 deg", "is unusual; usually at most 0.523599 in size"),
         (PD, "control.kp", 1e4, "10000, that is 63.8 m g l is unusual"),
         (TORQUE, "constraints.speed", 10, "10, that is 2.53 sqrt(g l) is unusual"),
+        (PASSIVE, "gait.phases", ["stick", "slip_forward"] * 32, "64 phases in one step are many: a solution may take"),
     ],
 )
 def test_what_is_merely_unusual_is_remarked(name, key, value, words):
@@ -90,6 +91,17 @@ def test_a_remark_on_a_file_has_its_line():
     line = text.splitlines().index("friction: 20") + 1
     (remark,) = parse_problem(text).remarks
     assert remark.startswith(f"problem:{line}:1 friction: 20 is unusual")
+
+
+def test_a_remark_names_the_value_it_is_about_wherever_that_was_given_last():
+    text = go.load_problem(PASSIVE).text.replace("friction: 0.2", "friction: 20")
+    stated, in_file = parse_problem(text), f"problem:{text.splitlines().index('friction: 20') + 1}:1 friction: 20 is"
+    for changes in ({"walker.hip_mass": 2.5}, {"walker.hip_mass": 2.5, "gait.guess.state.theta1": -0.21}):
+        (remark,) = stated.replace(changes).remarks
+        assert remark.startswith(in_file)
+    (remark,) = stated.replace({"friction": 30}).replace({"walker.hip_mass": 2.5}).remarks
+    assert remark.startswith("--set friction: 30 is unusual")
+    assert not stated.replace({"friction": 0.2}).remarks
 
 
 def test_ranges_in_natural_units_follow_the_walker():

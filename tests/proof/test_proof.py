@@ -59,7 +59,7 @@ def encloses(result, found):
     return max(state) < STATE_TOLERANCE and max(distances) < 1e-9
 
 
-@pytest.mark.parametrize("name", WHEELS)
+@pytest.mark.parametrize("name", [pytest.param(WHEELS[0], marks=pytest.mark.slow), WHEELS[1]])
 def test_a_wheel_is_proved(name):
     result = proof(name)
     assert result.proved

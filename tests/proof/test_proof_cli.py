@@ -1,23 +1,36 @@
 """``gaitopt prove``: exit codes, its JSON, and certificates on disk."""
 
 import json
+import shutil
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from decimal import Decimal
 from pathlib import Path
 
 import pytest
+
+from gaitopt.cli.main import main
 
 pytest.importorskip("flint")
 
 KEYS = {"problem", "proved", "state", "durations", "period", "multipliers", "spectral_radius", "stable", "claims"}
 
 
+@pytest.fixture(scope="module")
+def proved(tmp_path_factory):
+    """The folder in which a proof was printed and kept."""
+    place = tmp_path_factory.mktemp("proved")
+    with pytest.MonkeyPatch.context() as patch, (place / "printed.json").open("w") as file, redirect_stdout(file):
+        patch.chdir(place)
+        assert main(["prove", "rimless-wheel-stick", "--json", "--quiet"]) == 0
+    return place
+
+
 @pytest.fixture
-def certificate(run, empty_folder):
-    code, out, _ = run("prove", "rimless-wheel-stick", "--json", "--quiet")
-    assert code == 0
-    return json.loads(out)
+def certificate(proved, tmp_path, monkeypatch):
+    monkeypatch.chdir(shutil.copytree(proved, tmp_path / "proved"))
+    return json.loads(Path("printed.json").read_text())
 
 
 def test_a_proof_is_printed_kept_and_checked_again(run, certificate):

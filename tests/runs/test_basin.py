@@ -9,6 +9,7 @@ pytest.importorskip("heyoka")
 
 from named import named
 
+import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait import Ending
@@ -88,6 +89,25 @@ def test_basin_that_was_stopped_goes_on_where_it_was(gait, basin, tmp_path, monk
         np.testing.assert_array_equal(getattr(whole, name), getattr(basin, name))
 
 
+def test_basin_on_scipy_is_that_on_heyoka_in_tiles_for_every_core(gait, basin, tmp_path):
+    plan = plan_in(tmp_path, gait, engine="scipy")
+    assert len(plan.tiles) == 2
+    walked = walk_basin(plan, HERE)
+    for name in ("labels", "endings", "steps"):
+        np.testing.assert_array_equal(getattr(walked, name), getattr(basin, name))
+
+
+def test_small_basin_walks_on_heyoka_too(gait, tmp_path):
+    assert plan_in(tmp_path, gait, engine="auto").chosen_engine is Engine.HEYOKA
+
+
+def test_basin_without_heyoka_says_what_is_faster(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("gaitopt.simulation.engine.find_spec", lambda name: None)
+    grid = ("--over", "dtheta=0.9:1:2", "--workers", "1", "-o", str(tmp_path / "run"))
+    assert main(["basin", "rimless-wheel-stick", *grid]) == 0
+    assert "pip install 'gaitopt[fast]'" in capsys.readouterr().err
+
+
 def test_tile_that_is_broken_is_named(gait, tmp_path):
     plan = plan_in(tmp_path, gait, grid=Grid((Axis(key="dtheta1", lower=0.7, upper=0.72, count=3),)))
     walk_basin(plan, HERE)
@@ -135,7 +155,7 @@ def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     )
     outcomes = follow(Map(rotation(angle, 1.0) if period > 1 else rotation(0, 0.5)), cycle, 200)
     assert set(outcomes.periods) == {period}
-    attractors = Attractors()
+    attractors = Attractors(load_problem("compass-passive-a"))
     assert set(attractors.add(outcomes)) == {0}
     assert attractors.found[0].count == len(cycle)
 
@@ -156,10 +176,15 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
     xi = np.column_stack([np.full(12, -0.31), rates, np.full(12, -0.15), np.zeros(12)])
     outcomes = follow(step_map(problem, None, Engine.HEYOKA), xi, 400)
     assert set(outcomes.periods) <= {0, period}
-    attractors = Attractors()
+    attractors = Attractors(problem)
     attractors.add(outcomes)
-    (gait,) = attractors.found
-    assert str(gait).startswith("sticking")
+    (attractor,) = attractors.found
+    assert str(attractor).startswith("sticking")
+    gait = go.solve(attractor)
+    assert len(gait.steps) == period
+    assert gait.shooting.residual < 1e-10
+    assert gait.spectral_radius < 1
+    assert go.verify(gait).passed
 
 
 def test_grid_over_something_else_is_refused(gait, tmp_path):
@@ -185,6 +210,12 @@ def test_command_prints_one_object_and_draws_now_and_later(tmp_path, monkeypatch
     assert main(["plot", record["run"], "-o", "again"]) == 0
     assert [(tmp_path / "again" / figure.rpartition("/")[2]).read_bytes() for figure in record["figures"]] == drawn
     assert main(["plot", record["run"], "--what", "speed"]) == 2
+    assert main(["solve", f"{record['run']}@attractor.0", "--json", "--quiet"]) == 0
+    gait = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert gait["verification"]["passed"]
+    assert gait["period"] == pytest.approx(named("compass-passive-a").period, rel=1e-9)
+    assert main(["solve", f"{record['run']}@attractor.1"]) == 6
+    assert main(["solve", f"{record['run']}@attractor.0", "--set", "friction=0.2"]) == 2
 
 
 def test_basin_is_the_same_when_it_is_read_again(gait, basin, tmp_path):

@@ -25,10 +25,13 @@ TABLE = Table(header=("t", "mode", "theta"), rows=((0.0, "stick", -0.1), (1 / 3,
 COMMANDS = {
     "solve": ("solve", WHEEL, "-o", "run"),
     "starts": ("solve", WHEEL, "--starts", "2", "--spread", "0.01", "--workers", "1", "-o", "run"),
-    "continue": ("continue", WHEEL, "--param", "friction", "--to", "0.41", "-o", "run"),
+    "continue": ("continue", WHEEL, "--param", "friction", "--to", "0.401", "-o", "run"),
     "sweep": ("sweep", WHEEL, "--over", "friction=0.40:0.42:2", "--workers", "1", "-o", "run"),
     "basin": ("basin", WHEEL, "--over", "dtheta=0.8:1.0:4", "--engine", "scipy", "--workers", "1", "-o", "run"),
-    "front": ("front", "rimless-wheel-slope", "--over", "constraints.speed=0.8:0.81:2", "-o", "run"),
+    "front": (
+        *("front", "rimless-wheel-slope", "--set", "objective=walker.slope", "--set", "constraints={}"),
+        *("--over", "constraints.speed.min=0.8:0.81:2", "-o", "run"),
+    ),
     "simulate": ("simulate", WHEEL, "-o", "run"),
     "plot": ("plot", WHEEL, "--what", "slip", "--format", "svg"),
     "report": ("report", WHEEL),
@@ -89,7 +92,7 @@ def test_store_is_completed_after_a_crash_at_any_point(kind, again):
     whole = everything()
     shutil.rmtree("run")
     code, points = forked(kind, 0, write_everything)
-    assert (code, points > 20) == (0, True)
+    assert (code, points > 5) == (0, True)
     for n in range(1, points + 1):
         if not again:
             shutil.rmtree("run", ignore_errors=True)
@@ -136,8 +139,11 @@ def commands(names, **marks):
 @pytest.mark.usefixtures("empty_folder")
 def test_every_command_is_completed_after_a_crash_at_any_point(command, kind):
     quiet = [*command, "--quiet"]
+    main(quiet)  # what it builds in memory, the children share
+    for folder in ("run", "results"):
+        shutil.rmtree(folder, ignore_errors=True)
     code, points = forked(kind, 0, lambda: main(quiet))
-    assert (code, points > 10) == (0, True)
+    assert (code, points > 5) == (0, True)
     whole = {path: state(path) for path in (Path("run"), Path("results")) if path.exists()}
     for n in range(1, points + 1):
         for folder in whole:

@@ -11,7 +11,7 @@ from gaitopt.runs.multistart import multistart, sampled
 from gaitopt.study import build_system
 from gaitopt.workers.jobs import Workers
 
-AXIS = Axis(key="constraints.speed.min", lower=0.35, upper=0.45, count=3)
+AXIS = Axis(key="constraints.speed.min", lower=0.4, upper=0.45, count=2)
 
 
 def asked():
@@ -29,14 +29,14 @@ def front(folder):
 
 
 def test_every_point_of_a_front_is_verified(front):
-    assert [point.value for point in front] == pytest.approx([0.35, 0.4, 0.45])
+    assert [point.value for point in front] == pytest.approx([0.4, 0.45])
     assert all(point.converged and point.gait["verification"]["passed"] for point in front)
 
 
 def test_cost_rises_along_the_pareto_front(front):
     costs = [point.to_record()["objective"] for point in front if point.pareto]
     assert costs == sorted(costs)
-    assert len(costs) == 3
+    assert len(costs) == 2
 
 
 def test_front_goes_on_where_it_was(front, folder, monkeypatch):

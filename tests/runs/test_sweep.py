@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -59,6 +60,22 @@ def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monk
     assert solved == []
     run_sweep(wheel_sweep(tmp_path, Axis(key="friction", lower=0.36, upper=0.44, count=5)), HERE)
     assert solved == pytest.approx([0.38, 0.42])
+
+
+def test_spokes_are_counted_in_integers(tmp_path):
+    spokes = Axis(key="walker.spokes", lower=9, upper=10, count=2)
+    records = run_sweep(wheel_sweep(tmp_path, spokes), HERE)
+    assert [record["at"]["walker.spokes"] for record in records] == [9, 10]
+    assert records[1]["state"]["theta"] == pytest.approx(-math.pi / 10)
+    with pytest.raises(ProblemError, match=r"6\.5 is not an integer: .*, for instance 6:7:2"):
+        check_sweep(wheel_sweep(tmp_path, Axis(key="walker.spokes", lower=6, upper=7, count=3)))
+
+
+def test_attempts_that_failed_are_done_too(tmp_path):
+    frictions = Axis(key="friction", lower=0.05, upper=0.4, count=2)
+    first = run_sweep(wheel_sweep(tmp_path, frictions), HERE)
+    assert [record["status"] for record in first] == ["infeasible", "converged"]
+    assert run_sweep(wheel_sweep(tmp_path, frictions), HERE) == first
 
 
 def test_sweep_that_died_goes_on_where_it_was(tmp_path, monkeypatch):
@@ -165,6 +182,23 @@ def test_front_and_starts_that_do_not_fit_are_refused_before_they_start(tmp_path
     with pytest.raises(StorageError, match=r"100,000,000 points need about"):
         multistart(design, 100_000_000, tmp_path)
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("empty_folder")
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("front", "compass-torque-efficient", "--over", "constraints.speed=0.3:0.4:50000000"),
+        ("front", "compass-torque-slip", "--over", "friction=0.1:0.2:2"),
+        ("front", "compass-torque-efficient", "--over", "constraints.speed=0.3:1e9:2"),
+        ("solve", "compass-torque-efficient", "--starts", "50000000"),
+        ("sweep", "rimless-wheel-slip", "--over", "friction=0.1:0.2:50000000"),
+        ("sweep", "rimless-wheel-slip", "--over", "walker.spokes=6:7:3"),
+    ],
+)
+def test_what_is_refused_leaves_no_folder(command):
+    assert main([*command, "-o", "run"]) in (3, 6)
+    assert not Path("run").exists()
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ import pytest
 
 from gaitopt import solve
 from gaitopt.problem import load_problem, parse_problem
-from gaitopt.search import solve_as_own
-from gaitopt.search.own import follow, own_problem
+from gaitopt.search.own import follow, own_problem, solve_as_own
 
 
 def test_the_long_gait_stays_long_on_a_steeper_slope():

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 pytest.importorskip("heyoka")
 
-from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl, RimlessWheel, margin_names
+from gaitopt.mechanics import CONTACTS, CompassBiped, HybridSystem, Mode, NoControl, RimlessWheel, margin_names
 from gaitopt.simulation import ScipyStepper, Simulator
 from gaitopt.simulation.batch.simulator import BatchSimulator
 from gaitopt.simulation.batch.steps import BatchSteps, stack_outcomes
@@ -50,7 +50,7 @@ def steps_of(system: HybridSystem, p: Array, states: Sequence[Array]) -> list[Ba
     """A step of every state by each of the engines."""
     starts = np.array(states)
     simulators = [Simulator(system, p, stepper=kind(system, p)) for kind in (ScipyStepper, HeyokaStepper)]
-    alone = [stack_outcomes([simulator.step(z) for z in starts], starts) for simulator in simulators]
+    alone = [stack_outcomes([simulator.step(z) for z in starts], starts, CONTACTS) for simulator in simulators]
     return [*alone, BatchSimulator(system, p).step(starts)]
 
 

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from gaitopt.mechanics import Mode, margin_names
+from gaitopt.mechanics import CONTACTS, margin_names
+from gaitopt.mechanics.walkers.kneed import KneedWalker
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,
@@ -21,6 +22,7 @@ from gaitopt.simulation.events import (
     first_event,
     is_armed,
     lift,
+    priority,
     refine,
 )
 
@@ -126,7 +128,10 @@ def test_simultaneous_events_are_ranked(names: tuple[str, ...], winner: str) -> 
 
 
 def test_every_margin_has_a_rank() -> None:
-    assert set(PRIORITY) == {name for mode in Mode for name in margin_names(mode)}
+    modes = KneedWalker.modes()
+    names = {name for mode in (*CONTACTS, *modes) for name in margin_names(mode)}
+    assert set(PRIORITY) == names - set(KneedWalker.stops) | {""}
+    assert priority("touchdown") < priority("knee") < priority("slip_velocity")
 
 
 def test_a_margin_that_falls_from_its_edge_fires_at_the_start() -> None:

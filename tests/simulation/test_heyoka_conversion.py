@@ -7,7 +7,7 @@ from casadi import SX, Function
 
 hy = pytest.importorskip("heyoka")
 
-from gaitopt.mechanics import Mode  # noqa: E402
+from gaitopt.mechanics import CONTACTS  # noqa: E402
 from gaitopt.problem import load_problem  # noqa: E402
 from gaitopt.simulation.heyoka.convert import BINARY, UNARY, convert  # noqa: E402
 from gaitopt.study import build_system  # noqa: E402
@@ -73,7 +73,7 @@ def test_each_value_of_constants_is_handed_over_once():
     assert conversion.constants.numel_out(0) == 1
 
 
-@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize("mode", CONTACTS)
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-torque-slip", "rimless-wheel-slip"])
 def test_flow_of_a_walker_has_the_same_value(name, mode):
     problem = load_problem(name)

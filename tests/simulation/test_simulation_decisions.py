@@ -8,7 +8,7 @@ from casadi import DM, SX, Function
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import CompassBiped, HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import CONTACTS, CompassBiped, HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 
 Array = NDArray[np.float64]
@@ -31,6 +31,11 @@ def wheel_parameters(friction: float, kappa: float = 1 / 3, slope: float = 0.2) 
     return np.array([8, 1, 1, kappa, 1, slope, friction])
 
 
+def at_rest(p, z):
+    """What the foot of the wheel does at rest."""
+    return ContactResolver(wheel(), p).mode_at_rest(Mode.STICK, 0.0, z, NO_DATA)
+
+
 def compass_parameters(friction: float) -> Array:
     return np.array([*COMPASS, friction])
 
@@ -38,7 +43,7 @@ def compass_parameters(friction: float) -> Array:
 def everything_possible(p: Array, z: Array) -> list[str]:
     """All consistent continuations of a wheel at rest, by its accelerations and by free flight."""
     friction, found = p[-1], []
-    for mode in Mode:
+    for mode in CONTACTS:
         f_t, f_n = np.asarray(wheel().observation(mode)(0, z, p, [])[0]).ravel()
         ddx = float(wheel().flow(mode)(0, z, p, [])[-1])
         holds = abs(f_t) <= friction * f_n if mode is Mode.STICK else mode.direction * ddx > 0
@@ -56,21 +61,18 @@ def test_the_foot_at_rest_does_the_only_thing_that_is_possible() -> None:
     for _ in range(1500):
         p = wheel_parameters(10 ** rng.uniform(-2, 1.2), rng.uniform(0.05, 1), rng.uniform(-1, 1))
         z = np.array([rng.uniform(-0.39, 0.39), 0, rng.normal(), 0])
-        decision = ContactResolver(wheel(), p).mode_at_rest(0.0, z, NO_DATA)
+        decision = at_rest(p, z)
         outcome = str(decision.ending if isinstance(decision, Termination) else decision)
         possible = everything_possible(p, z)
         assert outcome == (possible[0] if len(possible) == 1 else "painleve"), (p, z)
         seen.add(outcome)
-    assert seen == {*Mode, "lift_off", "painleve"}
+    assert seen == {*CONTACTS, "lift_off", "painleve"}
 
 
 @pytest.mark.parametrize(("slope", "mode"), [(0.2, Mode.SLIP_FORWARD), (-0.2, Mode.SLIP_BACKWARD)])
 def test_an_upright_wheel_slides_downhill_without_friction(slope: float, mode: Mode) -> None:
-    assert ContactResolver(wheel(), wheel_parameters(0.0, slope=slope)).mode_at_rest(0.0, np.zeros(4), NO_DATA) is mode
-    assert (
-        ContactResolver(wheel(), wheel_parameters(np.tan(0.201), slope=slope)).mode_at_rest(0.0, np.zeros(4), NO_DATA)
-        is Mode.STICK
-    )
+    assert at_rest(wheel_parameters(0.0, slope=slope), np.zeros(4)) is mode
+    assert at_rest(wheel_parameters(np.tan(0.201), slope=slope), np.zeros(4)) is Mode.STICK
 
 
 def test_at_the_edge_of_the_cone_the_rate_of_the_margin_decides() -> None:
@@ -81,12 +83,12 @@ def test_at_the_edge_of_the_cone_the_rate_of_the_margin_decides() -> None:
         p = wheel_parameters(abs(f_t) / f_n)
         _, rates = wheel().events(Mode.STICK)(0, z, p, [])
         falling = float(rates[3 if f_t < 0 else 4]) < 0
-        assert ContactResolver(wheel(), p).mode_at_rest(0.0, z, NO_DATA) is (Mode.slip(-f_t) if falling else Mode.STICK)
+        assert at_rest(p, z) is (Mode.slip(-f_t) if falling else Mode.STICK)
         assert falling == (mode is not Mode.STICK)
 
 
 def test_forces_that_are_not_finite_are_a_numerical_ending() -> None:
-    termination = ContactResolver(wheel(), wheel_parameters(1)).mode_at_rest(0.0, np.array([0, 0, 1e200, 0]), NO_DATA)
+    termination = at_rest(wheel_parameters(1), np.array([0, 0, 1e200, 0]))
     assert isinstance(termination, Termination)
     assert termination.ending is Ending.NUMERICAL
 
@@ -118,7 +120,7 @@ def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
             assert np.sign(slip) == record.mode.direction
             assert f_t == pytest.approx(-p[-1] * np.sign(slip) * f_n, rel=1e-12)
         seen.add(record.mode)
-    assert seen == set(Mode)
+    assert seen == set(CONTACTS)
 
 
 def test_the_record_counts_the_foot_from_zero_and_keeps_the_step() -> None:

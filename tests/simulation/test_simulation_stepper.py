@@ -11,8 +11,8 @@ from scipy.integrate import quad
 
 from gaitopt.gait import Ending
 from gaitopt.mechanics import HybridSystem, Mechanism, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation import Arrival, ScipyStepper, Simulator, scipy_stepper
-from gaitopt.simulation.buffered import BufferedFunction
 
 Array = NDArray[np.float64]
 

@@ -172,10 +172,13 @@ def test_rows_missing_from_the_end_of_finished_lines_are_noticed(folder):
             lines.append({"job": k})
     text = (folder / "jobs.jsonl").read_bytes()
     (folder / "jobs.jsonl").write_bytes(b"".join(text.splitlines(keepends=True)[:-1]))
-    with pytest.raises(StorageError, match=r"jobs\.jsonl:3: missing, 3 lines were written"):
+    with pytest.raises(StorageError, match=r"jobs\.jsonl:3: missing or cut off, 3 lines were written"):
         list(stored_lines(folder, "jobs.jsonl"))
-    (folder / "jobs.jsonl").write_bytes(text[:-5])  # torn: as a crash leaves it
-    assert len(list(stored_lines(folder, "jobs.jsonl"))) == 2
+    (folder / "jobs.jsonl").write_bytes(text[:-5])  # no crash cuts a line that the manifest counts
+    with pytest.raises(StorageError, match=r"jobs\.jsonl:3: missing or cut off"):
+        list(stored_lines(folder, "jobs.jsonl"))
+    (folder / "jobs.jsonl").write_bytes(text + text[:5])  # but one that came after
+    assert len(list(stored_lines(folder, "jobs.jsonl"))) == 3
     (folder / "jobs.jsonl").unlink()
     with pytest.raises(StorageError, match=r"cannot read .*jobs\.jsonl"):
         list(stored_lines(folder, "jobs.jsonl"))

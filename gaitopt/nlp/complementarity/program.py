@@ -215,11 +215,11 @@ class Complementarity:
         values = dict(zip(self._blocks, np.split(w, ends[:-1]), strict=True))
         impact = _mode(values["impact.a"])
         modes = [_mode(values[f"foot{k}.a"]) for k in range(ELEMENTS)]
-        if impact is not Mode.STICK:  # a slip too short to be an element is one all the same
+        if impact.slips:  # a slip too short to be an element is one all the same
             modes[0] = impact
         runs = [(mode, sum(h for _, h in run)) for mode, run in groupby(zip(modes, values["h"], strict=True), _first)]
         state = values["start"]
-        if impact is Mode.STICK:
+        if impact.sticks:
             state[-1] = 0.0
         return Proposal(
             sequence=ModeSequence(phases=tuple(mode for mode, _ in runs), impact=impact),

@@ -13,8 +13,6 @@ from gaitopt.gait import Cause, Status
 from gaitopt.nlp.design.program import Program, Rows
 from gaitopt.nlp.ipopt import IpoptResult
 from gaitopt.problem import Problem, Range
-from gaitopt.problem.faults import FilePlace
-from gaitopt.problem.source import parse_source
 
 Array = NDArray[np.float64]
 
@@ -43,7 +41,8 @@ def conflicts(problem: Problem, program: Program, result: IpoptResult) -> tuple[
         needed = span.minimum if reached[name] < span.minimum else span.maximum
         against = [words for other, words in obstacles if other != name]
         reason = f"conflicts with {', '.join(against)}" if against else "cannot be met by these phases near the start"
-        words = f"{_place(problem, name)}: {name} {bound} {reason}: best reached {reached[name]:.4g}"
+        _, place = problem.place.locate(("constraints", name))
+        words = f"{place}: {name} {bound} {reason}: best reached {reached[name]:.4g}"
         causes.append(Cause(what=name, words=words, needed=needed, available=float(reached[name])))
     return tuple(causes)
 
@@ -76,10 +75,3 @@ def _obstacles(
 
 def _held(rows: Rows, multipliers: Array) -> str:
     return f"{rows.name} <= {rows.upper[0]:g}" if multipliers[0] > 0 else f"{rows.name} >= {rows.lower[0]:g}"
-
-
-def _place(problem: Problem, name: str) -> str:
-    if not problem.text:
-        return problem.name
-    label = problem.name if problem.path is None else str(problem.path)
-    return FilePlace(label, parse_source(problem.text, label).marks).locate(("constraints", name))[1]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Gait, curves
-from gaitopt.mechanics import Mode, margin_names, margin_scales
+from gaitopt.mechanics import margin_names, margin_scales
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.design.outcome import RADIUS
 from gaitopt.nlp.design.trust_region import SMALL, freed_sizes
@@ -212,7 +212,7 @@ def _margins(gait: Gait) -> list[float]:
             if name not in ("touchdown", "upright"):
                 rows.append(-curves.maximum(-row)[1] / float(unit))
     impact, friction = step.impact, float(system.static_friction(gait.p))
-    if impact.mode is Mode.STICK:
+    if impact.mode.sticks:
         f_t, f_n = impact.stick_impulse / scales.impulse
         return [*rows, f_n, friction * f_n + f_t, friction * f_n - f_t]
     return [

@@ -85,7 +85,7 @@ class Outcome:
         if name == "impulse_ratio":  # what sticking would need, whatever the impact does
             impulse = self._t.system.impact(Mode.STICK)(self._t.Z[:, -1], self._t.p)[1]
             return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1)))
-        sticking = [s.force for s in self._samples if s.mode is Mode.STICK]
+        sticking = [s.force for s in self._samples if s.mode.sticks]
         return vertcat(*(vec(extremum * f[1, :] - sign * f[0, :]) for f in sticking for sign in (1, -1)))
 
     def active_rows(self, name: str, w: Array, p: Array) -> list[int]:

@@ -143,7 +143,7 @@ class Scalars:
 
     def _friction(self) -> Iterator[Piece]:
         for k, arc in enumerate(self._s.arcs):
-            if arc.arc.mode is Mode.STICK:
+            if arc.arc.mode.sticks:
                 yield from _both_signs(_extremes(_quotient(*arc.force), f"friction {k}"))
 
     def _impulse(self) -> Iterator[Piece]:

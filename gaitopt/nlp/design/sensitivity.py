@@ -155,7 +155,7 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
     margins = system.margins(mode)(t, z, p, r)
     values = vertcat(force, foot[1], foot[0] - z[system.n_shape], torque, rate, power, margins)
     by = vertcat(t, z, *(p[system.parameters.index(name)] for name in free))
-    return Function(f"quantities_{mode}", [t, z, p, r], cse([values, jacobian(values, by)]))
+    return Function(f"quantities_{mode.key}", [t, z, p, r], cse([values, jacobian(values, by)]))
 
 
 def _ends(t: Transcription, slopes: Array, index: int) -> tuple[Array, Array]:

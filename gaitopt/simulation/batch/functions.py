@@ -6,7 +6,7 @@ import numpy as np
 from casadi import Function
 from numpy.typing import NDArray
 
-from gaitopt.simulation.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import BufferedFunction
 
 Array = NDArray[np.float64]
 

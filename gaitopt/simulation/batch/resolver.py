@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import ImpactRecord
-from gaitopt.mechanics import HybridSystem, ImpactLaw, Mode
-from gaitopt.simulation.batch.steps import ENDINGS, MODES, NONE
+from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode
+from gaitopt.simulation.batch.steps import ENDINGS, NONE
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.events import EDGE, INSTANT
 from gaitopt.simulation.heyoka.functions import HeyokaRowMap
@@ -51,17 +51,19 @@ class BatchResolver:
         self._stick_first = system.law is ImpactLaw.FRICTIONLESS or system.friction_drops(p)
         self._one_by_one = ContactResolver(system, p)
         self._units = units(system, p)
+        self._modes = system.walker.modes()
         self._events = [
-            HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in MODES
+            HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in self._modes
         ]
         self._approach = HeyokaRowMap(system.approach, {1: p})
-        self._impacts = [HeyokaRowMap(system.impact(mode), {1: p}) for mode in MODES]
+        self._impacts = [HeyokaRowMap(system.impact(mode), {1: p}) for mode in CONTACTS]
 
-    def mode_at_rest(self, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
+    def mode_at_rest(self, stops: int, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
         """Modes of feet at rest and, where there is none, endings; both of shape (n,).
 
         Parameters
         ----------
+        stops : index of the states of the stops, the same for all: code of the mode divided by three.
         times : ndarray, shape (n,) - times since the last impact [s].
         states : ndarray, shape (n, n_z).
         data : ndarray, shape (n, n_r) - segment data of the control.
@@ -69,26 +71,39 @@ class BatchResolver:
         if not times.size:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         taus, zetas = times / self._units.time, states / self._units.state
-        (stick, rates), *slips = (events(taus[:, None], zetas, data) for events in self._events)
-        cones = stick[:, 3:]
-        clear = np.abs(cones) > EDGE + INSTANT * np.abs(rates[:, 3:])
+        first = stops * len(CONTACTS)
+        functions = self._events[first : first + len(CONTACTS)]
+        (stick, rates), *slips = (events(taus[:, None], zetas, data) for events in functions)
+        cones = stick[:, 3:5]
+        clear = np.abs(cones) > EDGE + INSTANT * np.abs(rates[:, 3:5])
         carries = [margins[:, 2] > 0 for margins in (stick, *(margins for margins, _ in slips))]
         unique = [margins[:, 4] > 0 for margins, _ in slips]
         plain = np.all([*carries, *unique, *clear.T], axis=0)
-        modes = np.select([cones[:, 0] < 0, cones[:, 1] < 0], _SLIPS, default=MODES.index(Mode.STICK))
+        modes = first + np.select([cones[:, 0] < 0, cones[:, 1] < 0], _SLIPS, default=CONTACTS.index(Mode.STICK))
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
-            decision = self._one_by_one.mode_at_rest(float(times[k]), states[k], data[k])
+            decision = self._one_by_one.mode_at_rest(self._modes[first], float(times[k]), states[k], data[k])
             if isinstance(decision, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
             else:
-                modes[k] = MODES.index(decision)
+                modes[k] = self._modes.index(decision)
         return modes, endings
+
+    def strike(self, mode: Mode, stop: str, states: Array) -> tuple[Codes, Array, Codes]:
+        """Modes and states just after a stop has locked and, where no impact is possible, endings."""
+        modes, after, endings = np.zeros(len(states), dtype=np.int64), states.copy(), np.zeros(len(states), np.int64)
+        for k, state in enumerate(states):
+            struck = self._one_by_one.strike(mode, stop, state)
+            if isinstance(struck, Termination):
+                modes[k], endings[k] = NONE, ENDINGS.index(struck.ending)
+            else:
+                modes[k], after[k] = self._modes.index(struck[0]), struck[1]
+        return modes, after, endings
 
     def land(self, states: Array) -> Landing:
         """Impacts at touchdown in the given states, shape (n, n_z)."""
         candidates = [impact(states) for impact in self._impacts]
-        consistent = np.column_stack([self._consistent(*pair) for pair in zip(MODES, candidates, strict=True)])
+        consistent = np.column_stack([self._consistent(*pair) for pair in zip(CONTACTS, candidates, strict=True)])
         if self._stick_first:
             consistent[:, 1:] &= ~consistent[:, :1]
         modes, rows = np.argmax(consistent, axis=1), np.arange(len(states))
@@ -101,7 +116,11 @@ class BatchResolver:
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.impact(states[k])
             if isinstance(decision, ImpactRecord):
-                modes[k], after[k], step_lengths[k] = MODES.index(decision.mode), decision.state, decision.step_length
+                modes[k], after[k], step_lengths[k] = (
+                    CONTACTS.index(decision.mode),
+                    decision.state,
+                    decision.step_length,
+                )
             else:
                 modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
                 after[k], step_lengths[k] = states[k], np.nan
@@ -110,7 +129,7 @@ class BatchResolver:
     def _consistent(self, mode: Mode, candidate: list[Array]) -> Flags:
         _, impulse, slip_velocity, _, _ = candidate
         f_t, f_n = impulse.T
-        if mode is Mode.STICK:
+        if mode.sticks:
             return (f_n > 0) & (np.abs(f_t) <= self._friction * f_n)
         return (f_n > 0) & (mode.direction * slip_velocity[:, 0] > 0)
 
@@ -119,4 +138,4 @@ class BatchResolver:
         return np.abs(np.abs(f_t) - self._friction * f_n) <= CONE_EDGE * np.abs(self._friction * f_n)
 
 
-_SLIPS = [MODES.index(Mode.SLIP_FORWARD), MODES.index(Mode.SLIP_BACKWARD)]
+_SLIPS = [CONTACTS.index(Mode.SLIP_FORWARD), CONTACTS.index(Mode.SLIP_BACKWARD)]

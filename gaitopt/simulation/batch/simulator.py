@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending
-from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.mechanics import CONTACTS, HybridSystem, Mode, margin_names
 from gaitopt.simulation.batch.resolver import BatchResolver, Landing
 from gaitopt.simulation.batch.stepper import Arrivals, HeyokaBatch
-from gaitopt.simulation.batch.steps import BASE, ENDINGS, MAX_PHASES, MODES, BatchSteps
+from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, base, max_phases
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES, ONSETS
@@ -42,14 +42,14 @@ class BatchSimulator:
         self.system, self.p = system, np.array(p)
         self._max_switches = max_switches
         self._stepper, self._resolver = HeyokaBatch(system, p), BatchResolver(system, p)
-        self._units = units(system, p)
+        self._units, self._modes = units(system, p), system.walker.modes()
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         limit = min(longest, system.control.horizon)
         self._ends = np.array([*(t for t in system.control.breakpoints if t < limit), limit])
 
     def step(self, states: Array) -> BatchSteps:
         """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
-        motion = _Motion(states, self.system.n_shape, EDGE * self._units.speed)
+        motion = _Motion(states, self.system.n_shape, EDGE * self._units.speed, self._modes)
         self._choose_at_rest(motion, np.flatnonzero(motion.states[:, -1] == 0))
         while (going := np.flatnonzero(motion.endings < 0)).size:
             modes = motion.modes[going]
@@ -66,15 +66,15 @@ class BatchSimulator:
 
     def _advance(self, motion: "_Motion", code: int, rows: Indices) -> None:
         """One arc of the given rows, all in the mode with this code, and what follows."""
-        mode, segments = MODES[code], motion.segments[rows]
+        mode, segments = self._modes[code], motion.segments[rows]
         arrivals = self._stepper.advance(mode, segments, motion.times[rows], motion.states[rows], self._ends[segments])
         motion.arrive(rows, code, arrivals)
         names = np.array([*margin_names(mode), "failure", "limit"])[arrivals.events]
         for name in np.unique(names):
-            self._follow(motion, name, rows[names == name])
+            self._follow(motion, mode, name, rows[names == name])
 
-    def _follow(self, motion: "_Motion", event: str, rows: Indices) -> None:
-        """What comes after the same event in the given rows."""
+    def _follow(self, motion: "_Motion", mode: Mode, event: str, rows: Indices) -> None:
+        """What comes after the same event in the given rows, all in the same mode."""
         if event == "failure":
             motion.end(rows, Ending.NUMERICAL)
         elif event == "limit":
@@ -84,53 +84,66 @@ class BatchSimulator:
         elif event == "touchdown":
             motion.land(rows, self._resolver.land(motion.states[rows]))
         else:
-            self._switch(motion, event, rows)
+            self._switch(motion, mode, event, rows)
 
-    def _switch(self, motion: "_Motion", event: str, rows: Indices) -> None:
+    def _switch(self, motion: "_Motion", mode: Mode, event: str, rows: Indices) -> None:
         motion.switches[rows] += 1
         chattering = motion.switches[rows] > self._max_switches
         motion.end(rows[chattering], Ending.CHATTERING)
         rows = rows[~chattering]
-        if event in ONSETS:
-            motion.modes[rows] = MODES.index(ONSETS[event])
+        if event in mode.free:
+            self._lock(motion, mode, event, rows)
+        elif event in ONSETS:
+            motion.modes[rows] = self._modes.index(mode.with_contact(ONSETS[event]))
         else:
             motion.states[rows, -1] = 0.0
             self._choose_at_rest(motion, rows)
+
+    def _lock(self, motion: "_Motion", mode: Mode, stop: str, rows: Indices) -> None:
+        """A stop locks in the given rows."""
+        modes, states, endings = self._resolver.strike(mode, stop, motion.states[rows])
+        motion.modes[rows], motion.states[rows] = modes, states
+        motion.endings[rows[endings > 0]] = endings[endings > 0]
+        self._choose_at_rest(motion, rows[(endings == 0) & (modes % len(CONTACTS) == CONTACTS.index(Mode.STICK))])
 
     def _pass_breakpoint(self, motion: "_Motion", rows: Indices) -> None:
         last = motion.segments[rows] == len(self._ends) - 1
         motion.end(rows[last], Ending.NO_TOUCHDOWN)
         rows = rows[~last]
         motion.segments[rows] += 1
-        self._choose_at_rest(motion, rows[motion.modes[rows] == MODES.index(Mode.STICK)])
+        self._choose_at_rest(motion, rows[motion.modes[rows] % len(CONTACTS) == CONTACTS.index(Mode.STICK)])
 
     def _choose_at_rest(self, motion: "_Motion", rows: Indices) -> None:
-        data = self._stepper.data[motion.segments[rows]]
-        modes, endings = self._resolver.mode_at_rest(motion.times[rows], motion.states[rows], data)
-        motion.modes[rows] = modes
-        motion.endings[rows[endings > 0]] = endings[endings > 0]
+        stops = motion.modes[rows] // len(CONTACTS)
+        for k in np.unique(stops):
+            own = rows[stops == k]
+            data = self._stepper.data[motion.segments[own]]
+            modes, endings = self._resolver.mode_at_rest(k, motion.times[own], motion.states[own], data)
+            motion.modes[own] = modes
+            motion.endings[own[endings > 0]] = endings[endings > 0]
 
 
 class _Motion:
     """Where all the states have got to; an ending of -1 means that the motion goes on."""
 
-    def __init__(self, states: Array, n_x: int, at_rest: float) -> None:
+    def __init__(self, states: Array, n_x: int, at_rest: float, modes: tuple[Mode, ...]) -> None:
         n = len(states)
-        self._n_x = n_x
+        self._n_x, self._base, self._max_phases = n_x, base(modes), max_phases(modes)
         self.states = np.array(states, dtype=float)
         self.states[:, n_x] = 0.0
         self.states[np.abs(self.states[:, -1]) <= at_rest, -1] = 0.0
         self.times, self.step_lengths = np.zeros(n), np.full(n, np.nan)
         self.segments, self.switches = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
-        self.modes = np.where(self.states[:, -1] > 0, MODES.index(Mode.SLIP_FORWARD), MODES.index(Mode.SLIP_BACKWARD))
+        forward, backward = CONTACTS.index(Mode.SLIP_FORWARD), CONTACTS.index(Mode.SLIP_BACKWARD)
+        self.modes = np.where(self.states[:, -1] > 0, forward, backward)  # with all stops free
         self.endings, self.impacts = np.full(n, -1), np.full(n, -1)
         self.phases, self._n_phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.intp)
 
     def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
         """Record arcs in one mode; an arc across a breakpoint continues its phase, one without duration is none."""
-        new = rows[(arrivals.times > self.times[rows]) & (self.phases[rows] % BASE != code + 1)]
+        new = rows[(arrivals.times > self.times[rows]) & (self.phases[rows] % self._base != code + 1)]
         self._n_phases[new] += 1
-        self.phases[new] = np.where(self._n_phases[new] > MAX_PHASES, 0, self.phases[new] * BASE + code + 1)
+        self.phases[new] = np.where(self._n_phases[new] > self._max_phases, 0, self.phases[new] * self._base + code + 1)
         self.times[rows], self.states[rows] = arrivals.times, arrivals.states
 
     def end(self, rows: Indices, ending: Ending) -> None:

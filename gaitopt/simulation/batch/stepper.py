@@ -18,17 +18,17 @@ from gaitopt.simulation.events import (
     INSTANT,
     LOOK,
     NEAR,
-    PRIORITY,
     bends_decide,
     coincides,
     falls,
     is_touchdown,
     lift,
+    priority,
 )
 from gaitopt.simulation.heyoka.functions import HeyokaRowMap
 from gaitopt.simulation.heyoka.integrators import LANES, batch_integrator
 from gaitopt.simulation.heyoka.stepper import MAX_TAYLOR_STEPS, HeyokaStepper
-from gaitopt.simulation.natural import N_MARGINS, natural_system, units
+from gaitopt.simulation.natural import natural_system, units
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -66,7 +66,7 @@ class HeyokaBatch:
 
     def __init__(self, system: HybridSystem, p: Array) -> None:
         self._system, self._units = system, units(system, p)
-        self._points = {mode: self._compiled(mode) for mode in Mode}
+        self._points = {mode: self._compiled(mode) for mode in system.walker.modes()}
         self._constants: dict[Mode, Array] = {}
         self._alone = HeyokaStepper(system, p)
         self.data = np.array([system.data(k) for k in range(len(system.control.breakpoints) + 1)])
@@ -172,6 +172,7 @@ class _Lanes:
 
     def __init__(self, taylor: Any, constants: Array, limits: Array, arrivals: Arrivals) -> None:
         self._taylor, self._constants, self._limits, self._arrivals = taylor, constants, limits, arrivals
+        self._n_events = len(taylor.t_events)
         self._rows = [-1] * LANES
         self._stops = np.zeros(LANES)
         self._counts = [0] * LANES
@@ -204,7 +205,7 @@ class _Lanes:
     def _record(self, lane: int, code: int) -> None:
         """Write down where the arc in a lane ends."""
         row, event, arrivals = self._rows[lane], -code - 1, self._arrivals
-        if not 0 <= event < N_MARGINS:
+        if not 0 <= event < self._n_events:
             event = LIMIT if code == TIME_LIMIT else FAILURE
         arrivals.events[row], state = event, self._taylor.state[:, lane]
         if event == FAILURE and not np.isfinite(state).all():
@@ -235,6 +236,6 @@ class _Lanes:
 
 def _first(mode: Mode, flags: Flags, otherwise: int) -> Indices:
     """For each row the flagged margin that comes first by priority; shape (n,)."""
-    order = np.argsort([PRIORITY.index(name) for name in margin_names(mode)])
+    order = np.argsort([priority(name) for name in margin_names(mode)])
     first = order[np.argmax(flags[:, order], axis=1)]
     return np.where(flags.any(axis=1), first, otherwise)

@@ -1,5 +1,6 @@
 """Many steps as arrays, with numbers in place of names: modes, endings and the phases of a step have codes."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,20 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import CONTACTS, Mode
 from gaitopt.simulation.simulator import StepOutcome
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
-MODES = tuple(Mode)
 ENDINGS = tuple(Ending)
-"""Codes of modes and endings are their indices here; ``completed`` is 0."""
+"""The code of an ending is its index here; ``completed`` is 0. That of a mode is its index in ``Walker.modes()``, which
+counts contacts first: that of the contact is its remainder modulo three. An impact has the code of its contact."""
 NONE = -1
 """Code of the mode of a foot or an impact that is not there."""
-BASE = 4
-MAX_PHASES = 30
-"""Phases that a code of 64 bits holds, one base-4 digit each (1 + code of the mode); a step with more has code 0."""
+BITS = 62
+"""Of the code of the phases of a step, in which each is a digit, 1 + code of the mode; a longer step has code 0."""
+
+
+def base(modes: Sequence[Mode]) -> int:
+    """Base of the codes of phases."""
+    return len(modes) + 1
+
+
+def max_phases(modes: Sequence[Mode]) -> int:
+    """Phases that a code holds."""
+    return int(BITS / math.log2(base(modes)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +44,7 @@ class BatchSteps:
     times : ndarray, shape (n,) - time of the impact, or of the ending [s].
     step_lengths : ndarray, shape (n,) - NaN where there was no impact [m].
     phases : ndarray, shape (n,) - code of the modes gone through, see ``phase_names``.
-    impacts : ndarray, shape (n,) - index in ``MODES`` of the impact's mode, -1 where there was none.
+    impacts : ndarray, shape (n,) - index in ``CONTACTS`` of the impact's mode, -1 where there was none.
     """
 
     states: Array
@@ -45,24 +55,24 @@ class BatchSteps:
     impacts: Codes
 
 
-def phase_code(modes: Sequence[Mode]) -> int:
-    """The code of the modes gone through in a step."""
+def phase_code(phases: Sequence[Mode], modes: Sequence[Mode]) -> int:
+    """The code of the modes gone through in a step, of a walker with these ``modes``."""
     code = 0
-    for mode in modes if len(modes) <= MAX_PHASES else ():
-        code = code * BASE + MODES.index(mode) + 1
+    for mode in phases if len(phases) <= max_phases(modes) else ():
+        code = code * base(modes) + modes.index(mode) + 1
     return code
 
 
-def phase_names(code: int) -> tuple[Mode, ...]:
+def phase_names(code: int, modes: Sequence[Mode]) -> tuple[Mode, ...]:
     """The modes behind a code, in order."""
-    modes = []
+    phases = []
     while code > 0:
-        code, digit = divmod(code, BASE)
-        modes.append(MODES[digit - 1])
-    return tuple(reversed(modes))
+        code, digit = divmod(code, base(modes))
+        phases.append(modes[digit - 1])
+    return tuple(reversed(phases))
 
 
-def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array) -> BatchSteps:
+def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array, modes: Sequence[Mode]) -> BatchSteps:
     """Steps that were simulated one by one from ``starts``, shape (n, n_z), as arrays."""
     states, times = starts.copy(), np.zeros(len(starts))
     lengths, phases = np.full(len(starts), np.nan), np.zeros(len(starts), dtype=np.int64)
@@ -71,9 +81,9 @@ def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array) -> BatchSteps
         if step is None:
             continue
         times[k], states[k] = step.period, step.arcs[-1].states[-1]
-        phases[k] = phase_code([mode for mode, _ in step.phases])
+        phases[k] = phase_code([mode for mode, _ in step.phases], modes)
         if step.impact is not None:
             states[k], lengths[k] = step.impact.state, step.impact.step_length
-            impacts[k] = MODES.index(step.impact.mode)
+            impacts[k] = CONTACTS.index(step.impact.mode)
     endings = np.array([ENDINGS.index(outcome.ending) for outcome in outcomes], dtype=np.int64)
     return BatchSteps(states=states, endings=endings, times=times, step_lengths=lengths, phases=phases, impacts=impacts)

@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.simulation.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,
-    LIFTS,
     LOOK,
-    PRIORITY,
     Point,
     coincides,
     fallen,
     is_armed,
     lift,
+    priority,
     refine,
+    smallest_lift,
 )
 from gaitopt.simulation.heyoka.integrators import (
     Integrator,
@@ -56,7 +56,7 @@ class HeyokaStepper:
 
     def __init__(self, system: HybridSystem, p: Array, *, precision: type = float) -> None:
         self._system, self._units, self._precision = system, units(system, p), precision
-        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in Mode}
+        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in system.walker.modes()}
         for mode, function in self._points.items():
             function.inputs[2][:] = self._units.parameters[mode]
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
@@ -71,7 +71,7 @@ class HeyokaStepper:
             return Arrival(time=time, state=state, event=event)
         taylor = self._loaded("events", mode, data, start.time, start.state)
         taylor.pars[-len(names) :] = [
-            LIFTS[name] if margin > EDGE else lift(name, margin, rate)
+            smallest_lift(name) if margin > EDGE else lift(name, margin, rate)
             for name, margin, rate in zip(names, start.margins, start.rates, strict=True)
         ]
         taylor.reset_cooldowns()
@@ -130,7 +130,7 @@ class HeyokaStepper:
             for name, m, r, first in zip(names, near.margins, near.rates, start.margins, strict=True)
             if r < 0 and coincides(m + shift * r, r) and (is_armed(name, first) or end > start.time + INSTANT)
         ]
-        return min((names[k], *together), key=PRIORITY.index), end, zeta
+        return min((names[k], *together), key=priority), end, zeta
 
     def _reach(self, mode: Mode, data: Array, point: Point, duration: float) -> Point:
         taylor = self._loaded("flow", mode, data, point.time, point.state)

@@ -1,21 +1,18 @@
-"""Gaits per second along a family, with multipliers, on one core; and the plain way: ``continuation.py [--json FILE]``.
+"""Gaits per second along a family, with multipliers, on one core; and the plain way.
 
 The plain way is simulation, ``fsolve`` and finite differences from one value of the friction to the next. Times are
 those of the process, so that whatever else the machine does counts little.
 """
 
-import argparse
-import json
-import platform
 import time
 import tracemalloc
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from plain import PlainCompass
+from timing import Row
 
 import gaitopt as go
 from gaitopt.families import Request, follow_family
@@ -27,30 +24,22 @@ POINTS = 10
 """Of the plain way."""
 
 
-def main() -> None:
-    """Measure, print, write JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, help="where to write the figures")
-    asked = parser.parse_args()
+def rows() -> list[Row]:
+    """Seconds per gait: the plain way, with multipliers and all that is watched, and every tenth simulated."""
     gait = go.solve(go.load_problem(NAME).replace({"friction": START}))
     family(gait, 0)  # compile, fill caches
     points, seconds = timed(lambda: family(gait, 0))
     checked, seconds_checked = timed(lambda: family(gait, 10))
-    plain, seconds_plain = timed(lambda: plain_family(points))
-    record = {
-        "gaits_per_second": len(points) / seconds,
-        "gaits_per_second_every_tenth_simulated": len(checked) / seconds_checked,
-        "plain_gaits_per_second": POINTS / seconds_plain,
-        "ratio": len(points) / seconds * seconds_plain / POINTS,
-        "largest_difference_of_multipliers": plain,
-        "memory_growth_per_point_bytes": memory(gait),
-        "points": len(points),
-        "machine": {"machine": platform.machine(), "python": platform.python_version()},
-    }
-    for key, value in record.items():
-        print(f"{key:42} {value:.4g}" if isinstance(value, float | int) else f"{key:42} {value}")
-    if asked.json is not None:
-        asked.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    worst, seconds_plain = timed(lambda: plain_family(points))
+    what, plain = "a gait of a family", seconds_plain / POINTS
+    each, each_checked = seconds / len(points), seconds_checked / len(checked)
+    note = f"{1 / each:.0f} a second; multipliers within {worst:.0e}; {memory(gait):.0f} bytes a point"
+    return [
+        Row(what=what, way="plain: fsolve, differences", seconds=plain, ratio=1.0, note=f"{1 / plain:.1f} a second"),
+        Row(what=what, way="continuation, special points watched", seconds=each, ratio=plain / each, note=note),
+        Row(what=what, way="every tenth simulated", seconds=each_checked, ratio=plain / each_checked,
+            note=f"{1 / each_checked:.0f} a second"),
+    ]  # fmt: skip
 
 
 def family(gait: Gait, verify_every: int) -> list[BranchPoint]:
@@ -90,7 +79,3 @@ def memory(gait: Gait) -> float:
     tracemalloc.stop()
     half = held[len(held) // 2 :]
     return float(np.polyfit(np.arange(len(half)), half, 1)[0])
-
-
-if __name__ == "__main__":
-    main()

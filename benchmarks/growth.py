@@ -1,0 +1,80 @@
+"""How cost grows: with shooting intervals, coordinates and steps per cycle."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from chain import chain
+from reuse import solve_anew
+from timing import Row, compared
+
+from gaitopt import load_problem, solve
+from gaitopt.mechanics import HybridSystem, Mode, NoControl
+from gaitopt.nlp.integrator import shooting_step
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.newton import linearise
+from gaitopt.nlp.shooting_jacobian import stage_derivatives, step_derivatives
+from gaitopt.nlp.start import step_states
+from gaitopt.nlp.transcription import Transcription
+
+INTERVALS = (16, 32, 64, 128)
+LINKS = (2, 4, 6, 8)
+CYCLES = (1, 2, 4)
+MODE = Mode.SLIP_FORWARD
+
+
+def rows() -> list[Row]:
+    """All of them."""
+    return [*interval_rows(), *link_rows(), *cycle_rows()]
+
+
+def interval_rows() -> list[Row]:
+    """One step of Newton's method on the stick-slip gait."""
+    gait = solve(load_problem("compass-passive-a"))
+    durations = np.array([duration for _, duration in gait.phases])
+    plan = layout(gait.problem.cycle, durations, ())
+    ways = {}
+    for count in INTERVALS:
+        parts = [max(2, round(count * duration / durations.sum())) for duration in durations]
+        transcription = Transcription(gait.system, plan.refined(parts))
+        w = transcription.pack(step_states(gait.steps[0], transcription.layout.node_times(durations)), durations)
+        ways[f"{sum(parts)} intervals"] = (partial(newton_step, transcription, w, gait.p), "")
+    return compared("a step of Newton's method", ways, rounds=3)
+
+
+def newton_step(transcription: Transcription, w: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Equations, Jacobian, factors."""
+    at = linearise(transcription, w, p)
+    return at.factor().solve(at.residual)
+
+
+def link_rows() -> list[Row]:
+    """Equations of a chain in slip: derived and compiled the first time, then the derivative of one shooting step."""
+    found, ways = [], {}
+    for links in LINKS:
+        system = HybridSystem(chain(links), NoControl())
+        compiled = first_time(lambda system=system: (shooting_step(system, MODE), stage_derivatives(system, MODE, ())))
+        found.append(Row(what="a chain in slip: derived and compiled", way=f"{links} links", seconds=compiled))
+        nodes, p = np.full((system.n_z, 1), 0.1), np.array([9.8, 0.02, 0.3])
+        step = partial(step_derivatives, system, MODE, (), nodes, np.zeros(1), np.full(1, 0.01), p, np.zeros(0))
+        ways[f"{links} links"] = (step, f"{system.n_z} states")
+    return [*found, *compared("a chain in slip: derivative of a shooting step", ways, rounds=3)]
+
+
+def first_time(call: Callable[[], object]) -> float:
+    """Processor time of a call that can only be made once [s]."""
+    began = time.process_time()
+    call()
+    return time.process_time() - began
+
+
+def cycle_rows() -> list[Row]:
+    """The same gait as a cycle of several steps, solved with nothing kept of its layout."""
+    ways = {}
+    for count in CYCLES:
+        problem = load_problem("compass-passive-stick")
+        steps = [{"phases": ["stick"], "impact": "stick"}] * count
+        problem = problem.replace({"gait": {"steps": steps, "guess": {"state": dict(problem.guess.state)}}})
+        ways[f"{count} steps in a cycle"] = (partial(solve_anew, problem), "")
+    return compared("the sticking gait", ways, rounds=2)

@@ -1,0 +1,179 @@
+"""Other branches through special points: doubled families, crossing branches, and where they come from."""
+
+import json
+from functools import cache
+from math import radians
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.errors import ProblemError, SolveError
+from gaitopt.families import Request, continuation, follow_family, resumable
+from gaitopt.families.change import with_cycle
+from gaitopt.families.records import restored_special
+from gaitopt.families.segment import Metric, segment_through
+from gaitopt.families.switching import beginnings, motion_of
+from gaitopt.gait import Branch, Gait, SpecialPoint
+from gaitopt.gait.cascade import cascades
+from gaitopt.mechanics import Cycle, Mode
+
+DOUBLING = radians(5.34641438276)
+"""Slope at which the period of the sticking compass doubles, at friction 0.6."""
+AGREEMENT = 1e-9
+SLOPE = "walker.slope"
+
+
+def sticking(name: str, degrees: float) -> Gait:
+    """The sticking gait just below its period doubling, as one step or, with the two-step problem, twice over."""
+    guess = {"theta1": -0.2637, "dtheta1": 0.8969, "dtheta2": 0.1533}
+    problem = go.load_problem(name).replace({"friction": 0.6, SLOPE: radians(degrees), "gait.guess.state": guess})
+    gait = go.solve(problem)
+    assert gait.converged, gait.message
+    return gait
+
+
+@cache
+def stick() -> Branch:
+    return continuation(sticking("compass-passive-stick", 5.345), SLOPE, radians(5.5), max_points=4, verify_every=0)
+
+
+@cache
+def doubled() -> Branch:
+    (doubling,) = stick().special("period_doubling")
+    return continuation(doubling, SLOPE, radians(5.5), max_points=6, verify_every=4)
+
+
+def unlikeness(gait: Gait) -> float:
+    """Distance between the states after the impacts of a cycle of two steps."""
+    first, second = (step.arcs[0].states[0] for step in gait.steps)
+    return float(np.linalg.norm(first - second))
+
+
+def test_a_doubled_family_begins_at_the_doubling_like_a_square_root() -> None:
+    near = doubled()[:4]
+    amplitudes = np.array([unlikeness(point.gait) for point in near])
+    coefficients = amplitudes**2 / (near.values - DOUBLING)
+    assert coefficients == pytest.approx(coefficients[0], rel=0.02)
+    assert np.all(near.column("spectral_radius") < 1)
+
+
+def test_gaits_of_the_doubled_family_pass_every_claim_of_the_simulator() -> None:
+    gait = doubled()[-2].gait
+    assert len(gait.steps) == 2
+    assert go.verify(gait).passed
+    assert doubled()[4].gait.verification is not None
+
+
+def test_a_gait_walked_twice_has_the_squared_multipliers() -> None:
+    gait = stick()[0].gait
+    problem = with_cycle(gait.problem, gait.system, Cycle(gait.problem.cycle.steps * 2), gait.state)
+    metric = Metric.of(gait, gait.period, 0.01)
+    twice, w = segment_through(problem, gait.system, SLOPE, metric, motion_of(gait, 2), gait.p)
+    assert twice.assembled(w).multipliers == pytest.approx(gait.multipliers**2, abs=1e-6)
+
+
+def test_a_doubled_family_ends_where_its_halves_become_equal() -> None:
+    branch = continuation(doubled()[1].gait, SLOPE, radians(5.2), verify_every=0)
+    end = branch.specials[-1]
+    assert (end.type, end.status) == ("end", "converged")
+    assert end.value == pytest.approx(DOUBLING, abs=AGREEMENT)
+    assert (end.before, end.after) == (Cycle(stick()[0].gait.problem.cycle.steps * 2), stick()[0].gait.problem.cycle)
+
+
+def test_a_gait_walked_twice_meets_the_doubled_family_at_a_branch_point() -> None:
+    """Its other branch has two halves: long and short steps in turn, and short and long ones."""
+    start = sticking("compass-passive-two-step", 5.345)
+    twice = continuation(start, SLOPE, radians(5.5), max_points=4, verify_every=0)
+    (crossing,) = twice.special("branch_point")
+    assert crossing.value == pytest.approx(DOUBLING, abs=AGREEMENT)
+    assert not twice.special("fold")
+    halves = continuation(crossing, SLOPE, radians(5.5), max_points=1, verify_every=0)
+    first, second = (halves.branch(number)[-1].gait for number in (0, 1))
+    assert unlikeness(first) > 1e-4
+    assert [s.period for s in first.steps] == pytest.approx([s.period for s in reversed(second.steps)], rel=1e-5)
+
+
+def test_a_special_point_from_its_record_has_the_same_branches() -> None:
+    (doubling,) = stick().special("period_doubling")
+    record = json.loads(json.dumps(doubling.to_record()))
+    again = restored_special(stick()[0].gait, SLOPE, record)
+    metric = Metric.of(doubling.gait, doubling.gait.period, 0.01)
+    points = [beginnings(special, SLOPE, metric)[0][1] for special in (doubling, again)]
+    assert points[0].gait.state == pytest.approx(points[1].gait.state, abs=1e-8)
+    assert points[0].value == pytest.approx(points[1].value, abs=1e-10)
+
+
+def test_special_points_without_other_branches_are_refused() -> None:
+    gait = stick()[0].gait
+    fold = SpecialPoint(branch=0, type="fold", value=float(gait.p[0]), status="converged", gait=gait)
+    with pytest.raises(ProblemError, match="no other branch begins at a special point of type fold"):
+        continuation(fold, SLOPE, 0.1)
+    (doubling,) = stick().special("period_doubling")
+    with pytest.raises(SolveError, match="no other branch is found"):  # the parameter does not act on a sticking foot
+        continuation(doubling, "friction", 0.5)
+
+
+def with_doubled_family(done: list[dict[str, object]]) -> list[dict[str, object]]:
+    """Records of a family and of its doubled family that are not ``done``."""
+    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=4, verify_every=0, doublings=1)
+    records = follow_family(stick()[0].gait, request, done=done)
+    return [json.loads(json.dumps(record.to_record())) for record in records]
+
+
+def test_a_family_with_its_doubled_family_goes_on_where_it_was_cut_short() -> None:
+    whole = with_doubled_family([])
+    (doubling,) = (record for record in whole if record.get("type") == "period_doubling")
+    assert doubling["next"] == [1]
+    assert {record["branch"] for record in whole} == {0, 1}
+    for cut in (2, len(whole) - 2):
+        kept = resumable(whole[:cut])
+        again = [*kept, *with_doubled_family(kept)]
+        assert [(r["branch"], r.get("index"), r.get("type")) for r in again] == [
+            (r["branch"], r.get("index"), r.get("type")) for r in whole
+        ]
+        assert [r["value"] for r in again] == pytest.approx([r["value"] for r in whole], abs=1e-9)
+
+
+def test_cascade_of_records_follows_changes_of_modes() -> None:
+    def doubling(branch: int, value: float, following: tuple[int, ...]) -> dict[str, object]:
+        return {"record": "special", "branch": branch, "type": "period_doubling", "value": value, "next": following}
+
+    points = [{"record": "point", "branch": branch, "n_steps": n} for branch, n in ((0, 1), (1, 2), (2, 2), (3, 4))]
+    change = {"record": "special", "branch": 1, "type": "mode_change", "value": 1.5, "next": (2,)}
+    records = [*points, doubling(0, 1.0, (1,)), change, doubling(2, 2.0, (3,)), doubling(3, 2.2, ())]
+    (cascade,) = cascades(records)
+    assert cascade.n_steps == (1, 2, 4)
+    assert cascade.values == (1.0, 2.0, 2.2)
+    assert cascade.ratios == pytest.approx((5.0,))
+
+
+@pytest.mark.slow
+def test_cascade_of_the_sticking_compass_up_to_sixteen_steps() -> None:
+    """The distances between its doublings shrink like those of the logistic map."""
+    request = Request(parameter=SLOPE, to=(radians(6.1),), doublings=4, max_points=60)
+    records = [r.to_record() for r in follow_family(sticking("compass-passive-stick", 5.3), request)]
+    (cascade,) = cascades(records)
+    assert cascade.n_steps == (1, 2, 4, 8, 16)
+    degrees = (5.346414382760, 5.890541453509, 5.999300700621, 6.022677632064, 6.027698959363)
+    assert cascade.values == pytest.approx(np.radians(degrees), abs=AGREEMENT)
+    assert cascade.ratios[-1] == pytest.approx(4.669, rel=0.005)
+    for number, n_steps in enumerate(cascade.n_steps):
+        own = [r for r in records if r["branch"] == number and r["record"] == "point"]
+        assert {r["n_steps"] for r in own} == {n_steps}
+        assert all(r["verification"]["passed"] for r in own if r["verification"])
+        assert any(r["verification"] for r in own)
+
+
+def test_limping_begins_where_the_second_multiplier_of_gait_b_passes_minus_one() -> None:
+    gait = go.solve(go.load_problem("compass-passive-b").replace({"friction": 0.1445}))
+    branch = continuation(gait, "friction", 0.13, max_points=3, verify_every=0)
+    (doubling,) = branch.special("period_doubling")
+    assert doubling.value == pytest.approx(0.144302180459, abs=AGREEMENT)
+    assert doubling.gait.multipliers[1] == pytest.approx(-1, abs=1e-7)
+    limping = continuation(doubling, "friction", 0.16, max_points=4, verify_every=3)[-1].gait
+    left, right = limping.problem.cycle.steps
+    assert left == right == gait.problem.cycle.steps[0]
+    assert left.impact is Mode.SLIP_FORWARD
+    lengths = [step.impact.step_length for step in limping.steps]
+    assert abs(lengths[0] - lengths[1]) > 1e-3

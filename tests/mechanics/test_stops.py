@@ -1,0 +1,205 @@
+"""Joint stops: the kneed walker against equations of its own, published numbers, and both ways of solving it."""
+
+import re
+
+import numpy as np
+import pytest
+from named import named, verification
+
+import gaitopt as go
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, ModeSequence, NoControl
+from gaitopt.mechanics.walkers.kneed import KneedWalker
+from gaitopt.simulation import Simulator
+from gaitopt.study import return_map
+
+pytestmark = pytest.mark.portable
+
+WALKER = {
+    "thigh_length": 0.45, "thigh_mass": 0.5, "thigh_com": 0.175, "shank_length": 0.55, "shank_mass": 0.07,
+    "shank_com": 0.375, "hip_mass": 0.6, "gravity": 9.8, "slope": 0.05,
+}  # fmt: skip
+FREE, LOCKED = Mode("stick, knee free"), Mode("stick, knee locked")
+CONTACTS = {"stick": 0, "slip_forward": 1, "slip_backward": -1}
+FRICTION = 0.3
+
+
+@pytest.fixture(scope="module")
+def system():
+    return HybridSystem(KneedWalker, NoControl())
+
+
+def parameters(friction=FRICTION):
+    return np.array([*WALKER.values(), friction])
+
+
+def positions(q):
+    """Bodies of the kneed walker by hand, (x, y) in rows; q = (theta1, theta2, theta3, x, y)."""
+    w, (a, b, c, x, y) = WALKER, q
+    up, down = (
+        (lambda s, t: np.array([s * np.sin(t), s * np.cos(t)])),
+        (lambda s, t: np.array([s * np.sin(t), -s * np.cos(t)])),
+    )
+    foot, leg = np.array([x, y]), w["thigh_length"] + w["shank_length"]
+    hip = foot + up(leg, a)
+    knee = hip + down(w["thigh_length"], b)
+    return np.array([
+        foot + up(w["shank_com"], a), foot + up(w["shank_length"] + w["thigh_com"], a), hip,
+        hip + down(w["thigh_length"] - w["thigh_com"], b), knee + down(w["shank_length"] - w["shank_com"], c),
+    ])  # fmt: skip
+
+
+MASSES = np.repeat(
+    [WALKER["shank_mass"], WALKER["thigh_mass"], WALKER["hip_mass"], WALKER["thigh_mass"], WALKER["shank_mass"]], 2
+)
+
+
+def derivatives(q, dq):
+    """Jacobian J of all positions by complex steps, and dJ/dt dq by differences of it."""
+
+    def J(at):
+        h = 1e-30
+        return np.array([positions(at + 1j * h * e).imag.ravel() / h for e in np.eye(5)]).T
+
+    h = 1e-6
+    return J(q), (J(q + h * dq) - J(q - h * dq)) / (2 * h) @ dq
+
+
+def state(rng, *, slips=0):
+    theta1, theta2 = rng.uniform(-0.3, 0.3, 2)
+    rates = rng.uniform(-1, 1, 3)
+    return np.array([theta1, theta2, theta2, 0.0, *rates, slips * rng.uniform(0.05, 0.3)])
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("knee", ["free", "locked"])
+def test_motion_obeys_newton_with_all_constraints_written_out(system, contact, knee):
+    """M ddq + h = W' f + J_knee' l with the accelerations of foot and locked knee zero, solved as one linear system."""
+    rng, mode, s = np.random.default_rng(1), Mode.of(Mode(contact), {"knee": knee}), CONTACTS[contact]
+    for _ in range(5):
+        z = state(rng, slips=s)
+        if knee == "locked":
+            z[6] = z[5]
+        q, dq = np.array([*z[:4], 0]), np.array([*z[4:], 0])
+        J, bias = derivatives(q, dq)
+        M, gravity = J.T * MASSES @ J, WALKER["gravity"] * np.tile([np.sin(0.05), -np.cos(0.05)], 5)
+        gap = np.array([[0, 1, -1, 0, 0]])
+        rows = [[0, 0, 0, 0, 1], [0, 0, 0, 1, 0]] if s == 0 else [[0, 0, 0, 0, 1]]
+        held = np.array([*rows, *(gap if knee == "locked" else [])], dtype=float)
+        forces = held.copy()
+        if s:
+            forces[0, 3] = -s * FRICTION  # friction comes with the normal force
+        K = np.block([[M, -forces.T], [held, np.zeros((len(held), len(held)))]])
+        acceleration = np.linalg.solve(K, [*(J.T @ (MASSES * (gravity - bias))), *np.zeros(len(held))])
+        dz = np.asarray(system.flow(mode)(0, z, parameters(), [])).ravel()
+        assert dz[4:] == pytest.approx(acceleration[:4], rel=1e-6, abs=1e-6)
+        normal = system.margins(mode)(0, z, parameters(), [])[2]
+        assert float(normal) == pytest.approx(acceleration[5], rel=1e-6)
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_strike_obeys_the_balance_of_momentum_with_all_constraints_written_out(system, contact):
+    rng, s = np.random.default_rng(2), CONTACTS[contact]
+    for _ in range(5):
+        z = state(rng, slips=rng.choice([-1, 0, 1]))
+        q, dq = np.array([*z[:4], 0]), np.array([*z[4:], 0])
+        J, _ = derivatives(q, dq)
+        M = J.T * MASSES @ J
+        held = np.array([[0, 0, 0, 0, 1], [0, 1, -1, 0, 0], *([[0, 0, 0, 1, 0]] if s == 0 else [])], dtype=float)
+        impulses = held.copy()
+        if s:
+            impulses[0, 3] = -s * FRICTION
+        K = np.block([[M, -impulses.T], [held, np.zeros((len(held), len(held)))]])
+        after = np.linalg.solve(K, [*(M @ dq), *np.zeros(len(held))])
+        z_plus, impulse, *_ = (
+            np.asarray(v).ravel() for v in system.impact(LOCKED.with_contact(Mode(contact)))(z, parameters())
+        )
+        assert z_plus[:4] == pytest.approx(z[:4], abs=0)
+        assert z_plus[4:] == pytest.approx(after[:4], rel=1e-9, abs=1e-9)
+        assert impulse[1] == pytest.approx(after[5], rel=1e-9, abs=1e-12)
+
+
+def test_published_gait_of_the_kneed_walker():
+    """Step length, phases and multipliers of Chen's walker without slip, computed elsewhere to these digits."""
+    gait = named("kneed-passive")
+    assert gait.measures["step_length"] == pytest.approx(0.4726, abs=5e-5)
+    assert [duration for _, duration in gait.phases] == pytest.approx([0.3488, 0.2158], abs=5e-5)
+    assert sorted(abs(gait.multipliers)) == pytest.approx([0.144, 0.655, 0.655], abs=5e-4)
+    assert gait.measures["required_friction"] == pytest.approx(0.258, abs=5e-4)
+    assert gait.measures["impulse_ratio"] == pytest.approx(0.229, abs=5e-4)
+    assert verification("kneed-passive").passed
+
+
+def test_the_knee_needs_the_friction_at_which_its_strike_begins_to_slip():
+    gait = named("kneed-passive")
+    before = gait.steps[0].arcs[0].states[-1]
+    f_t, f_n = np.asarray(gait.system.impact(LOCKED)(before, gait.p)[1]).ravel()
+    assert abs(f_t / f_n) == pytest.approx(0.282108744, abs=1e-8)
+    for factor, contact in ((1 + 1e-9, "stick"), (1 - 1e-9, "slip_forward")):
+        p = gait.p.copy()
+        p[-1] = factor * abs(f_t / f_n)
+        step = Simulator(gait.system, p).step(gait.state).step
+        after = next(arc.mode for arc in step.arcs if arc.mode.locked)
+        assert after.contact == contact
+
+
+@pytest.mark.parametrize("friction", [0.27, 0.255, 0.24])
+def test_gaits_whose_knee_strike_slides_are_verified(friction):
+    """The simulator, from the gait with more friction, changes the modes by itself; both methods agree on its gait."""
+    phases = {
+        0.27: ["stick, knee free", "slip_forward, knee locked", "stick, knee locked"],
+        0.255: ["slip_forward, knee free", "stick, knee free", "slip_forward, knee locked", "stick, knee locked"],
+        0.24: [
+            "slip_forward, knee free", "stick, knee free", "slip_forward, knee locked", "stick, knee locked",
+            "slip_backward, knee locked",
+        ],
+    }[friction]  # fmt: skip
+    changes = {"friction": friction, "gait.phases": [Mode(text).data for text in phases]}
+    gait = go.solve(go.load_problem("kneed-passive").replace(changes))
+    assert gait.converged, gait.message
+    checked = go.verify(gait)
+    assert checked.passed, checked
+    heyoka = go.verify(gait, engine="heyoka")
+    assert heyoka.passed
+
+
+def test_engines_agree_on_random_states():
+    gait = named("kneed-passive")
+    xi = np.array([*gait.state[[0, 4, 5]], 0.0]) + np.array([0.02, 0.1, 0.1, 0]) * np.random.default_rng(
+        1
+    ).standard_normal((60, 4))
+    xi[::3, 3] = 0.05 * np.random.default_rng(2).standard_normal(20)
+    problem = go.load_problem("kneed-passive").replace({"friction": 0.25})
+    scipy, heyoka = (return_map(problem, xi, engine=engine) for engine in ("scipy", "heyoka"))
+    assert (scipy.endings == heyoka.endings).all()
+    assert (scipy.phases == heyoka.phases).all()
+    assert scipy.states == pytest.approx(heyoka.states, abs=1e-9, nan_ok=True)
+    assert {"slip_forward, knee locked"} <= {mode for row in range(60) for mode in scipy.sequence(row)}
+
+
+@pytest.mark.parametrize(
+    ("phases", "words"),
+    [
+        (["stick"], "{mode: stick, knee: free}"),
+        ([{"mode": "stick", "knee": "free"}], "all before the foot comes down|before the foot comes down"),
+        ([{"mode": "stick", "knee": "locked"}, {"mode": "stick", "knee": "free"}], "begins with all stops free"),
+        ([{"mode": "stick", "hip": "free"}], "as the walker has its stops"),
+        ([{"mode": "stick", "knee": "bent"}], "bent"),
+        ([{"mode": "hop", "knee": "free"}], "hop"),
+    ],
+)
+def test_phases_that_do_not_fit_the_stops_are_refused(phases, words):
+    with pytest.raises(go.GaitoptError, match=re.compile(words)):
+        go.load_problem("kneed-passive").replace({"gait.phases": phases})
+
+
+def test_a_sequence_knows_where_a_stop_locks():
+    cycle = Cycle((ModeSequence((FREE, LOCKED, LOCKED.with_contact(Mode.SLIP_BACKWARD)), Mode.STICK),))
+    assert cycle.resets == ((0, LOCKED), (2, Mode.STICK))
+    assert [cycle.impact_before(k) for k in range(3)] == [Mode.STICK, LOCKED, None]
+
+
+def test_families_change_modes_at_the_strike():
+    branch = go.continuation(named("kneed-passive"), "friction", 0.275)
+    change = branch.special("mode_change")[0] if branch.special("mode_change") else None
+    assert change is not None
+    assert change.value == pytest.approx(0.282108744, abs=1e-8)

@@ -1,0 +1,87 @@
+"""Newton's method alone: the same gait as by IPOPT, and nothing where the guess is not plainly next to one."""
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.nlp import nearby, solve, solve_gait
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.nearby import REACH, solve_nearby
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.transcription import transcribe
+from gaitopt.study import build_system
+
+NAMES = (
+    "compass-passive-a",
+    "compass-passive-two-step",
+    "compass-torque-slip",
+    "compass-pd-impact-slip",
+    "rimless-wheel-slip",
+)
+
+
+def prepared(name):
+    problem = go.load_problem(name)
+    system = build_system(problem)
+    p = system.values(problem.parameters)
+    state = np.array([problem.guess.state[key] for key in system.state_names])
+    rolled = roll_out(system, p, problem.cycle, state)
+    plan = layout(problem.cycle, rolled.durations, system.control.breakpoints)
+    transcription = transcribe(system, plan)
+    return transcription, transcription.pack(rolled.nodes(plan), np.array(rolled.durations)), p
+
+
+@pytest.mark.portable
+@pytest.mark.parametrize("name", NAMES)
+def test_gait_is_that_of_ipopt_without_ipopt(name, monkeypatch):
+    problem = go.load_problem(name)
+    system = build_system(problem)
+    with monkeypatch.context() as patched:
+        patched.setattr(solve, "Feasibility", None)
+        near = solve_gait(problem, system)
+    monkeypatch.setattr(nearby, "REACH", 0.0)
+    searched = solve_gait(problem, system)
+    assert near.converged
+    assert searched.converged
+    np.testing.assert_allclose(near.state, searched.state, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(near.period, searched.period, rtol=0, atol=1e-11)
+
+
+def test_solution_is_within_twice_the_longest_first_step():
+    transcription, start, p = prepared("compass-passive-a")
+    found = solve_nearby(transcription, start, p)
+    assert found.settled
+    assert np.abs((found.w - start) / transcription.units(p).unknowns).max() <= 2 * REACH
+    assert np.abs(transcription.violation(found.w, p) / transcription.units(p).equalities).max() < 1e-12
+
+
+@pytest.mark.parametrize("scale", [0.3, 3.0, 1e3])
+def test_start_that_is_not_near_a_gait_is_left_to_ipopt(scale):
+    transcription, start, p = prepared("compass-passive-a")
+    away = np.random.default_rng(3).normal(scale=scale, size=start.size)
+    assert not solve_nearby(transcription, start + away, p).settled
+
+
+def test_feet_that_stay_together_are_no_solution_nearby():
+    transcription, start, p = prepared("rimless-wheel-stick")
+    short = start.copy()
+    short[-1] *= 1e-3
+    assert not solve_nearby(transcription, short, p).settled
+
+
+def test_gait_that_violates_a_margin_is_searched_by_ipopt():
+    problem = go.load_problem("compass-passive-stick").replace({"friction": 0.05})
+    gait = solve_gait(problem, build_system(problem))
+    assert not gait.converged
+    assert "friction" in {cause.what for cause in gait.causes}
+
+
+def test_request_to_stop_ends_it_at_once():
+    assert not solve_nearby(*prepared("compass-passive-a"), should_stop=lambda: True).settled
+
+
+def test_problems_that_differ_in_values_share_their_system():
+    problem = go.load_problem("compass-torque-slip")
+    other = problem.replace({"friction": 0.2, "control.hip": 0.5})
+    assert build_system(other) is build_system(problem)
+    assert build_system(problem.replace({"impact_law": "frictionless"})) is not build_system(problem)
