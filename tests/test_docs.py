@@ -13,6 +13,7 @@ from nbclient import NotebookClient
 from gaitopt import load_problem, simulate, solve, verify
 from gaitopt.cli.main import main
 from gaitopt.cli.simulate import read_state
+from gaitopt.gait import Ending
 from gaitopt.problem import parse_problem
 
 ROOT = Path(__file__).parents[1]
@@ -20,9 +21,9 @@ README = (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
-def blocks(language: str) -> list[str]:
+def blocks(language: str, pages: list[Path] = PAGES) -> list[str]:
     pattern = rf"^```{language}\n(.*?)^```$"
-    return [block for page in PAGES for block in re.findall(pattern, page.read_text(), re.MULTILINE | re.DOTALL)]
+    return [block for page in pages for block in re.findall(pattern, page.read_text(), re.MULTILINE | re.DOTALL)]
 
 
 COMMANDS = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
@@ -41,7 +42,7 @@ def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch,
     assert capsys.readouterr().out
 
 
-@pytest.mark.parametrize("program", blocks("python"))
+@pytest.mark.parametrize("program", blocks("python", PAGES[1:]))
 def test_library_calls_that_are_shown_work(program, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     exec(compile(program, "docs", "exec"), {})  # noqa: S102 - our own pages
@@ -79,6 +80,15 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path):
     assert kinds.count("image/png") == 3  # figures appear without any magic
     assert "<iframe" in "".join(output["data"].get("text/html", "") for output in outputs if "data" in output)
     assert not [output for output in outputs if output.get("name") == "stderr"]
+
+
+def test_the_pages_name_every_claim_and_every_ending():
+    claims = (ROOT / "docs" / "verification.md").read_text()
+    named = [cell.strip() for row in re.findall(r"^\| ([a-z ,]+) \|", claims, re.MULTILINE) for cell in row.split(",")]
+    gait = solve(load_problem("rimless-wheel-slip"))
+    assert {claim.name for claim in verify(gait).claims} <= set(named)
+    trouble = (ROOT / "docs" / "troubleshooting.md").read_text()
+    assert all(f"| `{ending}` |" in trouble for ending in Ending if ending is not Ending.COMPLETED)
 
 
 def test_the_reference_of_the_problem_file_is_that_of_the_schema():

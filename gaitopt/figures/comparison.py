@@ -39,9 +39,7 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
         gait's own points are drawn.
     """
     figure, (upper, lower) = panels(2, heights=[3, 2], height=5.4)
-    times, states = points_of(motion.steps) if nodes is None else nodes
-    every = max(1, len(times) // NODES_SHOWN)
-    times, states = times[::every], states[::every]
+    times, states = thinned(*(points_of(motion.steps) if nodes is None else nodes))
     handles: list[Line2D] = []
     for name, colour in zip(motion.system.walker.shape, COLOURS, strict=False):
         column = motion.state_index(name)
@@ -90,6 +88,12 @@ def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
     """Times since the start of the first step (n,) and states (n, n_z) at all points of some steps."""
     arcs = [(began, arc) for began, step in running(steps) for arc in step.arcs]
     return np.concatenate([began + arc.times for began, arc in arcs]), np.vstack([arc.states for _, arc in arcs])
+
+
+def thinned(times: Array, states: Array) -> tuple[Array, Array]:
+    """Some twenty of many points, evenly among them."""
+    every = max(1, len(times) // NODES_SHOWN)
+    return times[::every], states[::every]
 
 
 def node_points(gait: Gait) -> tuple[Array, Array] | None:

@@ -1,13 +1,14 @@
 """What a walker looks like: points that move, lines between them, and discs for the masses.
 
-The legs of the named walkers are known. Any other walker is drawn from its bodies and feet: two points that keep
-their distance are joined, and whatever hangs loose is tied to its neighbour by a thin line.
+The legs of the named walkers are known. A walker may state the lines that draw it (``Walker.outline``). Any other
+walker is drawn from its bodies and feet: two points that keep their distance are joined, and whatever hangs loose is
+tied to its neighbour by a thin line.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import accumulate, combinations
 from types import SimpleNamespace
 
 import numpy as np
@@ -47,20 +48,28 @@ class Skeleton:
 
 def skeleton(motion: Motion, states: Array) -> Skeleton:
     """The drawing of a motion's walker at ``states`` of shape (m, n_z)."""
-    positions, masses, _ = _mechanism(motion.system.walker)
+    positions, masses, _, lines = _mechanism(motion.system.walker)
     p = motion.p[: len(motion.system.walker.model_fields)]
     points = np.asarray(positions(states[:, : motion.system.n_shape + 1].T, p)).T.reshape(len(states), -1, 2)
     mass = np.asarray(masses(p)).ravel()
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
+    if lines:
+        return Skeleton(points=points, legs=_strokes(lines, 2 + mass.size), discs=discs)
     draw = _DRAWINGS.get(motion.system.walker, _rigid_parts)
     return draw(Skeleton(points=points, legs=(), discs=discs), motion)
 
 
 def slope(motion: Motion) -> float:
     """Slope of the ground [rad], downhill along x, from the direction of gravity."""
-    _, _, gravity = _mechanism(motion.system.walker)
+    _, _, gravity, _ = _mechanism(motion.system.walker)
     along, normal = np.asarray(gravity(motion.p[: len(motion.system.walker.model_fields)])).ravel()
     return float(np.arctan2(along, -normal))
+
+
+def _strokes(lines: tuple[int, ...], first: int) -> tuple[tuple[int, int], ...]:
+    """Pairs of neighbours on lines of so many points each, which follow one another from index ``first``."""
+    starts = accumulate(lines[:-1], initial=first)
+    return tuple((k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1))
 
 
 def _compass(bare: Skeleton, motion: Motion) -> Skeleton:
@@ -99,16 +108,22 @@ def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
 
 
 @lru_cache(maxsize=8)
-def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function]:
-    """(shape and x, p) -> stance foot, swing foot and bodies in columns; p -> masses; p -> gravity."""
+def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tuple[int, ...]]:
+    """(shape and x, p) -> stance foot, swing foot, bodies and outline in columns; p -> masses; p -> gravity.
+
+    Last come the numbers of points of the lines of the outline.
+    """
     p = SX.sym("p", len(walker.model_fields))
     q = SX.sym("q", len(walker.shape) + 1)
     coordinates = {name: q[k] for k, name in enumerate((*walker.shape, "x"))}
-    mechanism = walker.mechanism(SimpleNamespace(**coordinates, y=SX(0)), parameter_namespace(walker, p))
-    places = horzcat(vertcat(q[-1], 0), mechanism.swing_foot, *(body.position for body in mechanism.bodies))
+    named = SimpleNamespace(**coordinates, y=SX(0)), parameter_namespace(walker, p)
+    mechanism, lines = walker.mechanism(*named), walker.outline(*named)
+    drawn = [*(body.position for body in mechanism.bodies), *(point for line in lines for point in line)]
+    places = horzcat(vertcat(q[-1], 0), mechanism.swing_foot, *drawn)
     masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
     return (
         Function("positions", [q, p], [places]),
         Function("masses", [p], [masses]),
         Function("gravity", [p], [mechanism.gravity]),
+        tuple(map(len, lines)),
     )

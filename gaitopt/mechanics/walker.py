@@ -111,6 +111,14 @@ class Walker(BaseModel, ABC):
         """All shape coordinates just after an impact, from the free ones of ``section``."""
 
     @classmethod
+    def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
+        """Lines that draw the walker, each a sequence of points [m], with arguments as for ``mechanism``.
+
+        It concerns pictures alone. Without any, the walker is drawn from its bodies and feet.
+        """
+        return ()
+
+    @classmethod
     def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
         """All shape rates just after an impact, from the free ones of ``section_rates`` (``free.dtheta`` and so on)."""
         return tuple(getattr(free, f"d{name}") for name in cls.shape)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.figures.comparison import differences, node_points, points_of, simulated
+from gaitopt.figures.comparison import differences, node_points, points_of, simulated, thinned
 from gaitopt.figures.film import film
 from gaitopt.figures.motion import Motion, motion_of, smooth
 from gaitopt.figures.packing import pack
@@ -58,7 +58,7 @@ def _shown(gait: Gait, name: str) -> dict[str, Any]:
 def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
     """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
     walked = simulated(gait)
-    times, states = node_points(gait) or points_of(motion.steps)
+    times, states = thinned(*(node_points(gait) or points_of(motion.steps)))
     columns = [motion.state_index(name) for name in motion.system.walker.shape]
     names = motion.system.walker.shape
     nodes = {"t": times} | {name: states[:, k] for name, k in zip(names, columns, strict=True)}

@@ -22,7 +22,6 @@ from gaitopt.problem import OpenSequence, Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
 from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.study.return_map import step_map
-from gaitopt.study.system import build_system
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
@@ -86,8 +85,8 @@ def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] 
         If Ctrl-C was pressed here, or ``should_stop`` became true.
     """
     stop = should_stop or (lambda: False)
-    system = build_system(job.problem, should_stop=should_stop)
-    p = system.values(job.problem.parameters)
+    step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process
+    system, p = step.system, step.p
     box, rng = start_box(job.problem, system, p, job.within), np.random.default_rng([job.seed, job.number])
     search = _walks if job.method == "simulation" else _guesses
     candidates, starts = search(job, system, p, box, rng, stop)

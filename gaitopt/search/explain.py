@@ -9,7 +9,7 @@ from gaitopt.gait import Cause, Gait, Status
 from gaitopt.problem import Problem
 from gaitopt.search.distinct import Gaits
 from gaitopt.search.find import STARTS, find
-from gaitopt.search.nearest import Nearest, nearest_values, own_gait
+from gaitopt.search.nearest import Nearest, changed_parameters, nearest_values, own_gait
 from gaitopt.search.solve import solve
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.verify import verify
@@ -92,15 +92,17 @@ def explain(
     say("searching for gaits of any mode sequence")
     instead = find(problem, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
-    nearest: list[Nearest] = []
+    nearest, changed = list[Nearest](), list[str]()
     if not problem.is_open and not problem.free:
         say("following families of gaits to where the mode sequence begins")
-        nearest = nearest_values(problem, own_gait(problem, should_stop), instead, should_stop)
+        own = own_gait(problem, should_stop)
+        changed = [] if own is None else changed_parameters(problem, own)
+        nearest = nearest_values(problem, own, instead, should_stop)
     return Explanation(
         problem=problem,
         gait=gait,
         exists=False,
-        causes=_causes(problem, gait, refuted or gait.causes, nearest),
+        causes=_causes(problem, gait, refuted or gait.causes, nearest, changed),
         instead=instead,
         walk=walk,
         nearest=tuple(nearest),
@@ -123,13 +125,19 @@ def _refuted(gait: Gait) -> tuple[Cause, ...]:
     )
 
 
-def _causes(problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest]) -> tuple[Cause, ...]:
-    """The conditions that the attempt violates; before those that only tell where it ended, the end of the family."""
+def _causes(
+    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest], changed: list[str]
+) -> tuple[Cause, ...]:
+    """The conditions that the attempt violates; before those that only tell where it ended, the end of the family.
+
+    Along a parameter that has been changed that is the end of the file's own gait, else the nearest of all.
+    """
     causes = direct or (Cause(what="search", words=gait.message),)
     if causes[0].what not in INDIRECT or not nearest:
         return causes
     values = problem.parameters
-    first = min(nearest, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
+    along = [n for n in nearest if n.parameter in changed] or nearest
+    first = min(along, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
     words = f"{first.reason} at {first.parameter} = {first.value:.6g}; here it is {values[first.parameter]:.6g}"
     cause = Cause(what=first.type, words=words, needed=first.value, available=values[first.parameter])
     return (cause, *causes)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Gait
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import CONTACTS, HybridSystem, Mode
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine
 from gaitopt.simulation.batch.functions import RowMap
@@ -50,7 +50,7 @@ class Returns:
     step_lengths: Array
     phases: Codes
     impacts: Codes
-    modes: tuple[Mode, ...]
+    modes: tuple[Mode, ...] = CONTACTS
 
     @property
     def completed(self) -> NDArray[np.bool_]:

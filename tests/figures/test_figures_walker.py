@@ -6,13 +6,17 @@ import re
 
 import numpy as np
 import pytest
+from casadi import SX, vertcat
 from pictured import SEQUENCES, TORSO, gait
 
+from gaitopt.figures import skeleton as skeleton_module
 from gaitopt.figures.animation import animation_page
 from gaitopt.figures.film import film
 from gaitopt.figures.motion import motion_of
 from gaitopt.figures.packing import CODES, pack
 from gaitopt.figures.skeleton import skeleton, slope
+from gaitopt.mechanics import CompassBiped
+from gaitopt.mechanics.walker import polar
 
 WALKERS = (*SEQUENCES, TORSO)
 
@@ -68,6 +72,20 @@ def test_a_walker_of_ones_own_is_drawn_from_its_bodies_and_says_what_is_not_rigi
     tied = {index for pair in (*drawn.legs, *drawn.ties) for index in pair}
     assert tied == set(range(drawn.points.shape[1]))
     assert sum(share for _, share in drawn.discs) == pytest.approx(1)
+
+
+def test_a_walker_is_drawn_by_the_lines_that_it_states(monkeypatch):
+    def arc(cls, q, p):
+        return (tuple(vertcat(q.x, 0) + polar(0.1, q.theta1 + angle) for angle in (-1, 0, 1)), (SX([0, 0]), SX([1, 0])))
+
+    monkeypatch.setattr(CompassBiped, "outline", classmethod(arc))
+    skeleton_module._mechanism.cache_clear()
+    try:
+        _, _, drawn = drawing("compass-passive-a")
+    finally:
+        skeleton_module._mechanism.cache_clear()
+    assert drawn.legs == ((5, 6), (6, 7), (8, 9))
+    np.testing.assert_allclose(np.linalg.norm(drawn.points[:, 6] - drawn.points[:, 0], axis=1), 0.1)
 
 
 @pytest.mark.parametrize("name", WALKERS)

@@ -3,6 +3,7 @@
 import pytest
 
 from gaitopt import solve
+from gaitopt.errors import ProblemError
 from gaitopt.gait import Cause, in_words
 from gaitopt.problem import load_problem
 
@@ -19,6 +20,15 @@ FRICTION = [
     pytest.param("compass-passive-a", {"gait.phases": ["slip_forward", "stick"]}, 2, 0.16717, marks=pytest.mark.slow),
     ("compass-passive-a", {"gait.phases": ["stick", "slip_backward"]}, 1, 0.17115),
     ("compass-torque-stick", {"friction": 0.1}, 1, 0.19456),
+]
+WALKERS = [
+    ("rimless-wheel-stick", {"walker.inertia_ratio": 0.1, "friction": 0.2}),
+    ("rimless-wheel-stick", {"walker.mass": 5, "walker.gravity": 1.6, "friction": 0.3}),
+    ("compass-passive-stick", {"walker.slope": "2 deg", "friction": 0.15}),
+    ("compass-passive-stick", {"walker.leg_com": 1.0, "friction": 0.1}),
+    ("compass-passive-stick", {"walker.leg_length": 1.7, "friction": 0.1}),
+    ("compass-passive-two-step", {"friction": 0.2}),
+    ("compass-torque-stick", {"control.ankle": 1.7, "friction": 0.1}),
 ]
 OTHERS = [
     ("rimless-wheel-stick", {"walker.slope": "30deg"}, "normal_force"),
@@ -38,6 +48,27 @@ def test_too_little_friction_is_named_with_what_sticking_needs(name, overrides, 
     assert record["needed"] == pytest.approx(needed, rel=1e-4)
     assert record["available"] == pytest.approx(problem.friction)
     assert record["time"] is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "overrides"), WALKERS)
+def test_with_the_friction_that_the_causes_name_the_gait_exists_and_with_less_it_does_not(name, overrides):
+    problem = load_problem(name).replace(overrides)
+    causes = solve(problem).causes
+    assert causes[0].what == "friction"
+    needed = max(cause.needed for cause in causes if cause.what == "friction")
+    assert solve(problem.replace({"friction": needed * (1 + 1e-4)})).converged
+    assert not solve(problem.replace({"friction": needed * (1 - 1e-4)})).converged
+
+
+def test_a_leg_whose_mass_lies_beyond_the_hip_is_refused_with_the_reason():
+    with pytest.raises(ProblemError, match="a mass at or beyond the hip leaves the swing leg without inertia"):
+        load_problem("compass-passive-stick").replace({"walker.leg_com": 1.7})
+
+
+def test_an_ankle_that_brakes_needs_more_friction_at_the_impact():
+    cause = solve(load_problem("compass-torque-stick").replace({"control.ankle": -0.2})).causes[0].to_record()
+    assert (cause["what"], cause["phase"]) == ("friction", None)
 
 
 @pytest.mark.parametrize(("name", "overrides", "what"), OTHERS)

@@ -41,9 +41,9 @@ def swept(tmp_path_factory):
     counts = []
     problem = go.load_problem(WHEEL)
     result = go.sweep(
-        problem, {"friction": (0.3, 0.5, 3)}, workers=1, output=folder, progress=lambda done, _: counts.append(done)
+        problem, {"friction": (0.4, 0.5, 2)}, workers=1, output=folder, progress=lambda done, _: counts.append(done)
     )
-    assert counts == [1, 2, 3]
+    assert counts == [1, 2]
     return result, folder
 
 
@@ -167,6 +167,7 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch):
         def isatty(self):
             return True
 
+    monkeypatch.setattr("gaitopt.library.calls.solve_any", lambda problem, progress, **_: progress(1, 1e-3))
     for screen, shown in ((Terminal(), True), (io.StringIO(), False)):
         monkeypatch.setattr(sys, "stderr", screen)
         go.solve(go.load_problem(WHEEL))
@@ -183,5 +184,5 @@ def test_no_package_takes_the_name_of_a_public_function():
 
 
 def test_results_import_neither_figures_nor_pages():
-    program = "import sys, gaitopt as go; go.Gait, go.Branch, go.solve; sys.exit('matplotlib' in sys.modules)"
+    program = "import sys, gaitopt as go; go.Gait, go.Branch; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -134,6 +134,7 @@ class Map:
         return Returns(
             names=("a", "b"), states=states, endings=np.where(fallen, ENDINGS.index(Ending.FALL), 0), times=np.ones(n),
             step_lengths=np.ones(n), phases=np.ones(n, dtype=np.int64), impacts=np.zeros(n, dtype=np.int64),
+            modes=(Mode.STICK,),
         )  # fmt: skip
 
 

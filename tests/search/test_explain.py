@@ -91,3 +91,20 @@ def test_below_the_tangent_of_the_slope_the_wheel_cannot_stick():
     explanation = explained("rimless-wheel-slip", {"friction": 0.9 * TANGENT})
     assert explanation.causes[0].what == "friction"
     assert len(explanation.instead) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "overrides", "value"),
+    [
+        ("compass-torque-slip", {"control.hip": 0.0}, 0.501870492312),
+        ("compass-torque-impact-slip", {"friction": 0.4}, 0.232244917992),
+    ],
+)
+def test_what_was_changed_is_the_cause_with_the_value_at_which_the_gait_ends(name, overrides, value):
+    """A torque that is too weak, and a floor that is not slippery enough."""
+    explanation = explained(name, overrides)
+    ((parameter, has),) = overrides.items()
+    assert explanation.causes[0].what == "impact_change"
+    assert (explanation.causes[0].needed, explanation.causes[0].available) == (pytest.approx(value, abs=1e-8), has)
+    assert {n.parameter: n for n in explanation.nearest}[parameter].value == explanation.causes[0].needed
