@@ -10,6 +10,7 @@ NAMES = {
     "compass-passive-two-step": "a cycle of two steps",
     "compass-passive-static-kinetic": "static and kinetic friction",
     "compass-pd-impact-slip": "PD control on a reference gait",
+    "kneed-passive": "knees that lock",
     "rimless-wheel-slip": "a rimless wheel",
 }
 
