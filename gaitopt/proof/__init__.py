@@ -9,8 +9,8 @@ except ModuleNotFoundError as error:
 
 from gaitopt.proof.check import check
 from gaitopt.proof.parameters import INTERVAL, ball
-from gaitopt.proof.prove import make_certificate, prove
+from gaitopt.proof.prove import prove, prove_special
 from gaitopt.proof.taylor import PRECISION
 from gaitopt.proof.theorem import Proof
 
-__all__ = ["INTERVAL", "PRECISION", "Proof", "ball", "check", "make_certificate", "prove"]
+__all__ = ["INTERVAL", "PRECISION", "Proof", "ball", "check", "prove", "prove_special"]
