@@ -61,17 +61,18 @@ def _checks(orbit: Orbit, passage: Passage) -> Iterator[Check]:
         for j in orbit.arcs_of(step):
             arc = orbit.arcs[j]
             begins = j == 0 or orbit.arcs[j - 1].phase != arc.phase
-            for name, steps in _margins_along(orbit, passage, j).items():
+            at_end = orbit.field(arc.mode, arc.segment).margins(passage.ends[j])[0]
+            for (name, steps), last in zip(_margins_along(orbit, passage, j).items(), at_end, strict=True):
                 order = _order_of_zero(orbit, j, name) if begins else 0
                 found = list(parts(steps, order, monotone=name in ("touchdown", arc.event)))
                 if name == "touchdown":
                     touchdown += found
                     continue
                 pattern = ENDS if name == arc.event else POSITIVE
-                yield f"arc {j + 1}, {arc.mode}: {name}", partial(_margin_claim, name, found, pattern, order)
+                yield f"arc {j + 1}, {arc.mode}: {name}", partial(_margin_claim, name, found, pattern, order, arb(last))
             if begins and sequence.impact_before(arc.phase) in (None, Mode.STICK):
                 yield f"arc {j + 1}, {arc.mode}: mode at rest", partial(_rest, orbit, j, passage.starts[j])
-        yield f"{prefix}touchdown", partial(_margin_claim, "touchdown", touchdown, TOUCHDOWN, 0)
+        yield f"{prefix}touchdown", partial(_margin_claim, "touchdown", touchdown, TOUCHDOWN, 0, arb(0))
         yield f"{prefix}impact", partial(_impact, orbit, impact, passage.ends[orbit.arcs_of(step)[-1]])
 
 
@@ -120,7 +121,9 @@ def _vanishes_after_impact(orbit: Orbit, name: str) -> bool:
     )
 
 
-def _margin_claim(name: str, found: Sequence[Part], pattern: str, order: int) -> tuple[str, arb | None]:
+def _margin_claim(name: str, found: Sequence[Part], pattern: str, order: int, last: arb) -> tuple[str, arb | None]:
+    if pattern == POSITIVE and last < 0:
+        raise Refuted(f"{name} is {last.str(6)} at the end of the arc")
     kinds = check_pattern(name, found, pattern)
     zero = f", after a zero of order {order} at its start" if order else ""
     meaning = {

@@ -96,6 +96,13 @@ class Proof:
         radius = self.spectral_radius
         return True if radius is not None and radius < 1 else False if radius is not None and radius > 1 else None
 
+    def _family(self) -> dict[str, Any]:
+        """Parameter and interval of a family, and the type of the special point in it."""
+        varied = self.certificate.get("varied")
+        if varied is None:
+            return {}
+        return {"parameter": varied, "interval": self.certificate["parameters"][varied], "special": self.certificate["special"]}
+
     def stability_claim(self) -> Claim:
         """That the gait is stable, or that it is unstable."""
         verdict = {True: "stable", False: "unstable", None: "whether it is stable is not shown"}[self.stable]
@@ -109,6 +116,7 @@ class Proof:
         return {
             "problem": self.problem,
             "proved": self.proved,
+            **self._family(),
             "state": None if self.state is None else {name: interval(value) for name, value in self.state.items()},
             "durations": [interval(value) for value in self.durations],
             "period": None,
