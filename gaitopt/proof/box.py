@@ -2,9 +2,9 @@
 
     u = centre + frame v,      v in a box about zero
 
-u are the unknowns of an orbit and, in a family, the parameter that varies. The frame is the unit matrix but for the column
-of the coordinate u_k along which the box follows the branch: that is du / du_k, the tangent. The k-th entry of v is then
-u_k - centre_k, and the others are what the tangent does not predict.
+u are the unknowns of an orbit and, in a family, the parameter that varies. The frame is the unit matrix but for the
+column of the coordinate u_k along which the box follows the branch: that is du / du_k, the tangent. The k-th entry of v
+is then u_k - centre_k, and the others are what the tangent does not predict.
 """
 
 from collections.abc import Sequence

@@ -48,9 +48,9 @@ def _neimark_sacker(pieces: Sequence[Piece]) -> str:
     outside = [_number_outside(pieces[k].multipliers) for k in (0, -1)]
     if abs(outside[0] - outside[1]) != 2:
         raise NotProved(f"{outside[0]} and {outside[1]} multipliers are outside the unit circle at the ends")
-    for piece in pieces:
+    for derivative in (piece.derivative for piece in pieces if piece.derivative is not None):
         for real in (1, -1):
-            if not (piece.derivative - real * identity(len(pieces[0].multipliers))).det() != 0:
+            if not (derivative - real * identity(derivative.nrows())).det() != 0:
                 raise NotProved(f"a multiplier may pass through {real}")
     return (
         f"{outside[0]} multipliers are outside the unit circle at one end and {outside[1]} at the other, and none is 1 "
@@ -87,7 +87,8 @@ def _number_outside(multipliers: Sequence[acb]) -> int:
 
 
 def _opposite(name: str, ends: Sequence[arb | None]) -> None:
-    if None in ends or not prod(ends) < 0:
+    values = [end for end in ends if end is not None]
+    if len(values) != len(ends) or not prod(values, start=arb(1)) < 0:
         shown = " and ".join("unknown" if end is None else str(end.str(6)) for end in ends)
         raise NotProved(f"{name} is {shown} at the ends: a change of sign is not shown")
 

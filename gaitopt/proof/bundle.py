@@ -1,6 +1,6 @@
 """A box of motions, carried along an arc as the motion from its middle and the derivative of all others.
 
-    y(v) in centre + slope v,      slope encloses dy/dv on the box        (mean value form)
+y(v) in centre + slope v,      slope encloses dy/dv on the box        (mean value form)
 """
 
 from collections.abc import Sequence

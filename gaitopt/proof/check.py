@@ -1,11 +1,11 @@
 """Re-verification of a certificate, in one pass and without any search: what is proved about the gait that it states.
 
-On a box of deviations v = (w, sigma) from its centre, sigma being that of the parameter if one varies, Krawczyk's operator
+On a box of deviations v = (w, sigma) from its centre, sigma being along the branch of a family, Krawczyk's operator
 
-    K = -C F(centre) - C F_sigma(box) sigma + (1 - C F_w(box)) w,        C an approximate inverse of F_w
+    K = -C F(centre) - C F_sigma(box) sigma + (1 - C F_w(box)) w,       C an approximate inverse of F_w
 
-proves, where K lies in the interior of the box of w, that for every sigma F has exactly one zero in it, and that it lies
-in K. Margins, impact and multipliers are then enclosed for every motion that starts in K.
+proves, where K lies in the interior of the box of w, that for every sigma F has exactly one zero in it, and that it
+lies in K. Margins, impact and multipliers are then enclosed for every motion that starts in K.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -80,7 +80,9 @@ def theorem(statement: Statement, pieces: Sequence[Piece], certificate: Mapping[
     claims = list(at_every_box)
     if statement.interval:
         claims.append(connection_claim(pieces, statement.interval))
-    claims.append(proof.stability_claim() if statement.special is None else sign_change_claim(statement.special, pieces))
+    claims.append(
+        proof.stability_claim() if statement.special is None else sign_change_claim(statement.special, pieces)
+    )
     return replace(proof, claims=tuple(claims))
 
 
@@ -104,9 +106,7 @@ def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool =
         return Piece(box, None, (*claims, Claim(name, proved=False, words=str(failure))))
 
 
-def _piece(
-    orbit: Orbit, box: Box, inner: Box, passage: Passage, claims: tuple[Claim, ...], *, within: bool
-) -> Piece:
+def _piece(orbit: Orbit, box: Box, inner: Box, passage: Passage, claims: tuple[Claim, ...], *, within: bool) -> Piece:
     durations = inner.hull[orbit.n_xi :][: orbit.n_arcs]
     derivative = orbit.return_map(passage, inner)
     return Piece(

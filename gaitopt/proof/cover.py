@@ -1,4 +1,4 @@
-"""Boxes that cover a family of gaits: as long as Krawczyk's test allows, each centred on an orbit and tilted along it."""
+"""Boxes that cover a family of gaits, each centred on an orbit, tilted along it and as long as can be proved."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -7,8 +7,8 @@ from typing import Any
 from flint import arb
 
 from gaitopt.gait import Gait
-from gaitopt.proof.branch import sign_change_claim
 from gaitopt.proof.box import Box
+from gaitopt.proof.branch import sign_change_claim
 from gaitopt.proof.check import check_box, krawczyk
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.orbit import Orbit

@@ -25,9 +25,7 @@ WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Of brackets of special points, tried in this order."""
 
 
-def prove(
-    gait: Gait, intervals: Mapping[str, str] | None = None, *, progress: Callable[[str], None] = silent
-) -> Proof:
+def prove(gait: Gait, intervals: Mapping[str, str] | None = None, *, progress: Callable[[str], None] = silent) -> Proof:
     """Prove that a gait exists, is locally unique, has its mode sequence, and is stable or unstable.
 
     Parameters

@@ -1,4 +1,4 @@
-"""What a certificate is about: its equations, its mode sequence and its boxes, restored and compared with its problem."""
+"""What a certificate is about: equations, mode sequence and boxes, restored and compared with its problem."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Validated Taylor integration: one step of an analytic vector field, with a rigorous remainder.
 
-If F(B) lies in V for the box B = y0 + [0, h] V, the motion stays in B (Picard), even in y0 + [0, h] F(B). With the Taylor
-coefficients F_k(y) of the motion that starts at y
+If F(B) lies in V for the box B = y0 + [0, h] V, the motion stays in B (Picard), even in y0 + [0, h] F(B). With the
+Taylor coefficients F_k(y) of the motion that starts at y
 
     y(h) = sum_{k < N} F_k(y0) h^k + F_N(B) h^N                                  (Lagrange)
 

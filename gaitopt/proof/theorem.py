@@ -61,7 +61,9 @@ class Proof:
     multipliers: tuple[acb, ...] = ()
 
     @classmethod
-    def of(cls, name: str, pieces: Sequence[Piece], claims: tuple[Claim, ...], certificate: Mapping[str, Any]) -> "Proof":
+    def of(
+        cls, name: str, pieces: Sequence[Piece], claims: tuple[Claim, ...], certificate: Mapping[str, Any]
+    ) -> "Proof":
         """The theorem about all orbits of some boxes."""
         if any(piece.inner is None for piece in pieces):
             return cls(name, claims, certificate)
@@ -101,7 +103,8 @@ class Proof:
         varied = self.certificate.get("varied")
         if varied is None:
             return {}
-        return {"parameter": varied, "interval": self.certificate["parameters"][varied], "special": self.certificate["special"]}
+        interval = self.certificate["parameters"][varied]
+        return {"parameter": varied, "interval": interval, "special": self.certificate["special"]}
 
     def stability_claim(self) -> Claim:
         """That the gait is stable, or that it is unstable."""
