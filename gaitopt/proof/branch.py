@@ -60,13 +60,10 @@ def _neimark_sacker(pieces: Sequence[Piece]) -> str:
 
 def _period_doubling(pieces: Sequence[Piece]) -> str:
     ends = [prod((m + 1 for m in pieces[k].multipliers), start=acb(1)).real for k in (0, -1)]
-    _opposite("the product of all multipliers plus one", ends)
+    if not ends[0] * ends[1] < 0:
+        shown = " and ".join(str(end.str(6)) for end in ends)
+        raise NotProved(f"the product of all multipliers plus one is {shown} at the ends: no change of sign")
     return "the product of all multipliers plus one changes its sign: one of them is -1 in between"
-
-
-def _fold(pieces: Sequence[Piece]) -> str:
-    _opposite("the rate of the parameter along the family", [pieces[k].direction for k in (0, -1)])
-    return "the parameter rises along the family at one end and falls at the other: it has an extremum in between"
 
 
 def _margin(pieces: Sequence[Piece]) -> str:
@@ -86,17 +83,9 @@ def _number_outside(multipliers: Sequence[acb]) -> int:
     return sum(bool(modulus > 1) for modulus in moduli)
 
 
-def _opposite(name: str, ends: Sequence[arb | None]) -> None:
-    values = [end for end in ends if end is not None]
-    if len(values) != len(ends) or not prod(values, start=arb(1)) < 0:
-        shown = " and ".join("unknown" if end is None else str(end.str(6)) for end in ends)
-        raise NotProved(f"{name} is {shown} at the ends: a change of sign is not shown")
-
-
 _CHANGES: Mapping[str, Callable[[Sequence[Piece]], str]] = {
     "neimark_sacker": _neimark_sacker,
     "period_doubling": _period_doubling,
-    "fold": _fold,
     **dict.fromkeys(MARGIN_CHANGES, _margin),
 }
 BRACKETED = tuple(_CHANGES)

@@ -118,7 +118,6 @@ def _piece(orbit: Orbit, box: Box, inner: Box, passage: Passage, claims: tuple[C
         measures=measures(orbit, passage, durations),
         derivative=derivative,
         multipliers=() if within else tuple(multipliers(derivative)),
-        direction=_direction(orbit, passage, inner),
     )
 
 
@@ -161,12 +160,3 @@ def krawczyk(orbit: Orbit, box: Box) -> Box:
     if box.along is not None:
         K -= C * part(slope, rows, [box.along]) * box.deviation[box.along].union(arb(0))
     return box.narrowed(K.entries())
-
-
-def _direction(orbit: Orbit, passage: Passage, box: Box) -> Any:
-    """Derivative of the parameter along the branch, None where nothing varies."""
-    if box.along is None:
-        return None
-    slope, rows = orbit.slope(passage, box), range(len(box.unknown))
-    w = part(slope, rows, box.unknown).solve(-part(slope, rows, [box.along]))
-    return (part(box.frame, [len(box.centre) - 1], box.unknown) * w)[0, 0] + box.tangent[-1]

@@ -3,7 +3,7 @@
     u = (xi_1, ..., xi_n, T_1, ..., T_m),      F(u) = (event_1, ..., event_m, P_1 - xi_2, ..., P_n - xi_1)
 
 xi_i are the section coordinates at the start of step i, P_i those after the impact that ends it, T_j the duration of
-arc j and event_j the quantity whose zero ends it: a margin of its mode, or the time left to a breakpoint of the control.
+arc j and event_j the quantity whose zero ends it: a margin of its mode, or the time to a breakpoint of the control.
 A zero of F is a periodic gait, and the derivative of its return map is the product over its steps of
 
     DP = P_xi - P_T (event_T)^-1 event_xi

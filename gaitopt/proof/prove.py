@@ -58,7 +58,7 @@ def prove_special(
     ----------
     gait : converged, at the special point as well as that is known.
     parameter : dotted key of what varies.
-    kind : ``neimark_sacker``, ``period_doubling``, or a change of the mode sequence or of the impact.
+    kind : one of ``BRACKETED``: a bifurcation, or a change of the mode sequence or of the impact.
     width : of the bracket in the parameter; None for the narrowest whose ends can be told apart.
     """
     value = float(gait.p[gait.system.parameters.index(parameter)])

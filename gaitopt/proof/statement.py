@@ -54,6 +54,8 @@ def restore_statement(certificate: Mapping[str, Any]) -> Statement:
     _check_arcs(arcs, problem.cycle)
     index = None if varied is None else system.parameters.index(varied)
     interval = () if varied is None else tuple(ball(text.strip()) for text in texts[varied].split(INTERVAL))
+    if varied is not None and len(interval) != 2:
+        raise ValueError(f"{varied} varies, but {texts[varied]} is no interval")
     orbit = Orbit(system, [ball(texts[key]) for key in system.parameters], problem.cycle, arcs, index)
     return Statement(problem.name, orbit, certificate["special"], interval, records)
 

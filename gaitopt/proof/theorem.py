@@ -23,7 +23,6 @@ class Piece:
         claims, where something could not be computed.
     derivative : of the return map.
     multipliers : largest modulus first.
-    direction : derivative of the parameter along the branch.
     """
 
     outer: Box
@@ -34,7 +33,6 @@ class Piece:
     measures: Mapping[str, arb | None] | None = None
     derivative: arb_mat | None = None
     multipliers: tuple[acb, ...] = ()
-    direction: arb | None = None
 
 
 @dataclass(frozen=True)
@@ -145,7 +143,8 @@ def merged_claims(pieces: Sequence[Piece]) -> Iterator[Claim]:
     for name, claims in by_name.items():
         worst = min(claims, key=lambda claim: claim.proved)
         margins = [claim.margin for claim in claims if claim.margin is not None]
-        yield Claim(name, worst.proved, worst.words, min(margins) if margins and worst.proved else None)
+        words = worst.words if len(claims) == 1 or not worst.proved else f"in {len(claims)} boxes; first: {worst.words}"
+        yield Claim(name, worst.proved, words, min(margins) if margins and worst.proved else None)
 
 
 def _union(values: Sequence[Any]) -> Any:

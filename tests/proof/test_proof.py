@@ -175,6 +175,12 @@ def test_sticking_is_refused_just_below_the_friction_that_it_needs():
     assert "at the end of the arc" in words["arc 1, stick: cone_forward"]
 
 
+def test_a_family_without_an_interval_is_refused():
+    certificate = spoiled("rimless-wheel-stick") | {"varied": "friction"}
+    assert "is no interval" in failures(certificate)["statement"]
+    assert "2 boxes" in failures(spoiled("rimless-wheel-stick") | {"boxes": [{}, {}]})["statement"]
+
+
 def test_an_arc_that_its_steps_overrun_is_refused():
     certificate = spoiled("rimless-wheel-stick")
     certificate["boxes"][0]["steps"][0].append(0.06)

@@ -112,7 +112,7 @@ def points_of_a_stiff_slip(count):
     with ctx.workprec(200):
         for _ in range(count):
             point = [value + rng.uniform(-1e-6, 1e-6) for value in start]
-            series = taylor.taylor_coefficients(field, point, 30)
+            series = taylor.taylor_coefficients(field, point, 18)
             reached = [taylor.evaluate(c, arb(0.002)) for c in series]
             if not all(outer.contains(inner.mid()) for outer, inner in zip(end, reached, strict=True)):
                 return False
