@@ -14,8 +14,9 @@ from gaitopt import load_problem  # noqa: E402
 from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl  # noqa: E402
 from gaitopt.proof import taylor  # noqa: E402
 from gaitopt.proof.field import Field  # noqa: E402
-from gaitopt.proof.graph import BINARY, UNARY, Graph, NotProved, exact_constant  # noqa: E402
-from gaitopt.proof.taylor import PRECISION, expand, follow  # noqa: E402
+from gaitopt.proof.graph import BINARY, UNARY, Graph, NotProved, Refuted, exact_constant  # noqa: E402
+from gaitopt.proof.signs import POSITIVE, TOUCHDOWN, check_pattern, parts  # noqa: E402
+from gaitopt.proof.taylor import PRECISION, Series, expand, follow  # noqa: E402
 
 
 class Plane:
@@ -183,3 +184,21 @@ def test_a_flow_that_is_not_defined_on_its_box_is_refused():
         expand(field, [arb(0, 0.1), arb(0)], arb(0.1))
     with pytest.raises(NotProved, match="quotient by what may be zero"):
         taylor.taylor_coefficients(field, [arb(0), arb(0)], 3)
+
+
+def line(value, rate):
+    """value + rate t as a function on a step."""
+    return Series([arb(value), arb(rate)], [arb(rate)])
+
+
+def test_what_is_negative_beyond_the_end_of_an_arc_refutes_nothing():
+    """The length of the last step is only enclosed."""
+    length = arb(1, 1e-3)
+    steps = [(line(-1, 0), length), (line(1, 0), length), (line(1, -1), length)]
+    assert check_pattern("touchdown", list(parts(steps)), TOUCHDOWN) == "n1 p1 d1"
+    grazing = list(parts([(line(1, -1), length)], monotone=False))
+    with pytest.raises(NotProved) as failure:
+        check_pattern("margin", grazing, POSITIVE)
+    assert not isinstance(failure.value, Refuted)
+    with pytest.raises(Refuted, match="is false"):
+        check_pattern("margin", list(parts([(line(0.5, -1), length)], monotone=False)), POSITIVE)
