@@ -6,18 +6,31 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.options import DebugOption, JsonOption, OutOption, QuietOption, SetOption
-from gaitopt.errors import ProblemError, StorageError
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from gaitopt.problem import Problem
     from gaitopt.proof import Proof
 
 NOT_PROVED = 4
 CERTIFICATE_FILE = "proof.json"
 
+SPECIAL = "@special."
+
 TargetArgument = Annotated[
-    str, typer.Argument(metavar="RUN", help="A run folder, or a PROBLEM; with --check the file of a certificate.")
+    str,
+    typer.Argument(
+        metavar="RUN[@special.K]",
+        help="A run folder, or a PROBLEM; the K-th special point of a branch, from 0; with --check a certificate.",
+    ),
+]
+WidthOption = Annotated[
+    float | None,
+    typer.Option(
+        "--width", min=0.0, help="Of the bracket of a special point; the narrowest that can be proved if left out."
+    ),
 ]
 CheckOption = Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")]
 
@@ -25,6 +38,7 @@ CheckOption = Annotated[bool, typer.Option("--check", help="Verify a certificate
 def prove(
     run: TargetArgument,
     check: CheckOption = False,
+    width: WidthOption = None,
     changes: SetOption = None,
     output: OutOption = None,
     json: JsonOption = False,
@@ -34,6 +48,7 @@ def prove(
     """Prove that a gait exists, and what it does.
 
     Ball arithmetic encloses the orbit, its mode sequence and its multipliers; the certificate is kept with the run.
+    Of a special point it proves the family around it, and that what defines it changes its sign.
     """
     from gaitopt.cli.console import narration
 
@@ -42,6 +57,12 @@ def prove(
         if changes or output is not None:
             raise typer.BadParameter("--check reads a certificate and nothing else; leave out --set and -o")
         return _report(_checked(Path(run)), Path(run), json=json)
+    if SPECIAL in run:
+        if changes:
+            raise typer.BadParameter("--set changes a problem, but a branch is what it is; leave it out")
+        return _prove_special(run, width, output, console, json=json)
+    if width is not None:
+        raise typer.BadParameter("--width is that of the bracket of a special point, RUN@special.K")
     return _prove(run, changes, output, console, json=json)
 
 
@@ -50,8 +71,6 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, console: "C
     from gaitopt.cli.solve import report
     from gaitopt.library.stored import save
     from gaitopt.proof import prove as prove_gait
-    from gaitopt.store import json_text
-    from gaitopt.store.files import write_whole
 
     changes, intervals = _intervals(changes)
     gait, folder, fresh = gait_of(run, changes, output, console)
@@ -60,8 +79,49 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, console: "C
     if fresh:
         save(gait, folder)
     console.print(f"proving {gait.problem.name}: ten seconds to some minutes")
-    proof = prove_gait(gait, intervals)
-    file = folder / CERTIFICATE_FILE
+    proof = prove_gait(gait, intervals, progress=console.print)
+    return _kept(proof, folder / CERTIFICATE_FILE, json=json)
+
+
+def _prove_special(target: str, width: float | None, output: Path | None, console: "Console", *, json: bool) -> int:
+    from gaitopt import solve
+    from gaitopt.cli.solve import report
+    from gaitopt.proof import BRACKETED, prove_special
+    from gaitopt.search.distinct import closed
+
+    run, _, number = target.rpartition(SPECIAL)
+    problem, parameter, special = _special_point(run, number)
+    kind = special["type"]
+    if kind not in BRACKETED or not special["gait"]:
+        raise UnknownNameError(f"{target} is of type {kind}; {', '.join(BRACKETED)} can be proved")
+    gait = solve(closed(problem, special["gait"]).replace({parameter: special["value"]}))
+    if not gait.converged:
+        return report(gait, None, json=json)
+    console.print(f"proving {kind} of {gait.problem.name} near {parameter} = {special['value']:.9g}: some minutes")
+    proof = prove_special(gait, parameter, kind, width, progress=console.print)
+    folder = output or Path(run)
+    folder.mkdir(parents=True, exist_ok=True)
+    return _kept(proof, folder / f"special-{number}-{CERTIFICATE_FILE}", json=json)
+
+
+def _special_point(run: str, number: str) -> "tuple[Problem, str, dict[str, Any]]":
+    """Problem, parameter and record of a special point of a branch."""
+    from gaitopt.cli.branches import holds_branch, stored_branch
+
+    if not holds_branch(run):
+        raise StorageError(f"{run} holds no branch; `gaitopt continue` writes one")
+    problem, parameter, records = stored_branch(run)
+    specials = {str(k): record for k, record in enumerate(r for r in records if r.get("record") == "special")}
+    if number not in specials:
+        raise UnknownNameError(f"{run} has no special point {number!r}; it has {len(specials)}, from 0")
+    return problem, parameter, specials[number]
+
+
+def _kept(proof: "Proof", file: Path, *, json: bool) -> int:
+    """Keep the certificate and report."""
+    from gaitopt.store import json_text
+    from gaitopt.store.files import write_whole
+
     write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
     return _report(proof, file, json=json)
 
@@ -116,6 +176,8 @@ def _print(console: "Console", record: dict[str, Any]) -> None:
     claims = ((c["claim"], "yes" if c["proved"] else "NO", c["words"], c["margin"] or "") for c in record["claims"])
     section(console, "claims", ("claim", "proved", "statement", "margin"), claims, numbers=(3,))
     bounds = {**(record["state"] or {}), **{name: record.get(name) for name in SCALARS}}
+    if record.get("interval"):
+        bounds[record["parameter"]] = record["interval"].split("..")
     rows = ((name, *value) for name, value in bounds.items() if value is not None)
     section(console, "bounds", ("quantity", "from", "to"), rows, numbers=(1, 2))
     parts = ((str(k + 1), *m["re"], *m["im"]) for k, m in enumerate(record["multipliers"]))

@@ -1,44 +1,42 @@
 """Re-verification of a certificate, in one pass and without any search: what is proved about the gait that it states.
 
-On the box X = centre + [-radius, radius] of the unknowns Krawczyk's operator
+On a box of deviations v = (w, sigma) from its centre, sigma being along the branch of a family, Krawczyk's operator
 
-    K = centre - C F(centre) + (1 - C F'(X)) (X - centre),        C an approximate inverse of F'
+    K = -C F(centre) - C F_sigma(box) sigma + (1 - C F_w(box)) w,       C an approximate inverse of F_w
 
-proves, where K lies in the interior of X, that F has exactly one zero in X, and that it lies in K. Margins, impact and
-multipliers are then enclosed for every motion that starts in K.
+proves, where K lies in the interior of the box of w, that for every sigma F has exactly one zero in it, and that it
+lies in K. Margins, impact and multipliers are then enclosed for every motion that starts in K.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from flint import arb, arb_mat, ctx
+from flint import arb, ctx
 
-from gaitopt.mechanics import (
-    CoulombFriction,
-    Cycle,
-    HybridSystem,
-    Mode,
-    StaticKineticFriction,
-    ending_margin,
-)
-from gaitopt.problem import Problem, restore_problem
-from gaitopt.proof.bundle import identity
+from gaitopt.proof.box import Box, identity, vector
+from gaitopt.proof.branch import MARGIN_CHANGES, connection_claim, sign_change_claim
 from gaitopt.proof.claims import Claim, mode_sequence_claims
-from gaitopt.proof.control import restore_control
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.measures import measures, multipliers
-from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit, Passage
-from gaitopt.proof.parameters import INTERVAL, ball
-from gaitopt.proof.taylor import PRECISION, Step
-from gaitopt.proof.theorem import Proof
+from gaitopt.proof.orbit import Orbit, Passage, part
+from gaitopt.proof.statement import Statement, restore_arcs, restore_box, restore_statement
+from gaitopt.proof.taylor import PRECISION
+from gaitopt.proof.theorem import Piece, Proof, merged_claims
 
-SCHEMA = "gaitopt-proof-1"
-EXISTENCE = "existence and uniqueness"
+EXISTENCE, MOTION = "existence and uniqueness", "motion"
 
 
-def check(certificate: Mapping[str, Any]) -> Proof:
+def silent(words: str) -> None:
+    """Progress that nobody is told of."""
+
+
+def check(certificate: Mapping[str, Any], progress: Callable[[str], None] = silent) -> Proof:
     """Verify a certificate.
+
+    Parameters
+    ----------
+    progress : is told in words how far the verification is.
 
     Raises
     ------
@@ -48,153 +46,117 @@ def check(certificate: Mapping[str, Any]) -> Proof:
     before = ctx.cap
     try:
         with ctx.workprec(PRECISION):
-            return _check(certificate)
+            return _check(certificate, progress)
     finally:
         ctx.cap = before
 
 
-def _check(certificate: Mapping[str, Any]) -> Proof:
+def _check(certificate: Mapping[str, Any], progress: Callable[[str], None]) -> Proof:
     try:
-        orbit, sequence, name = restore_orbit(certificate)
+        statement = restore_statement(certificate)
+        if len(statement.records) != 1 and not statement.interval:
+            raise ValueError(f"{len(statement.records)} boxes, but no parameter that varies")
+        pieces: list[Piece] = []
+        for k, record in enumerate(statement.records):
+            at_end = k in (0, len(statement.records) - 1)
+            pieces.append(check_box(statement, record, at_end=at_end))
+            progress(f"box {k + 1} of {len(statement.records)}")
+            if pieces[-1].inner is None:
+                break
     except ValueError as fault:
         claim = Claim("statement", proved=False, words=str(fault))
         return Proof(problem=str(certificate.get("problem")), claims=(claim,), certificate=certificate)
-    proof = Proof(problem=name, claims=(), certificate=certificate)
-    try:
-        centre, deviation, words = prove_existence(orbit, certificate)
-    except NotProved as failure:
-        return replace(proof, claims=(Claim(EXISTENCE, proved=False, words=str(failure)),))
-    claims = [Claim(EXISTENCE, proved=True, words=words)]
-    try:
-        passage = orbit.traverse(centre, [spread.union(arb(0)) for spread in deviation])
-        claims += mode_sequence_claims(orbit, passage, sequence)
-    except NotProved as failure:
-        return replace(proof, claims=(*claims, Claim("motion", proved=False, words=str(failure))))
-    box = [c + spread for c, spread in zip(centre, deviation, strict=True)]
-    return _with_results(replace(proof, claims=tuple(claims)), orbit, box, passage)
+    return theorem(statement, pieces, certificate)
 
 
-def restore_orbit(certificate: Mapping[str, Any]) -> tuple[Orbit, Cycle, str]:
-    """The equations that a certificate is about, its mode sequence, and the name of its problem.
+def theorem(statement: Statement, pieces: Sequence[Piece], certificate: Mapping[str, Any]) -> Proof:
+    """What the boxes prove together."""
+    at_every_box = tuple(merged_claims(pieces))
+    if statement.special in MARGIN_CHANGES:
+        at_every_box = tuple(claim for claim in at_every_box if claim.name == EXISTENCE)
+    proof = Proof.of(statement.name, pieces, at_every_box, certificate)
+    if any(piece.inner is None for piece in pieces) or (statement.interval and not proof.proved):
+        return proof
+    claims = list(at_every_box)
+    if statement.interval:
+        claims.append(connection_claim(pieces, statement.interval))
+    claims.append(
+        proof.stability_claim() if statement.special is None else sign_change_claim(statement.special, pieces)
+    )
+    return replace(proof, claims=tuple(claims))
 
-    Raises
-    ------
-    ValueError
-        If the certificate is of another schema, or does not fit its problem.
+
+def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool = True) -> Piece:
+    """What is proved on one box of a certificate.
+
+    Inside a bracket multipliers are not needed, and beyond a violated margin the orbit is no gait.
     """
-    if certificate.get("schema") != SCHEMA:
-        raise ValueError(f"not a certificate of the schema {SCHEMA}")
-    problem = restore_problem(certificate["resolved"])
-    friction = CoulombFriction() if isinstance(problem.friction, float) else StaticKineticFriction()
-    control = restore_control(certificate["control"])
-    system = HybridSystem(type(problem.walker), control, problem.impact_law, friction)
-    texts = certificate["parameters"]
-    _check_parameters(problem, system, texts)
-    arcs = [_restore_arc(record) for record in certificate["arcs"]]
-    _check_arcs(arcs, problem.cycle)
-    p = [ball(texts[key]) for key in system.parameters]
-    return Orbit(system, p, arcs, problem.cycle.impact), problem.cycle, problem.name
+    box = restore_box(statement.orbit, record)
+    orbit = statement.orbit.on(box, restore_arcs(statement.orbit, record))
+    claims: tuple[Claim, ...] = ()
+    try:
+        inner, words = prove_existence(orbit, box)
+        claims = (Claim(EXISTENCE, proved=True, words=words),)
+        passage = orbit.traverse(inner)
+        if at_end or statement.special not in MARGIN_CHANGES:
+            claims += tuple(mode_sequence_claims(orbit, passage))
+        return _piece(orbit, box, inner, passage, claims, within=statement.special is not None and not at_end)
+    except NotProved as failure:
+        name = MOTION if claims else EXISTENCE
+        return Piece(box, None, (*claims, Claim(name, proved=False, words=str(failure))))
 
 
-def prove_existence(orbit: Orbit, certificate: Mapping[str, Any]) -> tuple[list[arb], list[arb], str]:
-    """The centre of X, the deviations of the only zero in X from it, and the claim in words.
+def _piece(orbit: Orbit, box: Box, inner: Box, passage: Passage, claims: tuple[Claim, ...], *, within: bool) -> Piece:
+    durations = inner.hull[orbit.n_xi :][: orbit.n_arcs]
+    derivative = orbit.return_map(passage, inner)
+    return Piece(
+        box,
+        inner,
+        claims,
+        state=dict(zip(orbit.system.state_names, passage.starts[0], strict=False)),
+        durations=orbit.phase_durations(durations),
+        measures=measures(orbit, passage, durations),
+        derivative=derivative,
+        multipliers=() if within else tuple(multipliers(derivative)),
+    )
 
-    Krawczyk's operator is applied once more to its own result, which is far narrower than X.
+
+def prove_existence(orbit: Orbit, box: Box) -> tuple[Box, str]:
+    """A box that holds the only zeros in ``box``, and the claim in words.
+
+    Krawczyk's operator is applied once more to its own result, which is far narrower.
 
     Raises
     ------
     NotProved
         If Krawczyk's test fails.
     """
-    centre = [arb(text).mid() for text in certificate["centre"]]
-    radius = arb(certificate["radius"])
-    if len(centre) != len(orbit.unknowns):
-        raise NotProved(f"the box has {len(centre)} entries, but there are {len(orbit.unknowns)} unknowns")
-    deviation = [arb(0, radius.lower())] * len(centre)
-    first = krawczyk(orbit, centre, deviation)
-    for name, inside, outside in zip(orbit.unknowns, first, deviation, strict=True):
-        if not outside.contains_interior(inside):
-            raise NotProved(f"Krawczyk's operator moves {name} by {inside.str(5)}, out of +/- {radius.str(3)}")
+    first = krawczyk(orbit, box)
+    for k in box.unknown:
+        if not box.deviation[k].contains_interior(first.deviation[k]):
+            inside, outside = first.deviation[k].str(5), box.deviation[k].str(3)
+            raise NotProved(f"Krawczyk's operator moves {orbit.names[k]} by {inside}, out of {outside}")
+    radius = max(box.deviation[k].abs_upper() for k in box.unknown)
     words = f"exactly one periodic orbit lies within {radius.str(3, radius=False)} of the centre in every unknown"
-    return centre, krawczyk(orbit, centre, first), words
+    return krawczyk(orbit, first), words
 
 
-def krawczyk(orbit: Orbit, centre: list[arb], deviation: list[arb]) -> list[arb]:
-    """Krawczyk's operator on the box ``centre + deviation``, relative to the centre.
+def krawczyk(orbit: Orbit, box: Box) -> Box:
+    """The box that Krawczyk's operator makes of one.
 
     Raises
     ------
     NotProved
-        If the motion cannot be followed, or F' is singular.
+        If the motion cannot be followed, or F_w is singular.
     """
-    n = len(centre)
-    passage = orbit.traverse(centre, [spread.union(arb(0)) for spread in deviation])
+    passage = orbit.traverse(box)
+    slope, rows, w = orbit.slope(passage, box), range(len(box.unknown)), box.unknown
+    F_w = part(slope, rows, w)
     try:
-        C = passage.slope.mid().inv()
+        C = F_w.mid().inv()
     except ZeroDivisionError as failure:
         raise NotProved("the derivative of the shooting equations is singular") from failure
-    rest = (identity(n) - C * passage.slope) * arb_mat(n, 1, deviation) - C * arb_mat(n, 1, passage.residual)
-    return list(rest.entries())
-
-
-def _with_results(proof: Proof, orbit: Orbit, box: list[arb], passage: Passage) -> Proof:
-    """The proof with measures and multipliers, and what follows from them."""
-    n_xi = len(orbit.section)
-    durations = [arb(0)] * (1 + orbit.arcs[-1].phase)
-    for arc, duration in zip(orbit.arcs, box[n_xi:], strict=True):
-        durations[arc.phase] += duration
-    result = replace(
-        proof,
-        state=dict(zip(orbit.system.state_names, orbit.start(box[:n_xi])[:-1], strict=True)),
-        durations=tuple(durations),
-        measures=measures(orbit, passage, box[n_xi:]),
-        multipliers=tuple(multipliers(orbit, passage)),
-    )
-    verdict = {True: "stable", False: "unstable", None: "whether it is stable is not shown"}[result.stable]
-    words = f"{verdict}: the largest modulus of a multiplier is {result.spectral_radius}"
-    claim = Claim("stability", proved=result.stable is not None, words=words)
-    return replace(result, claims=(*result.claims, claim))
-
-
-def _check_parameters(problem: Problem, system: HybridSystem, texts: Mapping[str, str]) -> None:
-    """Whether the exact values are those of the problem, up to the rounding of its doubles."""
-    known = {**{f"control.{key}": value for key, value in system.control.parameters.items()}, **problem.parameters}
-    missing = problem.parameters.keys() - set(system.parameters)
-    if missing:
-        raise ValueError(f"the control of the certificate does not have the problem's {', '.join(sorted(missing))}")
-    free = {*problem.free, *(f"control.{name}" for name in system.control.unknowns)}
-    for key in system.parameters:
-        value = ball(texts[key])
-        double = arb(float(known[key]))
-        near = abs(value - double) <= abs(double) * arb(2) ** -51 or (INTERVAL in texts[key] and value.contains(double))
-        if key not in free and not near:
-            raise ValueError(f"{key} is {texts[key]} in the certificate, but {known[key]!r} in its problem")
-
-
-def _check_arcs(arcs: list[Arc], sequence: Cycle) -> None:
-    """Whether the arcs follow the mode sequence and end with the events that it names.
-
-    Raises
-    ------
-    ValueError
-        If they do not.
-    """
-    phases = [arc.phase for arc in arcs]
-    if phases != sorted(phases) or set(phases) != set(range(len(sequence.phases))):
-        raise ValueError("the arcs do not follow the mode sequence of the problem")
-    for j, (arc, after) in enumerate(zip(arcs, [*phases[1:], None], strict=True)):
-        mode = sequence.phases[arc.phase]
-        event = (
-            BREAKPOINT if after == arc.phase else ending_margin(mode, None if after is None else sequence.phases[after])
-        )
-        segment = 0 if j == 0 else arcs[j - 1].segment + (arcs[j - 1].event == BREAKPOINT)
-        if (arc.mode, arc.event, arc.segment) != (mode, event, segment):
-            raise ValueError(
-                f"arc {j + 1} is {arc.mode} on segment {arc.segment} until {arc.event}, but the mode sequence of the "
-                f"problem has {mode} on segment {segment} until {event}"
-            )
-
-
-def _restore_arc(record: Mapping[str, Any]) -> Arc:
-    steps = tuple(Step(h, tuple((lo, hi) for lo, hi in speeds)) for h, speeds in record["steps"])
-    return Arc(Mode(record["mode"]), record["segment"], record["phase"], record["event"], steps)
+    K = (identity(len(w)) - C * F_w) * vector([box.deviation[k] for k in w]) - C * vector(passage.flat_residual)
+    if box.along is not None:
+        K -= C * part(slope, rows, [box.along]) * box.deviation[box.along].union(arb(0))
+    return box.narrowed(K.entries())

@@ -11,8 +11,8 @@ from functools import partial
 from casadi import SX, simplify
 from flint import arb
 
-from gaitopt.mechanics import CONTACTS, Cycle, ImpactLaw, Mode, margin_names
-from gaitopt.proof.graph import NotProved
+from gaitopt.mechanics import CONTACTS, ImpactLaw, Mode, margin_names
+from gaitopt.proof.graph import NotProved, Refuted
 from gaitopt.proof.orbit import Impact, Orbit, Passage
 from gaitopt.proof.signs import ENDS, POSITIVE, TOUCHDOWN, Part, check_pattern, parts, smallest
 from gaitopt.proof.taylor import Series
@@ -29,45 +29,51 @@ class Claim:
     name : what it is about.
     words : the statement, or why it is not proved.
     margin : a proved bound of the quantity that has to be positive, if there is one.
+    refuted : whether the contrary is proved.
     """
 
     name: str
     proved: bool
     words: str
     margin: arb | None = None
+    refuted: bool = False
 
 
 Check = tuple[str, Callable[[], tuple[str, arb | None]]]
 
 
-def mode_sequence_claims(orbit: Orbit, passage: Passage, sequence: Cycle) -> Iterator[Claim]:
-    """The mode sequence: margins of every arc, modes of a foot at rest, the touchdown, the impact."""
-    for name, check in _checks(orbit, passage, sequence):
+def mode_sequence_claims(orbit: Orbit, passage: Passage) -> Iterator[Claim]:
+    """The mode sequence: margins of every arc, modes of a foot at rest, touchdowns, impacts."""
+    for name, check in _checks(orbit, passage):
         try:
             words, margin = check()
         except NotProved as failure:
-            yield Claim(name, proved=False, words=str(failure))
+            yield Claim(name, proved=False, words=str(failure), refuted=isinstance(failure, Refuted))
         else:
             yield Claim(name, proved=True, words=words, margin=margin)
 
 
-def _checks(orbit: Orbit, passage: Passage, sequence: Cycle) -> Iterator[Check]:
-    touchdown: list[Part] = []
-    for j, arc in enumerate(orbit.arcs):
-        series = _margins_along(orbit, passage, j)
-        first_of_phase = j == 0 or orbit.arcs[j - 1].phase != arc.phase
-        for name, steps in series.items():
-            order = _order_of_zero(orbit, sequence, j, name, first_of_phase=first_of_phase)
-            found = list(parts(steps, order, monotone=name in ("touchdown", arc.event)))
-            if name == "touchdown":
-                touchdown += found
-                continue
-            pattern = ENDS if name == arc.event else POSITIVE
-            yield f"arc {j + 1}, {arc.mode}: {name}", partial(_margin_claim, name, found, pattern, order)
-        if first_of_phase and (j > 0 or sequence.impact.sticks):
-            yield f"arc {j + 1}, {arc.mode}: mode at rest", partial(_rest, orbit, j, passage.starts[j], sequence)
-    yield "touchdown", partial(_margin_claim, "touchdown", touchdown, TOUCHDOWN, 0)
-    yield "impact", partial(_impact, orbit, passage.ends[-1][:-1])
+def _checks(orbit: Orbit, passage: Passage) -> Iterator[Check]:
+    sequence = orbit.sequence
+    for step, impact in enumerate(sequence.impacts):
+        prefix = f"step {step + 1}, " if len(sequence.steps) > 1 else ""
+        touchdown: list[Part] = []
+        for j in orbit.arcs_of(step):
+            arc = orbit.arcs[j]
+            begins = j == 0 or orbit.arcs[j - 1].phase != arc.phase
+            at_end = orbit.field(arc.mode, arc.segment).margins(passage.ends[j])[0]
+            for (name, steps), last in zip(_margins_along(orbit, passage, j).items(), at_end, strict=True):
+                order = _order_of_zero(orbit, j, name) if begins else 0
+                found = list(parts(steps, order, monotone=name in ("touchdown", arc.event)))
+                if name == "touchdown":
+                    touchdown += found
+                    continue
+                pattern = ENDS if name == arc.event else POSITIVE
+                yield f"arc {j + 1}, {arc.mode}: {name}", partial(_margin_claim, name, found, pattern, order, arb(last))
+            if begins and sequence.impact_before(arc.phase) in (None, Mode.STICK):
+                yield f"arc {j + 1}, {arc.mode}: mode at rest", partial(_rest, orbit, j, passage.starts[j])
+        yield f"{prefix}touchdown", partial(_margin_claim, "touchdown", touchdown, TOUCHDOWN, 0, arb(0))
+        yield f"{prefix}impact", partial(_impact, orbit, impact, passage.ends[orbit.arcs_of(step)[-1]])
 
 
 def _margins_along(orbit: Orbit, passage: Passage, j: int) -> dict[str, list[tuple[Series, arb]]]:
@@ -82,18 +88,17 @@ def _margins_along(orbit: Orbit, passage: Passage, j: int) -> dict[str, list[tup
     return steps
 
 
-def _order_of_zero(orbit: Orbit, sequence: Cycle, j: int, name: str, *, first_of_phase: bool) -> int:
-    """Order of the zero with which a margin starts on an arc because of what happened just before.
+def _order_of_zero(orbit: Orbit, j: int, name: str) -> int:
+    """Order of the zero with which a margin starts on the first arc of a phase because of what happened just before.
 
     A slip starts from rest; where it starts at the edge of the cone its acceleration is zero as well, because that
     is minus the cone's margin over the apparent mass. The landing foot is on the ground.
     """
-    arc = orbit.arcs[j]
-    if name == "slip_velocity" and first_of_phase:
-        return sequence.onset_order(arc.phase, jump=_friction_drops(orbit))
-    if j == 0 and name in ("touchdown", "upright"):
-        return int(_vanishes_after_impact(orbit, name))
-    return 0
+    phase = orbit.arcs[j].phase
+    if name == "slip_velocity":
+        return orbit.sequence.onset_order(phase, jump=_friction_drops(orbit))
+    after_impact = phase in orbit.sequence.first_phases and name in ("touchdown", "upright")
+    return int(after_impact and _vanishes_after_impact(orbit, name))
 
 
 def _friction_drops(orbit: Orbit) -> bool:
@@ -116,7 +121,9 @@ def _vanishes_after_impact(orbit: Orbit, name: str) -> bool:
     )
 
 
-def _margin_claim(name: str, found: Sequence[Part], pattern: str, order: int) -> tuple[str, arb | None]:
+def _margin_claim(name: str, found: Sequence[Part], pattern: str, order: int, last: arb) -> tuple[str, arb | None]:
+    if pattern == POSITIVE and last < 0:
+        raise Refuted(f"{name} is {last.str(6)} at the end of the arc")
     kinds = check_pattern(name, found, pattern)
     zero = f", after a zero of order {order} at its start" if order else ""
     meaning = {
@@ -127,7 +134,7 @@ def _margin_claim(name: str, found: Sequence[Part], pattern: str, order: int) ->
     return f"{name} {meaning[pattern]}{zero} ({kinds})", smallest(found)
 
 
-def _rest(orbit: Orbit, j: int, y: list[arb], sequence: Cycle) -> tuple[str, arb | None]:
+def _rest(orbit: Orbit, j: int, y: list[arb]) -> tuple[str, arb | None]:
     """A foot at rest can only do what the arc says: stick, or slip because sticking would need too much friction."""
     arc = orbit.arcs[j]
     margins = {
@@ -142,25 +149,24 @@ def _rest(orbit: Orbit, j: int, y: list[arb], sequence: Cycle) -> tuple[str, arb
     else:
         needed[f"margin to {Mode.slip(-arc.mode.direction)}"] = cones[Mode.slip(-arc.mode.direction)]
         words = "the force that would hold the foot leaves the cone here, on the side of this slip alone"
-        if sequence.starts_from_rest(arc.phase):
+        if orbit.sequence.starts_from_rest(arc.phase):
             needed["excess over the cone"] = -cones[arc.mode]
             words = "holding the foot would need a force beyond the cone, on the side of this slip alone"
     return words, _all_positive(needed)
 
 
-def _impact(orbit: Orbit, z: list[arb]) -> tuple[str, arb | None]:
+def _impact(orbit: Orbit, mode: Mode, y: list[arb]) -> tuple[str, arb | None]:
     """The impact is consistent, no other one is, and the former stance foot lifts."""
-    candidates = {mode: orbit.impact(mode, z) for mode in CONTACTS}
-    own = candidates[orbit.impact_mode]
     cone = orbit.system.static_friction(orbit.p)
-    needed = {"lift velocity": own.lift_velocity, **_impact_margins(own, orbit.impact_mode, cone)}
-    for mode in CONTACTS:
-        if mode is not orbit.impact_mode and not (orbit.impact_mode.sticks and _stick_has_precedence(orbit)):
-            other = _impact_margins(candidates[mode], mode, cone)
-            if not any(margin < 0 for margin in other.values()):
-                shown = ", ".join(f"{name} {margin.str(6)}" for name, margin in other.items())
-                raise NotProved(f"an impact with {mode} is not shown to be inconsistent: {shown}")
-    return f"{orbit.impact_mode} is the only consistent impact, and the former stance foot lifts", _all_positive(needed)
+    own = orbit.impact(mode, y)
+    smallest_margin = _all_positive({"lift velocity": own.lift_velocity, **_impact_margins(own, mode, cone)})
+    for other in CONTACTS:
+        if other is not mode and not (mode.sticks and _stick_has_precedence(orbit)):
+            margins = _impact_margins(orbit.impact(other, y), other, cone)
+            if not any(margin < 0 for margin in margins.values()):
+                shown = ", ".join(f"{name} {margin.str(6)}" for name, margin in margins.items())
+                raise NotProved(f"an impact with {other} is not shown to be inconsistent: {shown}")
+    return f"{mode} is the only consistent impact, and the former stance foot lifts", smallest_margin
 
 
 def _stick_has_precedence(orbit: Orbit) -> bool:
@@ -182,9 +188,10 @@ def _all_positive(needed: dict[str, arb]) -> arb:
     Raises
     ------
     NotProved
-        If one is not above zero.
+        If one is not shown to be above zero; ``Refuted`` if it is below.
     """
     for name, value in needed.items():
         if not value > 0:
-            raise NotProved(f"{name} is {value.str(6)}, not shown to be positive")
+            failure, shown = (Refuted, "not") if value < 0 else (NotProved, "not shown to be")
+            raise failure(f"{name} is {value.str(6)}, {shown} positive")
     return min(value.lower() for value in needed.values())

@@ -1,9 +1,9 @@
 """One mode on one segment of the control as an autonomous vector field with everything that is observed along it.
 
-    dy/dt = F(y),   y = (z, t)
+    dy/dt = F(y),   y = (z, t)  or  (z, t, s)
 
 t, the time since the last impact, is a state like the others, so that events at fixed times and events of the state
-are treated alike.
+are treated alike; so is s, a parameter that varies in a family of gaits: ds/dt = 0.
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,20 @@ class Field:
     Parameters
     ----------
     p, r : parameters and segment data.
+    varied : index in ``p`` of the parameter that is a state; its entry in ``p`` does not matter.
     """
 
-    def __init__(self, system: HybridSystem, mode: Mode, p: Sequence[arb], r: Sequence[arb]) -> None:
+    def __init__(
+        self, system: HybridSystem, mode: Mode, p: Sequence[arb], r: Sequence[arb], varied: int | None = None
+    ) -> None:
         self.system, self.mode = system, mode
-        self.names = (*system.state_names, "t")
+        self.names = (*system.state_names, "t", *(() if varied is None else (system.parameters[varied],)))
         self.n = len(self.names)
         self._constants = (p, r)
         self._y = SX.sym("y", self.n)
         self._p, self._r = SX.sym("p", len(p)), SX.sym("r", len(r))
-        self._arguments = (self._y[-1], self._y[:-1], self._p, self._r)
+        z, t, s = self._y[: system.n_z], self._y[system.n_z], self._y[system.n_z + 1 :]
+        self._arguments = (t, z, with_entry(self._p, varied, s), self._r)
 
     @cached_property
     def rate(self) -> Graph:
@@ -61,8 +65,13 @@ class Field:
 
     @cached_property
     def _rate(self) -> SX:
-        return vertcat(self.system.flow(self.mode)(*self._arguments), 1)
+        return vertcat(self.system.flow(self.mode)(*self._arguments), 1, SX.zeros(self.n - self.system.n_z - 1))
 
     def _graph(self, name: str, expression: SX) -> Graph:
         arguments = [self._y, self._p, self._r]
         return Graph(Function(name, arguments, cse([expression])), self._constants)
+
+
+def with_entry(p: SX, index: int | None, value: SX) -> SX:
+    """``p`` with one entry replaced, if there is one."""
+    return p if index is None else vertcat(p[:index], value, p[index + 1 :])

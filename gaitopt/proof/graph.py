@@ -73,6 +73,10 @@ class NotProved(Exception):
     """A claim that could not be verified: what, where and by how much."""
 
 
+class Refuted(NotProved):
+    """A claim of which the contrary is verified."""
+
+
 class Graph:
     """An SX function of one variable input (the first) and constant ones, for evaluation in balls.
 
@@ -130,7 +134,7 @@ class Graph:
         Raises
         ------
         NotProved
-            If a quotient by an exact zero occurs.
+            If a quotient by what may be zero occurs.
         """
         values = self._values
         for place, entry in self._inputs:
@@ -138,8 +142,8 @@ class Graph:
         try:
             for place, apply, operands in self._steps:
                 values[place] = apply(*(values[i] for i in operands))
-        except ZeroDivisionError as failure:
-            raise NotProved(f"{self._name}: a quotient by zero") from failure
+        except (ZeroDivisionError, ValueError) as failure:  # of a number, of a series
+            raise NotProved(f"{self._name}: a quotient by what may be zero") from failure
         outputs: list[list[Any]] = [[arb(0)] * size for size in self._sizes]
         for output, entry, place in self._outputs:
             outputs[output][entry] = values[place]

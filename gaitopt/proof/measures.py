@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 
 from casadi import SX, Function
-from flint import acb, acb_mat, arb
+from flint import acb, acb_mat, arb, arb_mat
 
-from gaitopt.proof.graph import Graph
+from gaitopt.proof.graph import Graph, NotProved
 from gaitopt.proof.orbit import Orbit, Passage
 from gaitopt.proof.taylor import Series, evaluate
 
@@ -15,8 +15,9 @@ HALVINGS = 16
 
 def measures(orbit: Orbit, passage: Passage, durations: list[arb]) -> dict[str, arb | None]:
     """The measures of every gait in the box, by the names of a gait's record."""
-    period = sum(durations, arb(0))
-    length = arb(orbit.impact(orbit.impact_mode, passage.ends[-1][:-1]).z_plus[orbit.system.n_shape])
+    period, length = sum(durations, arb(0)), arb(0)
+    for step, impact in enumerate(orbit.sequence.impacts):
+        length += orbit.impact(impact, passage.ends[orbit.arcs_of(step)[-1]]).z_plus[orbit.system.n_shape]
     ratios: list[tuple[Series, arb]] = []
     work = arb(0)
     for arc, expansions in zip(orbit.arcs, passage.expansions, strict=True):
@@ -36,12 +37,21 @@ def measures(orbit: Orbit, passage: Passage, durations: list[arb]) -> dict[str, 
     }
 
 
-def multipliers(orbit: Orbit, passage: Passage) -> list[acb]:
-    """Eigenvalues of the return map's derivative, largest modulus first."""
-    matrix = acb_mat(orbit.return_map(passage))
+def multipliers(derivative: arb_mat) -> list[acb]:
+    """Eigenvalues of the return map's derivative, largest modulus first.
+
+    Raises
+    ------
+    NotProved
+        If the bounds of the derivative are too wide to enclose them.
+    """
+    matrix = acb_mat(derivative)
     if matrix.nrows() == 1:
         return [matrix[0, 0]]
-    values = matrix.eig(multiple=True, algorithm="rump")
+    try:
+        values = matrix.eig(multiple=True, algorithm="rump")
+    except ValueError as failure:
+        raise NotProved(f"the multipliers cannot be enclosed: {failure}") from failure
     return sorted(values, key=lambda m: (-float(m.abs_upper()), -float(m.real), -float(m.imag)))
 
 

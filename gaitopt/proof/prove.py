@@ -1,36 +1,39 @@
-"""Proof of a gait: a certificate is made by search in long precision, and then checked like any other."""
+"""Proof of a gait or of a family: boxes are found by search in long precision, and each is checked like any other."""
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
+from math import floor, log10
 from typing import Any
 
-from flint import arb, ctx
+from flint import ctx
 
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import Gait
-from gaitopt.proof.check import EXISTENCE, SCHEMA, check
+from gaitopt.proof.check import EXISTENCE, silent, theorem
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.control import control_record
+from gaitopt.proof.cover import cover, tight_box
 from gaitopt.proof.graph import NotProved
-from gaitopt.proof.orbit import Arc, Orbit
-from gaitopt.proof.parameters import ball, exact_texts
-from gaitopt.proof.search import plan, refine
+from gaitopt.proof.parameters import INTERVAL, exact_texts
+from gaitopt.proof.search import arcs_of
+from gaitopt.proof.statement import SCHEMA, restore_statement
 from gaitopt.proof.taylor import LOW_ORDER, LOW_PRECISION, ORDER, PRECISION
 from gaitopt.proof.theorem import Proof
 
-RADII = ("1e-10", "1e-12", "1e-14")
-"""Half widths of the box in which the orbit is shown to be unique, tried in this order."""
-CENTRE_DIGITS = 30
+WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
+"""Of brackets of special points, tried in this order."""
 
 
-def prove(gait: Gait, intervals: Mapping[str, str] | None = None) -> Proof:
+def prove(gait: Gait, intervals: Mapping[str, str] | None = None, *, progress: Callable[[str], None] = silent) -> Proof:
     """Prove that a gait exists, is locally unique, has its mode sequence, and is stable or unstable.
 
     Parameters
     ----------
     gait : converged; nothing of it is trusted.
-    intervals : parameters by dotted key for all of whose values this is to be proved, as ``0.18..0.25``.
+    intervals : parameters by dotted key for all of whose values this is to be proved, as ``0.18..0.25``. One with
+        which the orbit moves is covered by boxes that follow the orbit.
+    progress : is told in words how far the search is.
 
     Raises
     ------
@@ -39,53 +42,91 @@ def prove(gait: Gait, intervals: Mapping[str, str] | None = None) -> Proof:
     ValueError
         If an interval is not of that form.
     """
-    try:
-        certificate = make_certificate(gait, intervals)
-    except NotProved as failure:
-        claim = Claim(EXISTENCE, proved=False, words=f"no steps can be verified: {failure}")
-        return Proof(problem=gait.problem.name, claims=(claim,), certificate={})
-    for radius in RADII:
-        proof = check({**certificate, "radius": radius})
-        if proof.claims[0].proved or proof.claims[0].name != EXISTENCE:
+    texts = _texts(gait, intervals or {})
+    proof = _prove(gait, texts, progress)
+    if intervals and len(intervals) == 1 and not proof.claims[0].proved:
+        proof = _prove(gait, texts, progress, varied=next(iter(intervals)))
+    return proof
+
+
+def prove_special(
+    gait: Gait, parameter: str, kind: str, width: float | None = None, *, progress: Callable[[str], None] = silent
+) -> Proof:
+    """Prove that a family of gaits has a special point next to one of them.
+
+    Parameters
+    ----------
+    gait : converged, at the special point as well as that is known.
+    parameter : dotted key of what varies.
+    kind : one of ``BRACKETED``: a bifurcation, or a change of the mode sequence or of the impact.
+    width : of the bracket in the parameter; None for the narrowest whose ends can be told apart.
+    """
+    value = float(gait.p[gait.system.parameters.index(parameter)])
+    for interval in brackets(value, WIDTHS if width is None else (width,)):
+        proof = _prove(gait, _texts(gait, {parameter: interval}), progress, varied=parameter, special=kind)
+        if proof.proved:
             break
     return proof
 
 
-def make_certificate(gait: Gait, intervals: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """Everything that a proof is checked from, except the radius of its box; parameters as in ``prove``."""
-    system, problem = gait.system, gait.problem
-    if len(gait.steps) != 1:
-        raise SolveError(f"{problem.name}: a proof needs a gait of one step, this is one of {len(gait.steps)}")
-    scalars = {name: float(gait.p[system.parameters.index(f"control.{name}")]) for name in system.control.parameters}
-    texts = exact_texts(problem, system, dict(zip(system.parameters, map(float, gait.p), strict=True)))
-    for key, interval in (intervals or {}).items():
+def brackets(value: float, widths: Sequence[float]) -> Iterator[str]:
+    """Intervals of given widths around a value, their ends in few digits."""
+    for width in widths:
+        places = 1 - floor(log10(width))
+        yield f"{value - width / 2:.{places}f}{INTERVAL}{value + width / 2:.{places}f}"
+
+
+def _prove(
+    gait: Gait,
+    texts: Mapping[str, str],
+    progress: Callable[[str], None],
+    *,
+    varied: str | None = None,
+    special: str | None = None,
+) -> Proof:
+    """The proof with the boxes that a search has found, or without any."""
+    header = _header(gait, texts, varied, special)
+    with ctx.workprec(PRECISION):
+        statement = restore_statement(header)
+        try:
+            boxes = tight_box(statement, gait) if varied is None else cover(statement, gait, progress)
+        except NotProved as failure:
+            claim = Claim(EXISTENCE, proved=False, words=f"no boxes can be verified: {failure}")
+            return Proof(gait.problem.name, (claim,), header)
+        records, pieces = zip(*boxes, strict=True)
+        return theorem(statement, pieces, {**header, "boxes": list(records)})
+
+
+def _texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
+    """Exact values of all parameters."""
+    system = gait.system
+    texts = exact_texts(gait.problem, system, dict(zip(system.parameters, map(float, gait.p), strict=True)))
+    for key, interval in intervals.items():
         if key not in texts:
             raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(texts)}")
         texts[key] = interval
-    with ctx.workprec(PRECISION):
-        p = [ball(texts[key]) for key in system.parameters]
-        arcs = plan(gait, p)
-        centre = refine(Orbit(system, p, arcs, problem.cycle.impact), gait)
-        digits = [_digits(value) for value in centre]
+    return texts
+
+
+def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: str | None) -> dict[str, Any]:
+    """Everything that a proof is checked from, except its boxes."""
+    system = gait.system
+    if system.walker.stops:
+        raise SolveError(f"{gait.problem.name}: the impact of a stop cannot be proved yet")
+    arcs = arcs_of(gait)
+    scalars = {name: float(gait.p[system.parameters.index(f"control.{name}")]) for name in system.control.parameters}
     return {
         "schema": SCHEMA,
-        "problem": problem.name,
-        "text": problem.text,
-        "resolved": problem.resolved(),
+        "problem": gait.problem.name,
+        "text": gait.problem.text,
+        "resolved": gait.problem.resolved(),
         "parameters": texts,
         "control": control_record(system.control, scalars),
-        "arcs": [_arc_record(arc) for arc in arcs],
-        "centre": digits,
+        "varied": varied,
+        "special": special,
+        "arcs": [{"mode": str(a.mode), "segment": a.segment, "phase": a.phase, "event": a.event} for a in arcs],
+        "boxes": [],
         "settings": {"order": ORDER, "low_order": LOW_ORDER, "bits": PRECISION, "low_bits": LOW_PRECISION},
         "versions": {name: version(name) for name in ("gaitopt", "casadi", "python-flint")}
         | {"python": platform.python_version()},
     }
-
-
-def _digits(value: arb) -> str:
-    return str(value.str(CENTRE_DIGITS, radius=False, more=True))
-
-
-def _arc_record(arc: Arc) -> dict[str, Any]:
-    steps = [[step.h, [list(speed) for speed in step.speeds]] for step in arc.steps]
-    return {"mode": str(arc.mode), "segment": arc.segment, "phase": arc.phase, "event": arc.event, "steps": steps}

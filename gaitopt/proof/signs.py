@@ -16,7 +16,7 @@ from itertools import groupby
 
 from flint import arb
 
-from gaitopt.proof.graph import NotProved
+from gaitopt.proof.graph import NotProved, Refuted
 from gaitopt.proof.taylor import Series, evaluate
 
 POSITIVE = "p+"
@@ -35,6 +35,7 @@ class Part:
     start, end : time since the start of the arc [s].
     value : the function there; divided by t^k next to a zero of order k.
     factored : whether it is.
+    within : whether all of it is before the end of the arc, which is only enclosed.
     """
 
     kind: str
@@ -42,6 +43,7 @@ class Part:
     end: float
     value: arb
     factored: bool
+    within: bool = True
 
 
 def parts(steps: Iterable[tuple[Series, arb]], order: int = 0, *, monotone: bool = True) -> Iterator[Part]:
@@ -56,7 +58,8 @@ def parts(steps: Iterable[tuple[Series, arb]], order: int = 0, *, monotone: bool
     began = 0.0
     for k, (series, h) in enumerate(steps):
         for part in _divide(series, arb(0), arb(h.upper()), order if k == 0 else 0, FINEST, monotone=monotone):
-            yield Part(part.kind, began + part.start, began + part.end, part.value, part.factored)
+            within = bool(part.end <= h.lower())
+            yield Part(part.kind, began + part.start, began + part.end, part.value, part.factored, within)
         began += float(h)
 
 
@@ -66,14 +69,17 @@ def check_pattern(name: str, found: Sequence[Part], pattern: str) -> str:
     Raises
     ------
     NotProved
-        If they do not; the message says when, and which values the function may have there.
+        If they do not; the message says when, and which values the function may have there. ``Refuted`` if it is
+        negative there.
     """
     kinds = "".join(part.kind for part in found)
     if not re.fullmatch(pattern, kinds):
+        negative = [] if pattern == TOUCHDOWN else [part for part in found if part.kind == "n" and part.within]
         longest = max(k for k in range(len(kinds) + 1) if _begins(kinds[:k], pattern))
-        part = found[min(longest, len(found) - 1)]
+        part = min(negative, key=lambda part: part.value.upper(), default=found[min(longest, len(found) - 1)])
         when = f"between {part.start:.6g} and {part.end:.6g} s of the arc"
-        raise NotProved(f"{name} is {part.value.str(6)} {when}: {_SHAPES[pattern]} is not shown")
+        failure, verdict = (Refuted, "false") if negative else (NotProved, "not shown")
+        raise failure(f"{name} is {part.value.str(6)} {when}: {_SHAPES[pattern]} is {verdict}")
     return " ".join(f"{kind}{len(list(group))}" for kind, group in groupby(kinds))
 
 

@@ -1,7 +1,7 @@
 """Validated Taylor integration: one step of an analytic vector field, with a rigorous remainder.
 
-If F(B) lies in V for the box B = y0 + [0, h] V, the motion stays in B (Picard), and with the Taylor coefficients
-F_k(y) of the motion that starts at y
+If F(B) lies in V for the box B = y0 + [0, h] V, the motion stays in B (Picard), even in y0 + [0, h] F(B). With the
+Taylor coefficients F_k(y) of the motion that starts at y
 
     y(h) = sum_{k < N} F_k(y0) h^k + F_N(B) h^N                                  (Lagrange)
 
@@ -25,20 +25,10 @@ LOW_ORDER = 18
 PRECISION = 128
 """Bits of the state; of all else ``LOW_PRECISION``."""
 LOW_PRECISION = 80
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """What a step is verified with.
-
-    Attributes
-    ----------
-    h : its length [s]; None for the last step of an arc, which ends when the arc does.
-    speeds : V, the interval (lo, hi) of the rate of each state.
-    """
-
-    h: float | None
-    speeds: tuple[tuple[float, float], ...]
+PICARD_ROUNDS = 8
+"""Attempts to find a box that the motion does not leave within a step."""
+WIDENING, LEAST_WIDENING = 0.05, 1e-7
+"""By which rates are widened before each attempt, in their own widths and in 1 / s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,22 +79,17 @@ class Expansion:
             return [Series(c, [k * c[k] for k in range(1, len(c))]) for c in values]
 
 
-def expand(field: Field, start: Sequence[arb], step: Step, h: arb) -> Expansion:
+def expand(field: Field, start: Sequence[arb], h: arb) -> Expansion:
     """One verified step from every point of the box ``start``.
 
     Raises
     ------
     NotProved
-        If the speeds of the step do not bound those in the box that they imply.
+        If no box is found that the motion cannot leave, or its series are not finite there.
     """
     if not h > 0:
         raise NotProved(f"{field.mode}: a step of {h.str(5)} s")
-    speeds = [arb(lo).union(arb(hi)) for lo, hi in step.speeds]
-    box = [y + arb(0).union(h) * v for y, v in zip(start, speeds, strict=True)]
-    (rates,) = field.rate(box)
-    for name, rate, speed in zip(field.names, rates, speeds, strict=True):
-        if not speed.contains(arb(rate)):
-            raise NotProved(f"{field.mode}: the rate of {name} is {arb(rate).str(8)}, not in {speed.str(8)}")
+    box = confine(field, start, h)
     with ctx.workprec(LOW_PRECISION):
         series = taylor_coefficients(field, start, LOW_ORDER + 1)
         beyond = taylor_coefficients(field, box, ORDER + 1)
@@ -112,6 +97,27 @@ def expand(field: Field, start: Sequence[arb], step: Step, h: arb) -> Expansion:
     if not all(y.is_finite() for y in end):
         raise NotProved(f"{field.mode}: the series of the motion are not finite")
     return Expansion(field, series, beyond, h, end)
+
+
+def confine(field: Field, start: Sequence[arb], h: arb) -> list[arb]:
+    """A box B in which all motions from the box ``start`` stay for a time ``h``.
+
+    Raises
+    ------
+    NotProved
+        If F(B) lies in V for none of the V that are tried.
+    """
+    elapsed = arb(0).union(h)
+    speeds = _rates(field, start)
+    for _ in range(PICARD_ROUNDS):
+        speeds = [v + arb(0, float(v.rad()) * WIDENING + LEAST_WIDENING) for v in speeds]
+        rates = _rates(field, [y + elapsed * v for y, v in zip(start, speeds, strict=True)])
+        if not all(rate.is_finite() for rate in rates):
+            break
+        if all(v.contains(rate) for v, rate in zip(speeds, rates, strict=True)):
+            return [y + elapsed * rate for y, rate in zip(start, rates, strict=True)]
+        speeds = [v.union(rate) for v, rate in zip(speeds, rates, strict=True)]
+    raise NotProved(f"{field.mode}: no box is shown to hold the motion for {h.str(5, radius=False)} s")
 
 
 def follow(expansion: Expansion, centre: Sequence[arb], h: arb, variation: arb_mat) -> list[arb]:
@@ -143,6 +149,10 @@ def evaluate(coefficients: Sequence[arb], t: arb) -> arb:
     for c in reversed(coefficients[:-1]):
         total = total * t + c
     return total
+
+
+def _rates(field: Field, y: Sequence[arb]) -> list[arb]:
+    return [arb(rate) for rate in field.rate(y)[0]]
 
 
 def _matrices(field: Field, series: list[list[arb]]) -> list[arb_mat]:

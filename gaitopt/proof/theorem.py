@@ -1,15 +1,38 @@
-"""A theorem about a gait: its claims, its bounds, and whether all of it is proved."""
+"""A theorem about a gait or a family of gaits: its claims, its bounds, and whether all of it is proved."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
-from flint import acb, arb, ctx
+from flint import acb, arb, arb_mat, ctx
 
+from gaitopt.proof.box import Box
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.outward import complex_interval, interval
 from gaitopt.proof.taylor import PRECISION
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """What is proved on one box.
+
+    Attributes
+    ----------
+    outer, inner : the box in which the orbit is unique, and a narrower one that holds it; None, and nothing after the
+        claims, where something could not be computed.
+    derivative : of the return map.
+    multipliers : largest modulus first.
+    """
+
+    outer: Box
+    inner: Box | None
+    claims: tuple[Claim, ...]
+    state: Mapping[str, arb] | None = None
+    durations: tuple[arb, ...] = ()
+    measures: Mapping[str, arb | None] | None = None
+    derivative: arb_mat | None = None
+    multipliers: tuple[acb, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -23,7 +46,7 @@ class Proof:
     state : boxes of the state just after the impact, by name.
     durations : of the phases [s].
     measures : by name.
-    multipliers : largest modulus first.
+    multipliers : largest modulus first; none for a bracket of a special point.
     certificate : the certificate itself.
     """
 
@@ -34,6 +57,24 @@ class Proof:
     durations: tuple[arb, ...] = ()
     measures: Mapping[str, arb | None] | None = None
     multipliers: tuple[acb, ...] = ()
+
+    @classmethod
+    def of(
+        cls, name: str, pieces: Sequence[Piece], claims: tuple[Claim, ...], certificate: Mapping[str, Any]
+    ) -> "Proof":
+        """The theorem about all orbits of some boxes."""
+        if any(piece.inner is None for piece in pieces):
+            return cls(name, claims, certificate)
+        states, values = [piece.state or {} for piece in pieces], [piece.measures or {} for piece in pieces]
+        return cls(
+            name,
+            claims,
+            certificate,
+            state={key: _union([state[key] for state in states]) for key in states[0]},
+            durations=tuple(map(_union, zip(*(piece.durations for piece in pieces), strict=True))),
+            measures={key: _union([measures[key] for measures in values]) for key in values[0]},
+            multipliers=tuple(map(_union_of_complex, zip(*(piece.multipliers for piece in pieces), strict=False))),
+        )
 
     @property
     def proved(self) -> bool:
@@ -55,6 +96,20 @@ class Proof:
         radius = self.spectral_radius
         return True if radius is not None and radius < 1 else False if radius is not None and radius > 1 else None
 
+    def _family(self) -> dict[str, Any]:
+        """Parameter and interval of a family, and the type of the special point in it."""
+        varied = self.certificate.get("varied")
+        if varied is None:
+            return {}
+        interval = self.certificate["parameters"][varied]
+        return {"parameter": varied, "interval": interval, "special": self.certificate["special"]}
+
+    def stability_claim(self) -> Claim:
+        """That the gait is stable, or that it is unstable."""
+        verdict = {True: "stable", False: "unstable", None: "whether it is stable is not shown"}[self.stable]
+        words = f"{verdict}: the largest modulus of a multiplier is {self.spectral_radius}"
+        return Claim("stability", proved=self.stable is not None, words=words)
+
     def to_record(self) -> dict[str, Any]:
         """One JSON object; bounds are decimal strings rounded outward."""
         values = {name: None if value is None else interval(value) for name, value in (self.measures or {}).items()}
@@ -62,6 +117,7 @@ class Proof:
         return {
             "problem": self.problem,
             "proved": self.proved,
+            **self._family(),
             "state": None if self.state is None else {name: interval(value) for name, value in self.state.items()},
             "durations": [interval(value) for value in self.durations],
             "period": None,
@@ -76,3 +132,24 @@ class Proof:
 def _claim_record(claim: Claim) -> dict[str, Any]:
     margin = None if claim.margin is None else interval(claim.margin)[0]
     return {"claim": claim.name, "proved": claim.proved, "words": claim.words, "margin": margin}
+
+
+def merged_claims(pieces: Sequence[Piece]) -> Iterator[Claim]:
+    """The claims of all boxes: one that fails in a box fails, and of margins the smallest counts."""
+    by_name: dict[str, list[Claim]] = {}
+    for piece in pieces:
+        for claim in piece.claims:
+            by_name.setdefault(claim.name, []).append(claim)
+    for name, claims in by_name.items():
+        worst = min(claims, key=lambda claim: claim.proved)
+        margins = [claim.margin for claim in claims if claim.margin is not None]
+        words = worst.words if len(claims) == 1 or not worst.proved else f"in {len(claims)} boxes; first: {worst.words}"
+        yield Claim(name, worst.proved, words, min(margins) if margins and worst.proved else None)
+
+
+def _union(values: Sequence[Any]) -> Any:
+    return None if None in values else reduce(arb.union, values)
+
+
+def _union_of_complex(values: Sequence[acb]) -> acb:
+    return acb(_union([value.real for value in values]), _union([value.imag for value in values]))

@@ -1,9 +1,9 @@
 """Proofs of gaits: closed forms lie inside, this project's values lie next to them, and what is false is refused."""
 
 from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 
-import numpy as np
 import pytest
 
 flint = pytest.importorskip("flint")
@@ -11,8 +11,13 @@ from flint import arb, ctx  # noqa: E402
 
 from gaitopt import load_problem, prove, solve  # noqa: E402
 from gaitopt.errors import UnknownNameError  # noqa: E402
-from gaitopt.proof import check, make_certificate, orbit  # noqa: E402
+from gaitopt.proof import PRECISION, check, claims, orbit, prove_special  # noqa: E402
+from gaitopt.proof.box import vector  # noqa: E402
+from gaitopt.proof.branch import connection_claim  # noqa: E402
+from gaitopt.proof.check import check_box, prove_existence  # noqa: E402
+from gaitopt.proof.graph import NotProved  # noqa: E402
 from gaitopt.proof.parameters import ball, exact_texts  # noqa: E402
+from gaitopt.proof.statement import restore_arcs, restore_box, restore_statement  # noqa: E402
 
 WHEELS = ("rimless-wheel-stick", "rimless-wheel-slip")
 OTHERS = {
@@ -31,24 +36,46 @@ OTHERS = {
     "compass-pd-impact-slip": True,
     "compass-pd-designed": True,
     "compass-pd-slippery": True,
+    "compass-passive-two-step": True,
 }
 STATE_TOLERANCE = 3e-11
 """The estimated integration error of the gaits that are proved is 2e-11."""
 
 
 @cache
-def gait(name, friction=None):
-    problem = load_problem(name)
-    return solve(problem if friction is None else problem.replace({"friction": friction}))
+def gait(name):
+    return solve(load_problem(name))
 
 
 @cache
-def proof(name, friction=None):
-    return prove(gait(name, friction))
+def proof(name):
+    return prove(gait(name))
+
+
+@cache
+def traversed(name):
+    """The equations of a proved gait, the narrow box that holds it, and its motions."""
+    certificate = proof(name).certificate
+    with ctx.workprec(PRECISION):
+        statement = restore_statement(certificate)
+        (record,) = certificate["boxes"]
+        box = restore_box(statement.orbit, record)
+        equations = statement.orbit.on(box, restore_arcs(statement.orbit, record))
+        inner, _ = prove_existence(equations, box)
+        return equations, inner, equations.traverse(inner)
 
 
 def failures(certificate):
-    return {claim.name: claim.words for claim in check(certificate).claims if not claim.proved}
+    return failed(check(certificate))
+
+
+def failed(result):
+    return {claim.name: claim.words for claim in result.claims if not claim.proved}
+
+
+def spoiled(name):
+    """A copy of a certificate that may be changed."""
+    return deepcopy(dict(proof(name).certificate))
 
 
 def encloses(result, found):
@@ -99,36 +126,36 @@ def test_a_certificate_is_checked_again_from_its_text():
 
 @pytest.mark.parametrize("name", [*WHEELS, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)])
 def test_a_box_beside_the_orbit_is_refused(name):
-    certificate = deepcopy(dict(proof(name).certificate))
-    shifted = float(certificate["centre"][0]) + 1e-6
-    certificate["centre"][0] = repr(shifted)
+    certificate = spoiled(name)
+    (box,) = certificate["boxes"]
+    box["centre"][0] = repr(float(box["centre"][0]) + 1e-6)
     assert failures(certificate).keys() == {"existence and uniqueness"}
 
 
 def test_a_wrong_mode_sequence_is_refused():
-    certificate = deepcopy(dict(proof("rimless-wheel-slip").certificate))
+    certificate = spoiled("rimless-wheel-slip")
     certificate["resolved"]["gait"]["phases"] = ["stick"]
     assert "mode sequence" in failures(certificate)["statement"]
-    backward = deepcopy(dict(proof("rimless-wheel-slip").certificate))
+    backward = spoiled("rimless-wheel-slip")
     backward["resolved"]["gait"]["phases"] = ["stick", "slip_backward"]
     backward["arcs"][1]["mode"] = "slip_backward"
     assert failures(backward)
 
 
 def test_an_event_that_does_not_end_its_arc_is_refused():
-    certificate = deepcopy(dict(proof("rimless-wheel-slip").certificate))
+    certificate = spoiled("rimless-wheel-slip")
     certificate["arcs"][0]["event"] = "cone_backward"
     assert "arc 1" in failures(certificate)["statement"]
 
 
 def test_parameters_other_than_those_of_the_problem_are_refused():
-    certificate = deepcopy(dict(proof("rimless-wheel-stick").certificate))
+    certificate = spoiled("rimless-wheel-stick")
     certificate["parameters"]["walker.slope"] = "13.01 deg"
     assert "walker.slope" in failures(certificate)["statement"]
 
 
 def test_another_control_than_that_of_the_problem_is_refused():
-    certificate = deepcopy(dict(proof("rimless-wheel-stick").certificate))
+    certificate = spoiled("rimless-wheel-stick")
     compass = load_problem("compass-torque-stick")
     certificate["resolved"] = compass.resolved()
     texts = {"walker.slope": "0", "friction": "0.2"}
@@ -138,65 +165,144 @@ def test_another_control_than_that_of_the_problem_is_refused():
 
 def test_sticking_is_refused_just_below_the_friction_that_it_needs():
     """It needs 0.91412078."""
-    certificate = deepcopy(dict(proof("rimless-wheel-stick").certificate))
+    certificate = spoiled("rimless-wheel-stick")
     for friction, refused in (("0.9142", False), ("0.9141", True)):
         certificate["parameters"]["friction"] = friction
         certificate["resolved"]["friction"] = float(friction)
-        failed = failures(certificate)
-        assert bool(failed) is refused
-    assert list(failed) == ["arc 1, stick: cone_forward"]
-    assert "is not shown" in failed["arc 1, stick: cone_forward"]
+        words = failures(certificate)
+        assert bool(words) is refused
+    assert list(words) == ["arc 1, stick: cone_forward"]
+    assert "at the end of the arc" in words["arc 1, stick: cone_forward"]
 
 
-def test_a_step_whose_speeds_are_too_narrow_is_refused():
-    certificate = deepcopy(dict(proof("rimless-wheel-stick").certificate))
-    speeds = certificate["arcs"][0]["steps"][0][1]
-    speeds[2][1] = speeds[2][0] + 1e-3
-    assert "rate of dtheta" in failures(certificate)["existence and uniqueness"]
+def test_a_family_without_an_interval_is_refused():
+    certificate = spoiled("rimless-wheel-stick") | {"varied": "friction"}
+    assert "is no interval" in failures(certificate)["statement"]
+    assert "2 boxes" in failures(spoiled("rimless-wheel-stick") | {"boxes": [{}, {}]})["statement"]
 
 
-def test_a_spoiled_saltation_is_noticed(monkeypatch):
-    """Without what it takes away at an event, the multipliers are others or none."""
-    found = gait("rimless-wheel-slip")
-    columns = orbit.Orbit.return_map
-
-    def without(self, passage):
-        n_xi, m = len(self.section), len(self.arcs)
-        return orbit._block(passage.slope, m, n_xi, 0, n_xi) + orbit.identity(n_xi)
-
-    monkeypatch.setattr(orbit.Orbit, "return_map", without)
-    spoiled = check(proof("rimless-wheel-slip").certificate)
-    assert not encloses(spoiled, found)
-    monkeypatch.setattr(orbit.Orbit, "return_map", columns)
-    assert encloses(check(proof("rimless-wheel-slip").certificate), found)
+def test_an_arc_that_its_steps_overrun_is_refused():
+    certificate = spoiled("rimless-wheel-stick")
+    certificate["boxes"][0]["steps"][0].append(0.06)
+    assert "a step of" in failures(certificate)["existence and uniqueness"]
+    certificate["boxes"][0]["steps"][0] = [-0.1]
+    assert "not longer than zero" in failures(certificate)["existence and uniqueness"]
 
 
-@pytest.mark.parametrize("quantity", ["lift_velocity", "impulse"])
-def test_a_wrong_sign_in_the_impact_is_noticed(monkeypatch, quantity):
-    impact = orbit.Orbit.impact
+def test_a_box_that_krawczyk_does_not_map_into_itself_is_refused():
+    certificate = spoiled("rimless-wheel-stick")
+    certificate["boxes"][0]["radii"] = ["1e-32", "1e-32"]
+    assert "Krawczyk" in failures(certificate)["existence and uniqueness"]
 
-    def spoiled(self, mode, z):
-        result = impact(self, mode, z)
+
+def test_the_multiplier_holds_saltation():
+    """Without what events take away it would be another one."""
+    equations, box, passage = traversed("rimless-wheel-slip")
+    (expected,) = gait("rimless-wheel-slip").multipliers
+    with ctx.workprec(PRECISION):
+        derivative = equations.return_map(passage, box)[0, 0]
+        without = orbit.part(flint.arb_mat(passage.arrivals), [0], [0])[0, 0]
+    assert abs(derivative.mid() - expected.real) < 1e-9
+    assert not without.overlaps(derivative)
+
+
+MUTATIONS = {
+    "lift of the other foot": (orbit.Orbit, "impact", lambda own: reversed_impact(own, "lift_velocity"), "impact"),
+    "normal impulse": (orbit.Orbit, "impact", lambda own: reversed_impact(own, "impulse"), "impact"),
+    "zero at the start of a slip": (claims, "_order_of_zero", lambda own: lambda *_: 0, "slip_velocity"),
+    "end of an arc": (claims, "ENDS", lambda own: "p+", "cone_forward"),
+    "touchdown": (claims, "TOUCHDOWN", lambda own: "p+", "touchdown"),
+    "direction of the slip": (claims, "SLIPS", lambda own: own[::-1], "mode at rest"),
+}
+
+
+def reversed_impact(impact, quantity):
+    def spoiled_impact(self, mode, y):
+        result = impact(self, mode, y)
         value = getattr(result, quantity)
-        return orbit.replace(result, **{quantity: [-f for f in value] if isinstance(value, list) else -value})
+        return replace(result, **{quantity: [-f for f in value] if isinstance(value, list) else -value})
 
-    monkeypatch.setattr(orbit.Orbit, "impact", spoiled)
-    assert "impact" in failures(proof("rimless-wheel-slip").certificate)
+    return spoiled_impact
+
+
+@pytest.mark.parametrize(("owner", "name", "mutation", "notices"), MUTATIONS.values(), ids=MUTATIONS)
+def test_a_mutation_of_the_checker_is_noticed(monkeypatch, owner, name, mutation, notices):
+    equations, _, passage = traversed("rimless-wheel-slip")
+    monkeypatch.setattr(owner, name, mutation(getattr(owner, name)))
+    with ctx.workprec(PRECISION):
+        refused = [claim.name for claim in claims.mode_sequence_claims(equations, passage) if not claim.proved]
+    assert any(notices in claim for claim in refused)
+
+
+def test_without_the_motion_of_events_there_is_no_orbit(monkeypatch):
+    """The end of an arc moves with its duration; a derivative without that fails Krawczyk's test."""
+    equations, box, _ = traversed("rimless-wheel-slip")
+    monkeypatch.setattr(orbit, "vector", lambda values: 0 * vector(values) if len(values) == 5 else vector(values))
+    with ctx.workprec(PRECISION), pytest.raises(NotProved):
+        prove_existence(equations, box.narrowed([arb(0, 1e-10)] * 3))
 
 
 def test_a_sticking_gait_is_proved_for_an_interval_of_friction():
-    found = gait("rimless-wheel-stick")
-    assert prove(found, {"friction": "0.95..1"}).proved
-    failed = [claim.name for claim in prove(found, {"friction": "0.91..1"}).claims if not claim.proved]
-    assert failed == ["arc 1, stick: cone_forward"]
+    """Where friction does not enter the motion, one box is enough."""
+    result = prove(gait("rimless-wheel-stick"), {"friction": "0.95..1"})
+    assert result.proved
+    assert len(result.certificate["boxes"]) == 1
+    certificate = deepcopy(dict(result.certificate))
+    certificate["parameters"]["friction"] = "0.91..1"
+    assert failures(certificate).keys() == {"arc 1, stick: cone_forward"}
     with pytest.raises(UnknownNameError, match=r"walker\.slope"):
-        prove(found, {"slope": "13 deg..14 deg"})
+        prove(gait("rimless-wheel-stick"), {"slope": "13 deg..14 deg"})
 
 
-def test_an_interval_in_which_the_orbit_moves_far_is_refused():
-    result = prove(gait("rimless-wheel-slip"), {"friction": "0.399..0.401"})
-    assert not result.proved
-    assert result.claims[0].name == "existence and uniqueness"
+@cache
+def family():
+    """The sticking wheel for all slopes of an interval, along which its state moves."""
+    return prove(gait("rimless-wheel-stick"), {"walker.slope": "12.99 deg..13.01 deg"})
+
+
+def test_an_interval_along_which_the_orbit_moves_is_covered_by_boxes():
+    """The closed form at both ends lies inside."""
+    result = family()
+    assert result.proved
+    assert len(result.certificate["boxes"]) == 2
+    assert "connected family" in {claim.name for claim in result.claims}
+    with ctx.workprec(PRECISION):
+        kappa, half = arb("0.3333333333333333"), arb.pi() / 10
+        beta = (kappa + (2 * half).cos()) / (1 + kappa)
+        for slope in ("12.99 deg", "13 deg", "13.01 deg"):
+            gain = 4 * ball(slope).sin() * half.sin() / (1 + kappa)
+            assert result.state["dtheta"].contains((beta**2 * gain / (1 - beta**2)).sqrt())
+    assert float(result.state["dtheta"].rad()) < 1e-3
+
+
+def test_boxes_that_do_not_meet_are_no_family():
+    certificate = family().certificate
+    with ctx.workprec(PRECISION):
+        statement = restore_statement(certificate)
+        pieces = [check_box(statement, record) for record in certificate["boxes"]]
+        assert connection_claim(pieces, statement.interval).proved
+        beyond = connection_claim(pieces, (ball("12.98 deg"), ball("13.01 deg")))
+        assert "both ends" in beyond.words
+        short = deepcopy(certificate["boxes"][0])
+        short["radii"][-1] = "1e-5"
+        apart = connection_claim([check_box(statement, short), pieces[1]], statement.interval)
+        moved = {
+            name: replace(box, centre=[box.centre[0] + 1e-3, *box.centre[1:]])
+            for name, box in (("outer", pieces[0].outer), ("inner", pieces[0].inner))
+        }
+        other = replace(pieces[0], **moved)
+        elsewhere = connection_claim([other, pieces[1]], statement.interval)
+    for claim in (apart, elsewhere):
+        assert not claim.proved
+        assert "are not shown to hold the same orbit" in claim.words
+
+
+@pytest.mark.slow
+def test_an_interval_over_a_change_of_mode_is_refused():
+    """Sticking needs 0.91412078 on 13 deg, and more where it is steeper."""
+    problem = load_problem("rimless-wheel-stick").replace({"friction": 0.9142})
+    result = prove(solve(problem), {"walker.slope": "12.999 deg..13.01 deg"})
+    assert failed(result).keys() == {"arc 1, stick: cone_forward"}
 
 
 def test_parameters_are_read_as_the_file_writes_them():
@@ -216,9 +322,22 @@ def test_parameters_are_read_as_the_file_writes_them():
         ball("1 grad")
 
 
-def test_what_is_searched_is_no_part_of_the_proof():
-    """A certificate holds everything, and its box is centred on the gait."""
-    found = gait("rimless-wheel-slip")
-    certificate = make_certificate(found)
-    durations = [duration for _, duration in found.phases]
-    assert np.allclose([float(x) for x in certificate["centre"]], [found.state[2], *durations], rtol=1e-11)
+def test_where_the_wheel_stops_sticking():
+    """The change of its mode sequence, to 1e-8 in friction: on one side the orbit needs more than there is."""
+    problem = load_problem("rimless-wheel-stick").replace({"friction": 0.9141207838961789})
+    result = prove_special(solve(problem), "friction", "mode_change")
+    assert result.proved, failed(result)
+    assert result.certificate["parameters"]["friction"] == "0.914120779..0.914120789"
+    words = {claim.name: claim.words for claim in result.claims}
+    assert "cone_forward is [-" in words["sign change"]
+
+
+@pytest.mark.slow
+def test_where_gait_a_loses_stability():
+    """The Neimark-Sacker point of the passive compass: a bracket of 1e-8 in friction, the family in it proved."""
+    problem = load_problem("compass-passive-a").replace({"friction": 0.11034958077937082})
+    result = prove_special(solve(problem), "friction", "neimark_sacker")
+    assert result.proved, failed(result)
+    assert "complex pair" in {claim.name: claim.words for claim in result.claims}["sign change"]
+    assert failures(result.certificate) == {}
+    assert failures({**result.certificate, "special": "period_doubling"}).keys() == {"sign change"}

@@ -52,14 +52,14 @@ def test_a_proof_is_printed_kept_and_checked_again(run, certificate):
 def test_a_certificate_that_proves_nothing_is_exit_4(run, certificate):
     file = Path(certificate["certificate"])
     record = json.loads(file.read_text())
-    record["centre"][0] = "0.7587"
+    record["boxes"][0]["centre"][0] = "0.7587"
     file.write_text(json.dumps(record))
     code, out, _ = run("prove", "--check", str(file), "--json")
     assert code == 4
     assert not json.loads(out)["proved"]
 
 
-@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-1"}'])
+@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-2"}'])
 def test_what_is_no_certificate_is_exit_6(run, empty_folder, content):
     Path("proof.json").write_text(content)
     code, _, err = run("prove", "--check", "proof.json")
@@ -91,3 +91,33 @@ def test_check_takes_no_overrides(run):
     code, _, err = run("prove", "--check", "proof.json", "--set", "friction=0.2")
     assert code == 2
     assert "--check" in err
+
+
+@pytest.mark.slow
+def test_a_special_point_of_a_branch_is_proved(run, empty_folder):
+    run("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.9", "-o", "branch", "--quiet")
+    code, out, _ = run("prove", "branch@special.0", "--json", "--quiet")
+    assert code == 0
+    record = json.loads(out)
+    assert record["proved"]
+    assert (record["parameter"], record["special"]) == ("friction", "mode_change")
+    lower, upper = map(Decimal, record["interval"].split(".."))
+    assert lower < Decimal("0.914120784") < upper
+    assert upper - lower == Decimal("1e-8")
+    code, _, _ = run("prove", "--check", record["certificate"])
+    assert code == 0
+    code, _, err = run("prove", "branch@special.1")
+    assert code == 2
+    assert "is of type end" in err
+    code, _, err = run("prove", "branch@special.7")
+    assert code == 2
+    assert "has no special point '7'" in err
+
+
+def test_a_special_point_needs_a_branch(run, empty_folder):
+    code, _, err = run("prove", "nothing@special.0")
+    assert code == 6
+    assert "nothing holds no branch" in err
+    for arguments in (("nothing@special.0", "--set", "friction=0.2"), ("rimless-wheel-stick", "--width", "1e-6")):
+        code, _, _ = run("prove", *arguments)
+        assert code == 2

@@ -1,0 +1,92 @@
+"""What several boxes prove together: a connected family of orbits, and what changes its sign along it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from math import prod
+
+from flint import acb, arb
+
+from gaitopt.proof.box import identity
+from gaitopt.proof.claims import Claim
+from gaitopt.proof.graph import NotProved
+from gaitopt.proof.theorem import Piece
+
+MARGIN_CHANGES = ("mode_change", "impact_change", "lift_off", "painleve")
+"""Types of special points beyond which the orbit goes on, but is no gait of its mode sequence."""
+CONNECTION, SIGN_CHANGE = "connected family", "sign change"
+
+
+def connection_claim(pieces: Sequence[Piece], interval: Sequence[arb]) -> Claim:
+    """Every value of the parameter is covered, and where two boxes meet the orbit of one is that of the other."""
+    lower, upper = interval
+    for k, (piece, following) in enumerate(pairwise(pieces), start=1):
+        if not _joined(piece, following):
+            return Claim(CONNECTION, proved=False, words=f"boxes {k} and {k + 1} are not shown to hold the same orbit")
+    first, last = (piece.inner.hull[-1] for piece in (pieces[0], pieces[-1]) if piece.inner)
+    ends = (first.contains(lower) and last.contains(upper)) or (first.contains(upper) and last.contains(lower))
+    words = f"the orbits form one smooth family, without a gap, in {len(pieces)} overlapping boxes"
+    return Claim(CONNECTION, proved=ends, words=words if ends else "the boxes do not reach both ends of the interval")
+
+
+def sign_change_claim(kind: str, pieces: Sequence[Piece]) -> Claim:
+    """That what defines a type of special point changes its sign between the first box and the last."""
+    try:
+        words = _CHANGES[kind](pieces)
+    except NotProved as failure:
+        return Claim(SIGN_CHANGE, proved=False, words=str(failure))
+    return Claim(SIGN_CHANGE, proved=True, words=words)
+
+
+def _joined(piece: Piece, following: Piece) -> bool:
+    """Whether the orbit at the end of one box lies where that of the other is unique, at the same parameter."""
+    if piece.inner is None or following.inner is None:
+        return False
+    return following.outer.contains(piece.inner.end(1)) or piece.outer.contains(following.inner.end(-1))
+
+
+def _neimark_sacker(pieces: Sequence[Piece]) -> str:
+    outside = [_number_outside(pieces[k].multipliers) for k in (0, -1)]
+    if abs(outside[0] - outside[1]) != 2:
+        raise NotProved(f"{outside[0]} and {outside[1]} multipliers are outside the unit circle at the ends")
+    for derivative in (piece.derivative for piece in pieces if piece.derivative is not None):
+        for real in (1, -1):
+            if not (derivative - real * identity(derivative.nrows())).det() != 0:
+                raise NotProved(f"a multiplier may pass through {real}")
+    return (
+        f"{outside[0]} multipliers are outside the unit circle at one end and {outside[1]} at the other, and none is 1 "
+        "or -1 in between: a complex pair crosses the unit circle"
+    )
+
+
+def _period_doubling(pieces: Sequence[Piece]) -> str:
+    ends = [prod((m + 1 for m in pieces[k].multipliers), start=acb(1)).real for k in (0, -1)]
+    if not ends[0] * ends[1] < 0:
+        shown = " and ".join(str(end.str(6)) for end in ends)
+        raise NotProved(f"the product of all multipliers plus one is {shown} at the ends: no change of sign")
+    return "the product of all multipliers plus one changes its sign: one of them is -1 in between"
+
+
+def _margin(pieces: Sequence[Piece]) -> str:
+    ends = [pieces[0], pieces[-1]]
+    gaits = [all(claim.proved for claim in piece.claims) for piece in ends]
+    refuted = [[claim for claim in piece.claims if claim.refuted] for piece in ends]
+    for gait, violated in ((gaits[0], refuted[1]), (gaits[1], refuted[0])):
+        if gait and violated:
+            return f"at one end it is a gait of its mode sequence, at the other it is none: {violated[0].words}"
+    raise NotProved("it is not shown that the mode sequence holds at one end and is violated at the other")
+
+
+def _number_outside(multipliers: Sequence[acb]) -> int:
+    moduli = [abs(m) for m in multipliers]
+    if any(modulus.contains(1) for modulus in moduli):
+        raise NotProved("whether a multiplier is outside the unit circle at an end is not shown")
+    return sum(bool(modulus > 1) for modulus in moduli)
+
+
+_CHANGES: Mapping[str, Callable[[Sequence[Piece]], str]] = {
+    "neimark_sacker": _neimark_sacker,
+    "period_doubling": _period_doubling,
+    **dict.fromkeys(MARGIN_CHANGES, _margin),
+}
+BRACKETED = tuple(_CHANGES)
+"""Types of special points that can be bracketed."""
