@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.options import DebugOption, OutOption, QuietOption, SetOption
-from gaitopt.mechanics.modes import Mode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -221,6 +220,8 @@ def _short(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sequence(record: Mapping[str, Any]) -> str:
+    from gaitopt.mechanics.modes import Mode
+
     steps = [
         f"{', '.join(Mode.from_record(phase) for phase in step['phases'])}; {step['impact']}"
         for step in record.get("steps", (record,))

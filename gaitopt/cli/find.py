@@ -15,7 +15,6 @@ from gaitopt.cli.options import (
     key_value,
 )
 from gaitopt.cli.starts import SeedOption
-from gaitopt.mechanics.modes import Mode
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -147,4 +146,6 @@ def print_list(console: "Console", title: str, gaits: "Sequence[Mapping[str, Any
 
 
 def _sequence(step: "Mapping[str, Any]") -> str:
+    from gaitopt.mechanics.modes import Mode
+
     return f"{', '.join(Mode.from_record(phase) for phase in step['phases'])}; {step['impact']}"

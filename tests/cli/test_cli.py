@@ -237,7 +237,7 @@ def test_a_gait_that_cannot_be_stored_is_still_printed(run, monkeypatch):
     def full(*_, **__):
         raise cli.main.GaitoptError("disk full")
 
-    monkeypatch.setattr("gaitopt.store.write_run", full)
+    monkeypatch.setattr("gaitopt.library.stored.write_run", full)
     code, out, err = run("solve", PROBLEM, "--json")
     assert code == 1
     assert json.loads(out)["status"] == "converged"
