@@ -220,10 +220,10 @@ def _short(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sequence(record: Mapping[str, Any]) -> str:
-    from gaitopt.mechanics.modes import Mode
+    from gaitopt.mechanics.modes import Mode, in_words
 
     steps = [
-        f"{', '.join(Mode.from_record(phase) for phase in step['phases'])}; {step['impact']}"
+        f"{in_words(map(Mode.from_record, step['phases']))}; {step['impact']}"
         for step in record.get("steps", (record,))
     ]
     return f"{len(steps)} times {steps[0]}" if len(steps) > 1 and len(set(steps)) == 1 else " | ".join(steps)

@@ -146,6 +146,6 @@ def print_list(console: "Console", title: str, gaits: "Sequence[Mapping[str, Any
 
 
 def _sequence(step: "Mapping[str, Any]") -> str:
-    from gaitopt.mechanics.modes import Mode
+    from gaitopt.mechanics.modes import Mode, in_words
 
-    return f"{', '.join(Mode.from_record(phase) for phase in step['phases'])}; {step['impact']}"
+    return f"{in_words(map(Mode.from_record, step['phases']))}; {step['impact']}"

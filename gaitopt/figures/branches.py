@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, HEIGHT, NEUTRAL, entry, legend_below, panels
-from gaitopt.mechanics.modes import Mode
+from gaitopt.mechanics.modes import Mode, in_words
 
 Record = Mapping[str, Any]
 
@@ -123,7 +123,7 @@ def _sequences(points: Sequence[Record]) -> dict[int, tuple[str, str]]:
 
 def _words(point: Record) -> str:
     steps = point.get("steps", (point,))
-    modes = [", ".join(Mode.from_record(phase).replace("_", " ") for phase in step["phases"]) for step in steps]
+    modes = [in_words(map(Mode.from_record, step["phases"])).replace("_", " ") for step in steps]
     sequences = [f"{own}; impact {step['impact'].replace('_', ' ')}" for own, step in zip(modes, steps, strict=True)]
     return " | ".join(sequences)
 

@@ -113,7 +113,7 @@ def _phases(cycle: list[_Part]) -> list[dict[str, Any]]:
     ends = np.cumsum([len(part.arc.times) for part in cycle])
     return [
         {
-            "mode": str(part.arc.mode),
+            "mode": str(part.arc.mode.contact),
             "start": part.began + part.arc.start,
             "end": part.began + part.arc.end,
             "step": part.step,

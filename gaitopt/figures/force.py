@@ -102,7 +102,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
     for spine in axes.spines.values():
         spine.set_visible(False)
     axes.invert_yaxis()
-    present = {mode for motion in motions for mode in motion.modes}
+    present = {mode.contact for motion in motions for mode in motion.modes}
     return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in CONTACTS if mode in present]
 
 

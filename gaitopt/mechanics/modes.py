@@ -7,7 +7,7 @@ A mode says which factor of each pair is zero. Gamus & Or (2013), eqs (4), (5).
 
 import re
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import accumulate, pairwise
@@ -150,6 +150,16 @@ class ImpactLaw(StrEnum):
     FRICTIONLESS = "frictionless"
 
 
+def in_words(phases: Iterable[Mode]) -> str:
+    """Modes in order; stops are named where they change: ``stick (knee free), stick (knee locked), slip_backward``."""
+    words, stops = list[str](), dict[str, str]()
+    for mode in phases:
+        named = ", ".join(f"{name} {state}" for name, state in mode.stops.items())
+        words.append(str(mode.contact) if mode.stops == stops else f"{mode.contact} ({named})")
+        stops = mode.stops
+    return ", ".join(words)
+
+
 @dataclass(frozen=True, slots=True)
 class ModeSequence:
     """The phases of one step in order, and the impact that ends it.
@@ -171,7 +181,7 @@ class ModeSequence:
                 raise ValueError(f"phases {k} and {k + 1} are both {first}: merge them into one")
 
     def __str__(self) -> str:
-        return f"{', '.join(self.phases)}; {self.impact}"
+        return f"{in_words(self.phases)}; {self.impact}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,6 +72,6 @@ def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
     ]
     return {
         "nodes": pack(nodes),
-        "lines": [{"mode": str(mode), **pack(line)} for mode, line in arcs],
+        "lines": [{"mode": str(mode.contact), **pack(line)} for mode, line in arcs],
         "gaps": [pack(gap) for gap in gaps],
     }
