@@ -66,3 +66,11 @@ class KneedWalker(Walker):
     def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
         """The knee of the swing leg was locked until the impact."""
         return (free.dtheta1, free.dtheta2, free.dtheta2)
+
+    @classmethod
+    def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
+        """The straight stance leg; thigh and shank of the swing leg."""
+        foot = vertcat(q.x, q.y)
+        hip = foot + polar(p.thigh_length + p.shank_length, q.theta1)
+        knee = hip - polar(p.thigh_length, -q.theta2)
+        return (foot, hip), (hip, knee, knee - polar(p.shank_length, -q.theta3))
