@@ -48,7 +48,7 @@ def mutated_numbers(seed: int, count: int, names: tuple[str, ...]) -> Iterator[s
             holder, key = places[rng.integers(len(places))]
             holder[key] *= float(rng.choice([-1, 1]) if rng.random() < 0.2 else 10 ** (3 * rng.standard_normal()))
         if rng.random() < 0.2:
-            phases = data["gait"]["phases"]
+            phases = data["gait"].get("steps", [data["gait"]])[0]["phases"]
             phases.insert(int(rng.integers(len(phases) + 1)), MODES[rng.integers(3)])
         yield json.dumps(data, indent=1)
 

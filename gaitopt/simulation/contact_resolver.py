@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode, margin, margin_names
+from gaitopt.mechanics import CONTACTS, PHASE_MARGINS, HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import natural_system, units
@@ -153,8 +153,9 @@ class ContactResolver:
         if any(map(bends_decide, margins.tolist(), rates.tolist())):
             later = self._point(mode, tau + LOOK, zeta + LOOK * flow, data)[2]
         rows = zip(margin_names(mode), margins.tolist(), rates.tolist(), (later - rates).tolist(), strict=True)
-        left = {name: falls(name, margin, rate, change / LOOK) for name, margin, rate, change in rows}
-        return {mode.with_contact(onset): left[name] for name in left if (onset := margin(name).onset)}
+        left = {name: falls(name, value, rate, change / LOOK) for name, value, rate, change in rows}
+        slips = {name: known.onset for name, known in PHASE_MARGINS.items() if known.onset is not None}
+        return {mode.with_contact(onset): left[name] for name, onset in slips.items()}
 
     def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Termination:
         if chosen.lift_velocity <= 0:
