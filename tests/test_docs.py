@@ -6,9 +6,7 @@ import shlex
 import warnings
 from pathlib import Path
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 from gaitopt import load_problem, simulate, solve, verify
 from gaitopt.cli.main import main
@@ -73,6 +71,8 @@ def test_a_problem_file_that_is_shown_has_a_verified_gait(text):
 
 
 def test_the_notebook_runs_from_top_to_bottom(tmp_path):
+    nbformat = pytest.importorskip("nbformat")
+    NotebookClient = pytest.importorskip("nbclient").NotebookClient
     notebook = nbformat.read(ROOT / "docs" / "notebooks" / "tour.ipynb", as_version=4)
     NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]

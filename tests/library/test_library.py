@@ -7,9 +7,7 @@ import sys
 from base64 import b64decode
 
 import numpy as np
-import pandas as pd
 import pytest
-import xarray as xr
 from matplotlib.axes import Axes
 from named import named, verification
 from pictured import gait
@@ -19,6 +17,7 @@ from gaitopt.errors import ProblemError, StorageError
 from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES
 from gaitopt.gait.quantities import QUANTITIES
 
+pd, xr = pytest.importorskip("pandas"), pytest.importorskip("xarray")
 LONGEST_LINE = 200
 WHEEL = "rimless-wheel-slip"
 
