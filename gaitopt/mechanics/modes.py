@@ -25,6 +25,7 @@ class Mode(str):
     Attributes
     ----------
     contact : what the foot does, as a mode without stops.
+    stops : state of every stop by its name, in order; not to be written to.
     free, locked : names of the stops in either state.
     """
 
@@ -32,6 +33,7 @@ class Mode(str):
     SLIP_FORWARD: ClassVar["Mode"]
     SLIP_BACKWARD: ClassVar["Mode"]
     contact: "Mode"
+    stops: Mapping[str, str]
     free: tuple[str, ...]
     locked: tuple[str, ...]
 
@@ -45,12 +47,13 @@ class Mode(str):
         """
         if text not in _MODES:
             contact, *stops = text.split(", ")
-            states = [stop.rpartition(" ")[::2] for stop in stops]
-            if contact not in _DIRECTIONS or any(state not in STOP_STATES for _, state in states):
+            states = dict(stop.rpartition(" ")[::2] for stop in stops)
+            if contact not in _DIRECTIONS or any(state not in STOP_STATES for state in states.values()):
                 raise ValueError(f"{text!r} is no mode: a foot can {', '.join(_DIRECTIONS)}")
             mode = super().__new__(cls, text)
             mode.contact = Mode(contact) if stops else mode
-            mode.free, mode.locked = (tuple(name for name, state in states if state == own) for own in STOP_STATES)
+            mode.stops = states
+            mode.free, mode.locked = (tuple(name for name in states if states[name] == own) for own in STOP_STATES)
             _MODES[text] = mode
         return _MODES[text]
 
@@ -112,11 +115,6 @@ class Mode(str):
         """Whether the foot slips."""
         return self.direction != 0
 
-    @property
-    def stops(self) -> dict[str, str]:
-        """State of every stop by its name, in order."""
-        return dict(stop.rpartition(" ")[::2] for stop in self.split(", ")[1:])
-
     def with_contact(self, contact: "Mode") -> "Mode":
         """Another contact with the same states of the stops."""
         return Mode.of(contact, self.stops)
@@ -152,7 +150,7 @@ class ImpactLaw(StrEnum):
 
 def in_words(phases: Iterable[Mode]) -> str:
     """Modes in order; stops are named where they change: ``stick (knee free), stick (knee locked), slip_backward``."""
-    words, stops = list[str](), dict[str, str]()
+    words, stops = list[str](), Mode.STICK.stops
     for mode in phases:
         named = ", ".join(f"{name} {state}" for name, state in mode.stops.items())
         words.append(str(mode.contact) if mode.stops == stops else f"{mode.contact} ({named})")
