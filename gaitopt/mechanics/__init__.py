@@ -16,6 +16,7 @@ from gaitopt.mechanics.friction import CoulombFriction, Friction, StaticKineticF
 from gaitopt.mechanics.margins import (
     IMPACT_MARGINS,
     MARGINS,
+    ONSETS,
     PHASE_MARGINS,
     ending_margin,
     margin,
@@ -34,6 +35,7 @@ __all__ = [
     "CONTACTS",
     "IMPACT_MARGINS",
     "MARGINS",
+    "ONSETS",
     "PHASE_MARGINS",
     "BeyondEnd",
     "BezierTracking",

@@ -162,6 +162,8 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
 """Margins of impacts, with impulses in place of forces."""
 
 MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS}
+ONSETS: Mapping[str, Mode] = {name: known.onset for name, known in PHASE_MARGINS.items() if known.onset is not None}
+"""The slip that begins where a margin of a sticking phase falls."""
 STOP = Margin(unit=_angle, lost="the stop locks earlier in the step", absent="the stop does not lock", rises=True)
 """The gap of a joint stop, whatever its name."""
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import CONTACTS, PHASE_MARGINS, HybridSystem, ImpactLaw, Mode, margin_names
+from gaitopt.mechanics import CONTACTS, ONSETS, HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import natural_system, units
@@ -154,8 +154,7 @@ class ContactResolver:
             later = self._point(mode, tau + LOOK, zeta + LOOK * flow, data)[2]
         rows = zip(margin_names(mode), margins.tolist(), rates.tolist(), (later - rates).tolist(), strict=True)
         left = {name: falls(name, value, rate, change / LOOK) for name, value, rate, change in rows}
-        slips = {name: known.onset for name, known in PHASE_MARGINS.items() if known.onset is not None}
-        return {mode.with_contact(onset): left[name] for name, onset in slips.items()}
+        return {mode.with_contact(onset): left[name] for name, onset in ONSETS.items()}
 
     def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Termination:
         if chosen.lift_velocity <= 0:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
-from gaitopt.mechanics import PHASE_MARGINS, HybridSystem, Mode
+from gaitopt.mechanics import ONSETS, PHASE_MARGINS, HybridSystem, Mode
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
@@ -26,7 +26,6 @@ MAX_STEP_TIME = 50.0
 MAX_SWITCHES = 50
 """Mode switches within a step after which it is called chattering; walking takes a handful."""
 
-ONSETS: Mapping[str, Mode] = {name: margin.onset for name, margin in PHASE_MARGINS.items() if margin.onset}
 FATAL: Mapping[str, Termination] = {
     name: Termination(Ending(margin.ending), margin.lost) for name, margin in PHASE_MARGINS.items() if margin.ending
 }
@@ -210,7 +209,7 @@ class Simulator:
             return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
         if event in mode.free:
             return self._lock(mode, event, here)
-        onset = PHASE_MARGINS[event].onset
+        onset = ONSETS.get(event)
         return (self._mode_at_rest(mode, here) if onset is None else mode.with_contact(onset)), here
 
     def _lock(self, mode: Mode, stop: str, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
