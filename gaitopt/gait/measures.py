@@ -57,7 +57,8 @@ class Observation:
 def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
     """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
     observation = buffered_map(system.observation(arc.mode), arc.times.size)
-    outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
+    own = system.walker.standing(p, arc.side)
+    outputs = observation(arc.times[:, None], arc.states, own, system.data(arc.segment))
     force, torque, power, foot, energy, _ = (value.copy() for value in outputs)
     return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0])
 

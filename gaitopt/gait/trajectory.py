@@ -38,12 +38,14 @@ class Arc:
     segment : index of the control's segment.
     times : ndarray, shape (m,) - time since the last impact [s]; Chebyshev points from start to end, or just both.
     states : ndarray, shape (m, n_z) - states there.
+    side : which leg stands, see ``Walker.side``.
     """
 
     mode: Mode
     segment: int
     times: Array
     states: Array
+    side: int = 0
 
     def __repr__(self) -> str:
         return f"<Arc {self.mode}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"

@@ -68,18 +68,27 @@ def _contradiction(walker: type[Walker], parameters: tuple[float, ...]) -> str |
     if scales is None:
         return "it has no length, no mass or no gravity to stand against"
     random = np.random.default_rng(0)
-    for _ in range(SAMPLES):
+    for k in range(SAMPLES):
+        legs = walker.standing(p, walker.side(k)), walker.standing(p, walker.side(k + 1))
         free = SPREAD * random.uniform(-1, 1, len(walker.section))
         rates = random.standard_normal(n) / scales.time
-        reason = _contradiction_at(walker, p, free, rates, scales)
+        reason = _contradiction_at(walker, legs, free, rates, scales)
         if reason is not None:
             return reason
     return None
 
 
-def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array, scales: Scales) -> str | None:
-    """What is wrong at the touchdown that leads to the section coordinates ``free``."""
-    s_plus = section_posture(walker, free, p)
+def _contradiction_at(
+    walker: type[Walker], legs: tuple[Array, Array], free: Array, rates: Array, scales: Scales
+) -> str | None:
+    """What is wrong at the touchdown that leads to the section coordinates ``free``.
+
+    Parameters
+    ----------
+    legs : parameters before and after it; they differ where the legs do.
+    """
+    p, p_plus = legs
+    s_plus = section_posture(walker, free, p_plus)
     s_minus = _before_relabelling(walker, s_plus, p)
     if s_minus is None:
         return "relabel cannot be inverted: after the swap of the feet the posture before it is no longer known"
@@ -87,7 +96,7 @@ def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array,
     locked = rates - np.linalg.pinv(J) @ J @ rates  # all stops are locked at touchdown
     before = posture(walker, np.array([*s_minus, 0, 0]), np.array([*locked, 0, 0]), p)
     q_plus = np.array([*s_plus, *before.foot[0]])
-    after = posture(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p)
+    after = posture(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p_plus)
     if abs(before.guard) > AGREEMENT * before.guard_slope or after.guard > AGREEMENT * after.guard_slope:
         return (
             "after_impact and touchdown contradict each other: a step would begin in the posture "

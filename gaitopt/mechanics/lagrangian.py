@@ -138,6 +138,9 @@ def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> Non
     if (*mechanism.stops,) != walker.stops:
         named = ", ".join(mechanism.stops)
         raise ProblemError(f"{walker.__name__}: Mechanism.stops has {named or 'none'}, but stops are {walker.stops}")
+    unknown = {*walker.exchanged, *walker.exchanged.values()} - {*walker.model_fields}
+    if unknown:
+        raise ProblemError(f"{walker.__name__}: exchanged names {', '.join(sorted(unknown))}, which is no parameter")
     strangers = {*walker.section, *walker.tracked} - {*walker.shape}
     if strangers:
         raise ProblemError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")

@@ -19,6 +19,7 @@ from itertools import product
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
+import numpy as np
 from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict
 
@@ -83,6 +84,8 @@ class Walker(BaseModel, ABC):
     shape : names of the shape coordinates.
     section : those shape coordinates that are free just after an impact.
     section_rates : those shape coordinates whose rates are free just after an impact; all unless given.
+    exchanged : parameters of the stance leg, each with that of the swing leg with which it changes places when the
+        feet swap roles; of legs that are alike none. A cycle then has an even number of steps.
     stops : names of the joint stops; a stop locks where its gap closes, and all are released by the impact of the foot.
     actuators : names of the actuators.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law.
@@ -95,6 +98,7 @@ class Walker(BaseModel, ABC):
     shape: ClassVar[tuple[str, ...]]
     section: ClassVar[tuple[str, ...]]
     section_rates: ClassVar[tuple[str, ...] | None] = None
+    exchanged: ClassVar[Mapping[str, str]] = {}
     stops: ClassVar[tuple[str, ...]] = ()
     actuators: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
@@ -128,6 +132,37 @@ class Walker(BaseModel, ABC):
         """Every mode: what the foot can do, with every state of the stops."""
         states = [dict(zip(cls.stops, each, strict=True)) for each in product(STOP_STATES, repeat=len(cls.stops))]
         return tuple(Mode.of(contact, stops) for stops in states for contact in CONTACTS)
+
+    @classmethod
+    def standing(cls, p: Any, side: int) -> Any:
+        """Parameters in the order of the fields, and others behind them, in the steps of one ``side``.
+
+        Parameters
+        ----------
+        p : those of the first step of a cycle, numbers or symbols.
+        side : 0 where the same leg stands as in the first step, 1 where it is the other one.
+        """
+        if not (cls.exchanged and side):
+            return p
+        n = p.size if isinstance(p, np.ndarray) else p.numel()
+        return p[[cls.place(k) for k in range(n)]]
+
+    @classmethod
+    def place(cls, k: int) -> int:
+        """Index of the parameter with which the k-th changes places when the feet swap roles, of most itself."""
+        names = (*cls.model_fields,)
+        partners = dict(cls.exchanged) | {swing: stance for stance, swing in cls.exchanged.items()}
+        return names.index(partners.get(names[k], names[k])) if k < len(names) else k
+
+    @classmethod
+    def side(cls, step: int) -> int:
+        """Which leg stands in a step, counted from 0: always 0 where both are alike, else 0 and 1 in turn."""
+        return step % cls.n_sides()
+
+    @classmethod
+    def n_sides(cls) -> int:
+        """After how many steps the same leg stands again, as far as the legs differ."""
+        return 2 if cls.exchanged else 1
 
     @classmethod
     def released(cls, contact: Mode) -> Mode:

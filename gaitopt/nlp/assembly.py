@@ -67,10 +67,13 @@ def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int
     arcs: list[list[Arc]] = [[] for _ in cycle.steps]
     for index, arc in enumerate(problem.layout.arcs):
         arcs[cycle.step_of(arc.phase)].append(_arc(problem, w, p, index, counts))
-    ends = zip(arcs, cycle.impacts, problem.layout.impact_nodes, strict=True)
+    ends, walker = zip(arcs, cycle.impacts, problem.layout.impact_nodes, strict=True), problem.system.walker
     return tuple(
-        Step(arcs=tuple(own), impact=impact_record(problem.system, impact, nodes[:, end], full))
-        for own, impact, end in ends
+        Step(
+            arcs=tuple(own),
+            impact=impact_record(problem.system, impact, nodes[:, end], walker.standing(full, walker.side(step))),
+        )
+        for step, (own, impact, end) in enumerate(ends)
     )
 
 
@@ -94,7 +97,8 @@ def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[i
         if curves.tail(states / unit) < curves.RESOLVED:
             break
     _rest_exactly(problem.layout.cycle, layout, states)
-    return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states)
+    side = problem.system.walker.side(problem.layout.cycle.step_of(layout.phase))
+    return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states, side=side)
 
 
 def _rest_exactly(cycle: Cycle, arc: ArcLayout, states: Array) -> None:

@@ -42,12 +42,13 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
 
 def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
     """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
-    full, armed = problem.full_parameters(p, problem.unpack(w)[2]), False
+    armed, freed = False, problem.unpack(w)[2]
     for index, arc in enumerate(problem.layout.arcs):
         armed = armed and not (arc.start is None and arc.phase in problem.layout.cycle.first_phases)
         times, states = problem.sample(w, p, index, SAMPLES)
         margins = buffered_map(problem.system.margins(arc.mode), times.size)
-        (values,) = margins(times[:, None], states, full, problem.system.data(arc.segment))
+        own = problem.standing_values(p, freed, arc.phase)
+        (values,) = margins(times[:, None], states, own, problem.system.data(arc.segment))
         for t, height in zip(times, values[:, 0].tolist(), strict=True):
             if armed and height < -AIRBORNE:
                 words = f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"

@@ -25,6 +25,7 @@ from gaitopt.problem.sections import (
 )
 
 OPEN = "auto"
+UNEVEN = "{} is no number of steps after which the same leg stands again: where the legs differ, a cycle has 2, 4, ..."
 SAME_STATE = 1e-5  # relative: a state written with six digits may be off by half of this
 
 
@@ -63,6 +64,8 @@ def _read_open(
     if gait is None:
         return None, None
     sequence = OpenSequence(impact=gait.impact, steps=gait.steps)
+    if model is not None and gait.steps < model.n_sides():
+        faults.append(Fault(("gait", "steps"), UNEVEN.format(gait.steps)))
     guess = None if gait.guess is None else read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
     if guess is None or model is None:
         return sequence, None
@@ -77,8 +80,10 @@ def _read_open(
 def _read_cycle(
     steps: Sequence[StepSection], model: type[Walker] | None, path: Key, faults: list[Fault]
 ) -> Cycle | None:
-    stops = () if model is None else model.stops
+    stops, sides = ((), 1) if model is None else (model.stops, model.n_sides())
     try:
+        if len(steps) % sides:
+            raise ValueError(UNEVEN.format(len(steps)))
         for step in steps:
             _check_stops(step, stops)
         return Cycle(tuple(ModeSequence(phases=step.phases, impact=step.impact) for step in steps))

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import ProblemError
+from gaitopt.mechanics import registered_walkers
 from gaitopt.problem import parse_problem
 
 GAIT = """\
@@ -111,7 +112,7 @@ def test_all_faults_of_a_file_come_at_once_in_the_order_of_their_lines():
             "compass_biped",
             "centaur",
             "3:3 walker.model",
-            "no walker is called 'centaur'; allowed: compass_biped, kneed_walker, rimless_wheel",
+            f"no walker is called 'centaur'; allowed: {', '.join(registered_walkers())}",
         ),
         ("impact: stick", "impact: stik", "14:3 gait.impact", "'stik' is not one of the choices; did you mean stick?"),
         (
