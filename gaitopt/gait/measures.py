@@ -21,6 +21,7 @@ MEASURES = (
     "step_length",
     "speed",
     "work",
+    "damping_loss",
     "cost_of_transport",
     "absolute_cost_of_transport",
     "torque_squared",
@@ -45,6 +46,7 @@ class Observation:
     power : ndarray, shape (m, n_u) - of each motor [W].
     swing_foot : ndarray, shape (m, 2) - position [m].
     energy : ndarray, shape (m,) - kinetic plus potential [J].
+    loss : ndarray, shape (m,) - power that the dampers take [W].
     """
 
     force: Array
@@ -52,6 +54,7 @@ class Observation:
     power: Array
     swing_foot: Array
     energy: Array
+    loss: Array
 
 
 def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
@@ -59,14 +62,14 @@ def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
     observation = buffered_map(system.observation(arc.mode), arc.times.size)
     own = system.walker.standing(p, arc.side)
     outputs = observation(arc.times[:, None], arc.states, own, system.data(arc.segment))
-    force, torque, power, foot, energy, _ = (value.copy() for value in outputs)
-    return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0])
+    force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
+    return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0])
 
 
 def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, float | None]:
     """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
 
-    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work`` [J];
+    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``, ``damping_loss`` [J];
     ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length); ``torque_squared``
     (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest ``|f_t|/f_n`` while sticking,
     None without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
@@ -92,6 +95,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
         "step_length": length,
         "speed": length / period,
         "work": work,
+        "damping_loss": sum(curves.integral(o.loss, a.duration) for a, o in observed),
         "cost_of_transport": work / weighted_length,
         "absolute_cost_of_transport": absolute / weighted_length,
         "torque_squared": sum(curves.integral((o.torque**2).sum(axis=1), a.duration) for a, o in observed),
@@ -107,7 +111,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
 def measure_scales(scales: Scales) -> dict[str, float]:
     """Natural unit of every measure by its name; one where it is a ratio."""
     lengths = dict.fromkeys(("step_length", "slip_distance", "foot_clearance"), scales.length)
-    energies = dict.fromkeys(("work", "peak_torque"), scales.energy)
+    energies = dict.fromkeys(("work", "damping_loss", "peak_torque"), scales.energy)
     others = {
         "period": scales.time,
         "speed": scales.speed,

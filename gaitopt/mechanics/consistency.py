@@ -4,7 +4,7 @@ An impact changes velocities by impulses at the feet and renames the coordinates
 With s_plus = relabel(s_minus) and the stance foot at the former swing foot, at every touchdown
 
     bodies_plus = bodies_minus      mass, inertia, position, velocity and spin, in any order
-    V_plus = V_minus                potential energy of springs
+    V_plus = V_minus                potential energy of springs; dampers store none, and take some
     s_minus lies on the guard       for every s_plus out of ``after_impact``, and all stops are locked there
 
 Everything else (return map, multipliers, costs) stands on that, so a walker that breaks it is refused.
@@ -110,6 +110,7 @@ def _contradiction_at(
     return (
         _jump(before.bodies, after.bodies, scales)
         or _spring_jump(before.spring_energy, after.spring_energy, scales)
+        or _driving_damper(before.dissipation)
         or _without_inertia(walker, after.mass_matrix)
     )
 
@@ -150,6 +151,12 @@ def _spring_jump(before: float, after: float, scales: Scales) -> str | None:
         f"its potential energy jumps from {before:.6g} J to {after:.6g} J when the feet swap roles: "
         "springs must act alike on both legs"
     )
+
+
+def _driving_damper(power: float) -> str | None:
+    if power >= 0:
+        return None
+    return f"its dampers give energy, {-power:.3g} W at a touchdown: their coefficients must not be negative"
 
 
 def _without_inertia(walker: type[Walker], mass_matrix: Array) -> str | None:

@@ -26,10 +26,11 @@ class EquationsOfMotion:
     z : SX, shape (2 n_shape + 2,) - integrated state (shape, x, d shape, dx).
     q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, 0) and rates (d shape, dx, 0).
     M : SX, shape (n_q, n_q) - mass matrix.
-    B, G : SX, shape (n_q,) - velocity terms and gravity (and springs).
+    B, G : SX, shape (n_q,) - velocity terms (and dampers) and gravity (and springs).
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
     energy : SX - kinetic plus potential energy [J].
+    dissipation : SX - power that the dampers take [W].
     mass : SX - total mass [kg].
     gravity : SX - acceleration of gravity [m/s^2].
     length : SX - distance of the farthest body from the stance foot where all shape coordinates are zero [m].
@@ -47,6 +48,7 @@ class EquationsOfMotion:
     E: SX
     W_swing: SX
     energy: SX
+    dissipation: SX
     mass: SX
     gravity: SX
     length: SX
@@ -83,7 +85,8 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
 
     M = hessian(kinetic, dq)[0]
     momentum = gradient(kinetic, dq)
-    B = jtimes(momentum, q, dq) - gradient(kinetic, q)
+    dissipation = sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0))
+    B = jtimes(momentum, q, dq) - gradient(kinetic, q) + gradient(dissipation, dq) / 2  # Rayleigh's function
     angles = vertcat(*mechanism.motors) if mechanism.motors else SX(0, 1)
     straight = substitute(vertcat(*(norm_2(body.position) for body in mechanism.bodies)), q, SX.zeros(q.numel()))
 
@@ -102,6 +105,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         E=grounded(jacobian(angles, q).T),
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
         energy=grounded(kinetic + potential),
+        dissipation=grounded(dissipation),
         mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
         gravity=norm_2(mechanism.gravity),
         length=mmax(straight),
@@ -115,6 +119,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
             stops={name: grounded(SX(gap)) for name, gap in mechanism.stops.items()},
             motors=mechanism.motors,
             potential=mechanism.potential,
+            dampers=mechanism.dampers,
         ),
     )
 

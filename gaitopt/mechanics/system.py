@@ -117,13 +117,24 @@ class HybridSystem:
         return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
 
     def observation(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq (n_u)."""
+        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq (n_u), loss.
+
+        The loss is the power that the dampers take.
+        """
 
         def outputs() -> list[SX]:
             eom, torque = self._eom, self._torque
             motor_rates = eom.E.T @ eom.dq
             foot = eom.mechanism.swing_foot
-            return [self._motion(mode).force, torque, torque * motor_rates, foot, eom.energy, motor_rates]
+            return [
+                self._motion(mode).force,
+                torque,
+                torque * motor_rates,
+                foot,
+                eom.energy,
+                motor_rates,
+                eom.dissipation,
+            ]
 
         return self._build(f"observation_{mode.key}", outputs)
 

@@ -48,6 +48,20 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Damper:
+    """A viscous damper, which resists with ``coefficient`` times the rate of what it is mounted across.
+
+    Attributes
+    ----------
+    coefficient : SX or float [N m s/rad or N s/m], not negative.
+    across : SX - an angle or a length, as a function of the coordinates [rad or m].
+    """
+
+    coefficient: Any
+    across: SX
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Mechanism:
     """Positions and angles of a walker as functions of ``q``, in CasADi symbols.
 
@@ -62,6 +76,7 @@ class Mechanism:
     stops : gaps of the joint stops by name, affine in the shape: positive while free, held at zero while locked.
     motors : tuple of SX - the angle on which each actuator acts, in the order of ``Walker.actuators`` [rad].
     potential : SX - potential energy besides gravity, of springs for instance [J].
+    dampers : the viscous dampers.
     """
 
     bodies: tuple[Body, ...]
@@ -73,6 +88,7 @@ class Mechanism:
     stops: Mapping[str, SX] = field(default_factory=dict)
     motors: tuple[SX, ...] = ()
     potential: Any = field(default_factory=lambda: SX(0))
+    dampers: tuple[Damper, ...] = ()
 
 
 class Walker(BaseModel, ABC):

@@ -109,8 +109,10 @@ class Simulator:
         others = []
         for side in range(1, self.system.walker.n_sides()):
             p = self.system.walker.standing(self.p, side)
-            limits = {"max_step_time": self._max_step_time, "max_switches": self._max_switches}
-            others.append(Simulator(self.system, p, stepper=self.stepper.at(p), side=side, **limits))
+            stepper, longest, switches = self.stepper.at(p), self._max_step_time, self._max_switches
+            others.append(
+                Simulator(self.system, p, max_step_time=longest, max_switches=switches, stepper=stepper, side=side)
+            )
         return (self, *others)
 
     def run(

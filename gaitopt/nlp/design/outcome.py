@@ -118,7 +118,7 @@ class Outcome:
             fractions = (np.arange(arc.intervals)[:, None] + LOBATTO_POINTS).ravel()
             observe = system.observation(arc.mode).map(fractions.size)
             times = start + h * MX(DM(fractions)).T
-            force, torque, power, foot, _, _ = observe(times, states, *self._t.constants(arc, fractions.size))
+            force, torque, power, foot, *_ = observe(times, states, *self._t.constants(arc, fractions.size))
             weights = h * MX(DM(np.tile(LOBATTO_WEIGHTS, arc.intervals))).T
             ahead = foot[0, :] - states[system.n_shape, :]
             samples.append(
