@@ -69,9 +69,9 @@ def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
 def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, float | None]:
     """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
 
-    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``, ``damping_loss`` [J];
-    ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length); ``torque_squared``
-    (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest ``|f_t|/f_n`` while sticking,
+    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``,
+    ``damping_loss`` [J]; ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length);
+    ``torque_squared`` (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest ``|f_t|/f_n`` while sticking,
     None without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
 
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of

@@ -117,7 +117,7 @@ class HybridSystem:
         return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
 
     def observation(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq (n_u), loss.
+        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
 
         The loss is the power that the dampers take.
         """

@@ -8,7 +8,7 @@ from named import named, verification
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
-from gaitopt.errors import GaitoptError
+from gaitopt.errors import GaitoptError, SolveError
 from gaitopt.mechanics import HybridSystem, NoControl, Walker, check_walker
 from gaitopt.mechanics.walkers.unequal_compass import UnequalCompass
 from gaitopt.simulation import Simulator
@@ -126,7 +126,7 @@ def test_one_impact_slides_where_friction_is_short():
 def test_where_an_impact_begins_to_slide_no_third_family_begins():
     """The cycles of both sequences in turn are among those that are tried."""
     (change,) = slippery().special("impact_change")
-    with pytest.raises(go.SolveError, match="no other branch"):
+    with pytest.raises(SolveError, match="no other branch"):
         go.continuation(change, "friction", 0.199)
 
 

@@ -16,10 +16,10 @@ from gaitopt.mechanics.units import NonNegative, Positive, Slope
 from gaitopt.mechanics.walker import Body, Damper, Mechanism, Walker, polar
 
 
-class TorsoBiped(Walker):
+class TorsoWalker(Walker):
     """Legs with point masses, and a rigid torso on the hip; the motor acts between torso and stance leg."""
 
-    model = "torso_biped"
+    model = "torso_walker"
     shape = ("theta1", "theta2", "torso")
     section = ("theta1", "torso")
     actuators = ("hip",)
