@@ -71,11 +71,11 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
 
     ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``,
     ``damping_loss`` [J]; ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length);
-    ``torque_squared`` (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest ``|f_t|/f_n`` while sticking,
-    None without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
+    ``torque_squared`` (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction``
+    (largest ``|f_t|/f_n`` while sticking, None without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
 
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
-    several steps the least of these.
+    several steps the least of these. The work is that of motors and pushes.
 
     References
     ----------
@@ -85,8 +85,11 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     assert len(impacts) == len(steps), "only a complete step has a step length"
     by_step = [[(arc, observe(system, p, arc)) for arc in step.arcs] for step in steps]
     observed = [pair for pairs in by_step for pair in pairs]
-    work = sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
-    absolute = sum(curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T)
+    pushed = sum(impact.push_work for impact in impacts)
+    work = pushed + sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
+    absolute = abs(pushed) + sum(
+        curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T
+    )
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
     weighted_length = float(system.weight(p)) * length
     sticking = [o.force[:, 0] / o.force[:, 1] for a, o in observed if a.mode.sticks]

@@ -26,6 +26,7 @@ class Ending(StrEnum):
     DOUBLE_SUPPORT = "double_support"
     NUMERICAL = "numerical"
     SCUFFING = "scuffing"
+    PUSH_SLIPS = "push_slips"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +78,7 @@ class ImpactRecord:
     step_length : distance of the new stance foot from where the old one stood after its own impact [m].
     impulse : ndarray, shape (2,) - (F_t, F_n) [N s].
     stick_impulse : ndarray, shape (2,) - what a sticking impact would need, eq. (9) [N s].
+    push_work : work of the push of the other foot just before it [J].
     """
 
     mode: Mode
@@ -84,6 +86,7 @@ class ImpactRecord:
     step_length: float
     impulse: Array
     stick_impulse: Array
+    push_work: float = 0.0
 
     @property
     def impulse_ratio(self) -> float:

@@ -120,6 +120,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
             motors=mechanism.motors,
             potential=mechanism.potential,
             dampers=mechanism.dampers,
+            push=None if mechanism.push is None else grounded(mechanism.push),
         ),
     )
 
@@ -143,6 +144,8 @@ def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> Non
     if (*mechanism.stops,) != walker.stops:
         named = ", ".join(mechanism.stops)
         raise ProblemError(f"{walker.__name__}: Mechanism.stops has {named or 'none'}, but stops are {walker.stops}")
+    if walker.pushes is (mechanism.push is None):
+        raise ProblemError(f"{walker.__name__}: pushes is {walker.pushes}, which Mechanism.push contradicts")
     unknown = {*walker.exchanged, *walker.exchanged.values()} - {*walker.model_fields}
     if unknown:
         raise ProblemError(f"{walker.__name__}: exchanged names {', '.join(sorted(unknown))}, which is no parameter")

@@ -77,6 +77,8 @@ class Mechanism:
     motors : tuple of SX - the angle on which each actuator acts, in the order of ``Walker.actuators`` [rad].
     potential : SX - potential energy besides gravity, of springs for instance [J].
     dampers : the viscous dampers.
+    push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands, of a walker that
+        pushes off [N s].
     """
 
     bodies: tuple[Body, ...]
@@ -89,6 +91,7 @@ class Mechanism:
     motors: tuple[SX, ...] = ()
     potential: Any = field(default_factory=lambda: SX(0))
     dampers: tuple[Damper, ...] = ()
+    push: SX | None = None
 
 
 class Walker(BaseModel, ABC):
@@ -103,6 +106,7 @@ class Walker(BaseModel, ABC):
     exchanged : parameters of the stance leg, each with that of the swing leg with which it changes places when the
         feet swap roles; of legs that are alike none. A cycle then has an even number of steps.
     stops : names of the joint stops; a stop locks where its gap closes, and all are released by the impact of the foot.
+    pushes : whether the walker pushes off with its stance foot just before the swing foot lands.
     actuators : names of the actuators.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law.
     largest_angle : size of the shape coordinates beyond which the walker does not walk [rad].
@@ -116,6 +120,7 @@ class Walker(BaseModel, ABC):
     section_rates: ClassVar[tuple[str, ...] | None] = None
     exchanged: ClassVar[Mapping[str, str]] = {}
     stops: ClassVar[tuple[str, ...]] = ()
+    pushes: ClassVar[bool] = False
     actuators: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
     largest_angle: ClassVar[float] = math.pi

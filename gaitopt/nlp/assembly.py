@@ -81,11 +81,16 @@ def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) ->
     """The impact in ``mode`` that follows ``z_minus``."""
     z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
     stick_impulse = buffered(system.impact(Mode.STICK))(z_minus, p)[1].copy()
-    x = system.n_shape
+    x, work = system.n_shape, float(system.push(z_minus, p)[1]) if system.walker.pushes else 0.0
     state = z_plus.copy()
     state[x] = 0.0
     return ImpactRecord(
-        mode=mode, state=state, step_length=float(z_plus[x]), impulse=impulse, stick_impulse=stick_impulse
+        mode=mode,
+        state=state,
+        step_length=float(z_plus[x]),
+        impulse=impulse,
+        stick_impulse=stick_impulse,
+        push_work=work,
     )
 
 

@@ -147,10 +147,14 @@ class Outcome:
         return self._t.system.weight(self._t.p) * self._step_length()
 
     def _work(self) -> MX:
-        return self._integral(lambda s: sum1(s.power))
+        return self._push_work() + self._integral(lambda s: sum1(s.power))
 
     def _absolute_work(self) -> MX:
-        return self._integral(lambda s: sum1(sqrt(s.power**2 + self._width**2)))
+        return self._push_work() + self._integral(lambda s: sum1(sqrt(s.power**2 + self._width**2)))
+
+    def _push_work(self) -> MX:
+        """Work of the push before the impact; that of a foot at rest is positive."""
+        return self._t.system.push(self._t.Z[:, -1], self._t.p)[1]
 
     def _slip_distance(self) -> MX:
         x = self._t.system.n_shape

@@ -56,6 +56,7 @@ class BatchResolver:
             HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in self._modes
         ]
         self._approach = HeyokaRowMap(system.approach, {1: p})
+        self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
         self._impacts = [HeyokaRowMap(system.impact(mode), {1: p}) for mode in CONTACTS]
 
     def mode_at_rest(self, stops: int, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
@@ -113,6 +114,9 @@ class BatchResolver:
         after[:, self._n_x] = 0.0
         comes_down = self._approach(states)[0][:, 0] < -EDGE * self._units.speed
         plain = comes_down & (consistent.sum(axis=1) == 1) & (lift_velocities > 0) & ~self._at_edge(candidates[0][1])
+        if self._push is not None:
+            p_t, p_n = self._push(states)[0].T
+            plain &= np.abs(p_t) < self._friction * p_n
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.impact(states[k])
             if isinstance(decision, ImpactRecord):
