@@ -20,7 +20,7 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
-from casadi import SX, vertcat
+from casadi import SX, norm_2, vertcat
 from pydantic import BaseModel, ConfigDict
 
 from gaitopt.errors import GaitoptWarning, UnknownNameError
@@ -144,6 +144,11 @@ class Walker(BaseModel, ABC):
         return ()
 
     @classmethod
+    def contact(cls, q: SimpleNamespace, p: SimpleNamespace) -> SX:
+        """Where the stance foot touches the ground in pictures, shape (2,) [m]; (x, y) unless the walker says more."""
+        return vertcat(q.x, q.y)
+
+    @classmethod
     def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
         """All shape rates just after an impact, from the free ones of ``section_rates`` (``free.dtheta`` and so on)."""
         return tuple(getattr(free, f"d{name}") for name in cls.shape)
@@ -206,6 +211,14 @@ class Walker(BaseModel, ABC):
 def polar(length: Any, angle: Any) -> SX:
     """The point at ``length`` from the origin, ``angle`` from the slope's normal towards downhill; shape (2,) [m]."""
     return vertcat(length * SX(angle).sin(), length * SX(angle).cos())
+
+
+def coil(start: SX, end: SX, width: Any, turns: int = 5) -> tuple[SX, ...]:
+    """Points of a zigzag line from ``start`` to ``end`` [m] that draws a spring with turns of some ``width`` [m]."""
+    along = end - start
+    aside = width / 2 * vertcat(-along[1], along[0]) / norm_2(along)
+    zigzag = (start + (k + 0.5) / (2 * turns) * along + (-1) ** k * aside for k in range(2 * turns))
+    return (start, *zigzag, end)
 
 
 def registered_walkers() -> Mapping[str, type[Walker]]:

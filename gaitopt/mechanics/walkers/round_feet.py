@@ -82,6 +82,11 @@ class RoundFeetCompass(Walker):
         return (free.theta1, free.theta1)
 
     @classmethod
+    def contact(cls, q: SimpleNamespace, p: SimpleNamespace) -> Any:
+        """The lowest point of the stance foot's arc."""
+        return vertcat(q.x + p.foot_radius * q.theta1, q.y)
+
+    @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
         """Legs down to their arcs, and the arcs."""
         centre, hip, swing_centre = cls.joints(q, p)

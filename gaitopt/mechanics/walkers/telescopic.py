@@ -14,7 +14,7 @@ from casadi import cos, pi, sin, vertcat
 from pydantic import Field, model_validator
 
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Body, Damper, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Body, Damper, Mechanism, Walker, coil, polar
 
 
 class TelescopicCompass(Walker):
@@ -78,7 +78,10 @@ class TelescopicCompass(Walker):
 
     @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
-        """Both legs."""
+        """Both legs: the sliding part up to its mass, and the spring between that and the hip."""
         foot = vertcat(q.x, q.y)
         hip = foot + polar(p.leg_length, q.theta1)
-        return (foot, hip), (hip, hip - polar(p.leg_length * (1 - q.retraction), -q.theta2))
+        swing_foot = hip - polar(p.leg_length * (1 - q.retraction), -q.theta2)
+        stance, swing = foot + polar(p.leg_com, q.theta1), swing_foot + polar(p.leg_com, -q.theta2)
+        width = 0.1 * p.leg_length
+        return (foot, stance), (swing_foot, swing), coil(stance, hip, width), coil(swing, hip, width)
