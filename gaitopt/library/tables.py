@@ -13,7 +13,7 @@ from gaitopt.mechanics.modes import Mode, ModeSequence
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
-GAP = 2
+GAP = 3
 """Columns between two cells."""
 STABILITY = {True: "stable", False: "unstable"}
 
