@@ -8,6 +8,7 @@ QUANTITIES = {
     "step_length": ("step length", "m"),
     "speed": ("speed", "m/s"),
     "work": ("motor work", "J"),
+    "damping_loss": ("energy that the dampers take", "J"),
     "cost_of_transport": ("cost of transport", ""),
     "absolute_cost_of_transport": ("absolute cost of transport", ""),
     "torque_squared": ("torque squared, integral", "N^2 m^2 s"),
