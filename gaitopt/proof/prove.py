@@ -113,6 +113,8 @@ def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: s
     system = gait.system
     if system.walker.stops:
         raise SolveError(f"{gait.problem.name}: the impact of a stop cannot be proved yet")
+    if system.walker.flies or system.walker.switches:
+        raise SolveError(f"{gait.problem.name}: flight and switches cannot be proved yet")
     if system.walker.pushes:
         raise SolveError(f"{gait.problem.name}: a push-off cannot be proved yet")
     if system.walker.exchanged:
