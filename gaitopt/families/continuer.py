@@ -10,8 +10,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.families.bifurcations import bifurcations_between, is_bifurcation
 from gaitopt.families.change import Change, find_change
 from gaitopt.families.limits import Limits
@@ -26,7 +26,6 @@ from gaitopt.mechanics import MARGINS
 from gaitopt.study.claims import Claim
 from gaitopt.study.verify import confirm
 
-Array = NDArray[np.float64]
 Record = BranchPoint | SpecialPoint
 
 FIRST_LENGTH = 0.005

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.families.bifurcations import test_functions
 from gaitopt.families.monitors import MonitorKey, MonitorValue, monitor_values
 from gaitopt.gait import Gait
@@ -19,9 +20,6 @@ from gaitopt.nlp.refinement import phase_errors, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
-
 
 ERROR_TOLERANCE = 4e-12
 """Integration error on a branch: a tenth of a gait's, as special points are located to nine digits of the parameter."""

@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 from gaitopt.problem import Problem
 
@@ -23,7 +21,7 @@ class Attractor:
     """
 
     problem: Problem
-    state: NDArray[np.float64]
+    state: Array
     period: int
     phases: tuple[Mode, ...]
     impact: Mode

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.display import Reported
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-Array = NDArray[np.float64]
 TERMINAL = ("end", "vanishing", "lift_off", "painleve")
 """Types of special points at which a family ends."""
 _PLACE = ("branch", "index", "value")

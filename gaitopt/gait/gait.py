@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.display import Moving
 from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
@@ -19,8 +20,6 @@ from gaitopt.problem import Problem
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-Array = NDArray[np.float64]
 
 
 class Status(StrEnum):

@@ -6,15 +6,11 @@ The NLP and the simulator both provide arcs at Chebyshev points, so both are mea
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import HybridSystem, Scales
 from gaitopt.mechanics.buffered import buffered_map
-
-Array = NDArray[np.float64]
 
 MEASURES = (
     "period",

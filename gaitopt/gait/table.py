@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.measures import observe
 from gaitopt.gait.quantities import column_unit, state_unit
@@ -15,8 +15,6 @@ from gaitopt.mechanics import HybridSystem
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-Array = NDArray[np.float64]
 
 
 def trajectory_header(system: HybridSystem) -> tuple[str, ...]:

@@ -5,11 +5,9 @@ from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
-
-Array = NDArray[np.float64]
 
 
 class Ending(StrEnum):

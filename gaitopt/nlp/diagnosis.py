@@ -4,16 +4,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause
 from gaitopt.mechanics import Cycle, ending_margin, margin
 from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
-
-Array = NDArray[np.float64]
-
 
 SAMPLES = 33
 """Points of an arc on which an early touchdown is looked for."""

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.feasibility import Feasibility
@@ -21,8 +21,6 @@ from gaitopt.nlp.solve import rejection_reason
 from gaitopt.nlp.transcription import transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
 
 MAX_CHORDS = 10
 """Chords that are tried; from a gait nearby four to six are enough."""

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Status
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 """Called with the iteration and the largest violation of the constraints."""
 

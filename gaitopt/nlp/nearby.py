@@ -11,14 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.newton import linearise
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
-
-Array = NDArray[np.float64]
 
 REACH = 0.2
 """Longest first step in natural units: a guess farther off is none."""

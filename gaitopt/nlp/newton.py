@@ -10,17 +10,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise, overflow_allowed
 from gaitopt.nlp.units import Units
-
-Array = NDArray[np.float64]
 
 NEWTON_TOLERANCE = 3e-15
 """Rounding of the equalities in natural units; a polish that does not get there ends where it no longer improves."""

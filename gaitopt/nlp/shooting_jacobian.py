@@ -11,15 +11,13 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.sparse import csc_matrix
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.transcription import Transcription
-
-Array = NDArray[np.float64]
 
 N_STAGES = DOP853.n_stages
 

@@ -6,12 +6,10 @@ xi -> xi - t (DPi - I)^-1 (Pi(xi) - xi),      t = 1, 1/2, ... until the defect f
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Step
 from gaitopt.orbit.return_map import ReturnMap
-
-Array = NDArray[np.float64]
 
 CLOSE = 1e-9
 """Relative defect of a fixed point that another method polishes."""

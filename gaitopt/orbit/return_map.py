@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending, Step
 from gaitopt.mechanics import Mode
 from gaitopt.orbit.step_sensitivity import StepSensitivity
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.natural import units
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
 """Error of a simulated step in natural units, as far as it is not amplified."""

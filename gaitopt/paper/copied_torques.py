@@ -7,13 +7,11 @@ The slope enters the equations of motion (2) only through G, and the contact for
 
 import numpy as np
 from casadi import Function
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Gait
 from gaitopt.gait.curves import integral
 from gaitopt.mechanics.lagrangian import equations_of_motion
-
-Array = NDArray[np.float64]
 
 
 def copied_torques(gait: Gait) -> list[tuple[Array, Array]]:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.mechanics.units import parse_angle
 from gaitopt.problem import Problem
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9
 INTEGER = 1e-9

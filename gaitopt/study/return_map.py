@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Gait
 from gaitopt.mechanics import CONTACTS, HybridSystem, Mode
 from gaitopt.problem import Problem
@@ -20,7 +21,6 @@ from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 if TYPE_CHECKING:
     from gaitopt.simulation.batch.simulator import BatchSimulator
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 CHUNK = 4096

@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
@@ -20,8 +20,6 @@ from gaitopt.study.system import build_system
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Arc, Gait, curves
@@ -28,8 +27,6 @@ from gaitopt.mechanics import (
 from gaitopt.mechanics.control.reference import continued
 from gaitopt.nlp import find_gait, integrate_to
 from gaitopt.problem import ConstantTorqueSpec, CurveReference, PDSpec, Problem
-
-Array = NDArray[np.float64]
 
 FLOW_PERIODS = 2
 """A reference that flows on is known for so many of its own periods past its end; no step takes that long."""

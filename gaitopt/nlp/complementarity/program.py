@@ -20,14 +20,13 @@ from itertools import groupby
 
 import numpy as np
 from casadi import MX, sum1, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Status
 from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
 from gaitopt.nlp.complementarity.homotopy import Homotopy
 from gaitopt.nlp.ipopt import Progress
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 ELEMENTS = 14

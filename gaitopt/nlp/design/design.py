@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
@@ -30,8 +31,6 @@ from gaitopt.nlp.solve import rejection_reason, solve_gait
 from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_states
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
 
 MAX_ROUNDS = 12
 """Times that a smoothed search may be taken up again where its reach or a breakpoint of the control has stopped it."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import SolveError
 from gaitopt.gait import Gait, curves
 from gaitopt.mechanics import margin_names, margin_scales
@@ -21,8 +22,6 @@ from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.start import free_parameters, step_states
 from gaitopt.nlp.transcription import Transcription
-
-Array = NDArray[np.float64]
 
 RADII = (1e-2, 1e-3, 1e-4)
 """Distances of neighbours, relative to the sizes of the freed parameters."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from casadi import MX, Function, sum1, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS, Outcome
 from gaitopt.nlp.design.rows import CLEARANCE
 from gaitopt.nlp.design.spectral_radius import certified_radius
@@ -23,8 +23,6 @@ from gaitopt.nlp.design.trust_region import SMALL, search
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem, Range
-
-Array = NDArray[np.float64]
 
 SMOOTHING = 3e-5
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""

@@ -6,11 +6,10 @@ With H = L L' and y = L' d + L^-1 g it asks for the shortest y in a polyhedron, 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
-Array = NDArray[np.float64]
+from gaitopt.arrays import Array
 
 CONTRADICTION = 1e-9
 """Distance in the problem of nonnegative least squares that means a polyhedron without points."""

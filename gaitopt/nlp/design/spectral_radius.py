@@ -23,15 +23,13 @@ from typing import Any
 
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.newton import linearise, section_sensitivity
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
-
-Array = NDArray[np.float64]
 
 EPSILON = 1e-6
 """A matrix of norm N is certified with a radius whose square exceeds that of its largest modulus by some eps N^2;

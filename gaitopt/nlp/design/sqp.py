@@ -11,14 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.design.optimality import NEGLIGIBLE, kkt_residual, objective_size
 from gaitopt.nlp.design.quadratic import least_distance
 from gaitopt.nlp.design.reduced import Point, Reduced
 from gaitopt.nlp.ipopt import Progress
-
-Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 200
 OPTIMALITY, MET = 1e-6, 1e-9
