@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.mechanics import Mode
 from gaitopt.problem import Problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Attractor:
+class Attractor(ReadOnlyArrays):
     """A gait that states settle on.
 
     Attributes

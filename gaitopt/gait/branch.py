@@ -1,12 +1,12 @@
 """A family of gaits along a parameter: points, special points, and the branches that they join."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Reported
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
@@ -24,7 +24,7 @@ _PLACE = ("branch", "index", "value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BranchPoint:
+class BranchPoint(ReadOnlyArrays):
     """One gait of a family.
 
     Attributes
@@ -62,7 +62,7 @@ class BranchPoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SpecialPoint:
+class SpecialPoint(ReadOnlyArrays):
     """Where something happens to a family.
 
     Attributes
@@ -122,7 +122,6 @@ class Branch(Reported):
     parameter: str
     points: tuple[BranchPoint, ...] = ()
     specials: tuple[SpecialPoint, ...] = ()
-    _columns: dict[str, Array] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
         if not self.points:
@@ -166,10 +165,8 @@ class Branch(Reported):
         KeyError
             If the result has no such scalar.
         """
-        if name not in self._columns:
-            values = [_scalar(point.gait, name) for point in self.points]
-            self._columns[name] = np.array([np.nan if value is None else value for value in values], dtype=float)
-        return self._columns[name]
+        values = [_scalar(point.gait, name) for point in self.points]
+        return np.array([np.nan if value is None else value for value in values], dtype=float)
 
     def branch(self, number: int) -> "Branch":
         """The part with one mode sequence."""

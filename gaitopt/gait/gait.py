@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
 from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
@@ -32,7 +32,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shooting:
+class Shooting(ReadOnlyArrays):
     """The shooting nodes behind a gait.
 
     Attributes
@@ -52,7 +52,7 @@ class Shooting:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gait(Moving):
+class Gait(Moving, ReadOnlyArrays):
     """A periodic cycle of steps, or the remains of a failed attempt: only ``status == converged`` is a gait.
 
     Attributes

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.mechanics import Mode
 
 
@@ -27,7 +27,7 @@ class Ending(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Arc:
+class Arc(ReadOnlyArrays):
     """A smooth piece of motion: one mode on one segment of the control.
 
     Attributes
@@ -63,7 +63,7 @@ class Arc:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ImpactRecord:
+class ImpactRecord(ReadOnlyArrays):
     """One impact.
 
     Attributes
@@ -122,7 +122,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trajectory:
+class Trajectory(ReadOnlyArrays):
     """Steps of a simulated motion, and why it ended.
 
     Attributes

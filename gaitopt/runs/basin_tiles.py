@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import ReadOnlyArrays
 from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.attractor import Attractor
@@ -32,7 +33,7 @@ NUMBER = "number"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Basin(Plotted):
+class Basin(Plotted, ReadOnlyArrays):
     """Where every state of a grid goes.
 
     Attributes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.gait import Gait
 from gaitopt.mechanics import CONTACTS, HybridSystem, Mode
 from gaitopt.problem import Problem
@@ -28,7 +28,7 @@ CHUNK = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Returns:
+class Returns(ReadOnlyArrays):
     """One step of each of n states.
 
     Attributes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Walk(Moving):
+class Walk(Moving, ReadOnlyArrays):
     """A simulated walk.
 
     Attributes
