@@ -55,8 +55,6 @@ def basin(
     with writing(folder, plan.problem):
         with interruptible() as interrupted, job_progress(console, "tiles") as progress:
             found = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
-        if found is None:
-            raise KeyboardInterrupt
         record = {**found.to_record(), "run": str(plan.place)}
         if len(points.axes) == 2:
             with adding(folder, plan.place) as figures:

@@ -51,8 +51,6 @@ def front(
     with writing(folder, found):
         with interruptible() as interrupted, job_progress(console, "designs") as progress:
             points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
-        if points is None:
-            raise KeyboardInterrupt
         records = [point.to_record() for point in points]
         record = {"problem": found.name, "over": str(axes[0]), "points": records}
         with replacing(folder, path.name):

@@ -73,7 +73,7 @@ def sampled_optima(
     from gaitopt.runs.multistart import multistart
 
     with interruptible() as interrupted, job_progress(console, "starts") as progress:
-        optima = multistart(
+        return multistart(
             problem,
             starts,
             folder,
@@ -83,9 +83,6 @@ def sampled_optima(
             progress=progress,
             should_stop=interrupted,
         )
-    if optima is None:
-        raise KeyboardInterrupt
-    return optima
 
 
 def print_optima(console: "Console", optima: "list[Optimum]", starts: int) -> None:

@@ -57,8 +57,6 @@ def sweep(
     with writing(folder, found):
         with interruptible() as interrupted, job_progress(console, "jobs") as progress:
             records = run_sweep(asked_for, jobs_at, progress=progress, should_stop=interrupted)
-        if records is None:
-            raise KeyboardInterrupt
         place = asked_for.place
         record = sweep_record(asked_for, records) | {"table": str(place / TABLE_FILE), "run": str(place)}
         if len(points.axes) <= 2:

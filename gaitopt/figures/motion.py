@@ -68,8 +68,7 @@ class Motion:
 
 def motion_of(gait: Gait, name: str = "") -> Motion:
     """The steps of a converged gait."""
-    assert gait.steps, "a failed attempt has no step to draw"
-    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.steps)
+    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.motion)
 
 
 def motion_of_walk(walk: Walk) -> Motion:

@@ -165,8 +165,7 @@ class Branch(Reported):
         KeyError
             If the result has no such scalar.
         """
-        values = [_scalar(point.gait, name) for point in self.points]
-        return np.array([np.nan if value is None else value for value in values], dtype=float)
+        return np.array([point.gait.scalar(name) for point in self.points], dtype=float)
 
     def branch(self, number: int) -> "Branch":
         """The part with one mode sequence."""
@@ -217,15 +216,6 @@ class Branch(Reported):
 
     def _units(self, header: Sequence[str]) -> dict[str, str]:
         return {name: column_unit(name) for name in header} | {"value": column_unit(self.parameter)}
-
-
-def _scalar(gait: Gait, name: str) -> float | None:
-    if name == "spectral_radius":
-        return gait.spectral_radius
-    if name.startswith("state."):
-        return float(gait.state[gait.system.state_names.index(name.removeprefix("state."))])
-    known: Mapping[str, float | None] = gait.measures
-    return known[name]
 
 
 def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:

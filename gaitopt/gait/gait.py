@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
+from gaitopt.errors import SolveError
 from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
 from gaitopt.gait.table import motion_frame, motion_set
@@ -98,17 +99,22 @@ class Gait(Moving, ReadOnlyArrays):
         return self.status is Status.CONVERGED
 
     @property
-    def state(self) -> Array:
-        """State just after the impact; shape (n_z,).
+    def motion(self) -> tuple[Step, ...]:
+        """The steps of the cycle.
 
         Raises
         ------
-        ValueError
+        SolveError
             If the attempt failed and there is no gait.
         """
         if not self.steps:
-            raise ValueError(f"{self.problem.name} is {self.status}: there is no gait to take a state from")
-        return self.steps[0].arcs[0].states[0]
+            raise SolveError(f"{self.problem.name} is {self.status}, so there is no motion: {self.message}")
+        return self.steps
+
+    @property
+    def state(self) -> Array:
+        """State just after the impact; shape (n_z,). Raises as ``motion``."""
+        return self.motion[0].arcs[0].states[0]
 
     @property
     def arcs(self) -> tuple[Arc, ...]:
@@ -129,6 +135,21 @@ class Gait(Moving, ReadOnlyArrays):
     def spectral_radius(self) -> float | None:
         """Largest modulus of the multipliers; below one the gait is stable."""
         return float(np.abs(self.multipliers[0])) if self.multipliers.size else None
+
+    def scalar(self, name: str) -> float:
+        """A measure, ``spectral_radius``, ``state.NAME`` or a parameter by its key; NaN where it is not defined.
+
+        Raises
+        ------
+        KeyError
+            If the result has no such scalar.
+        """
+        if name.startswith("state."):
+            return float(self.state[self.system.state_names.index(name.removeprefix("state."))])
+        if name in self.system.parameters:
+            return float(self.p[self.system.parameters.index(name)])
+        value = self.spectral_radius if name == "spectral_radius" else self.measures[name]
+        return float("nan") if value is None else value
 
     def verified(self, verification: Mapping[str, Any]) -> "Gait":
         """The same gait with the record of a verification."""
@@ -182,12 +203,11 @@ class Gait(Moving, ReadOnlyArrays):
         return record
 
     def _step_record(self, step: Step, state: Array) -> dict[str, Any]:
-        assert step.impact is not None, "a gait is made of complete steps"
         return {
             "phases": _phase_records(step.phases),
-            "impact": str(step.impact.mode),
+            "impact": str(step.final_impact.mode),
             "period": step.period,
-            "step_length": step.impact.step_length,
+            "step_length": step.final_impact.step_length,
             "state": self._state_record(state),
         }
 

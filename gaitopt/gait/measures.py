@@ -73,8 +73,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     ----------
     Gamus & Or (2013), eq. (22) for the cost of transport.
     """
-    impacts = [step.impact for step in steps if step.impact is not None]
-    assert len(impacts) == len(steps), "only a complete step has a step length"
+    impacts = [step.final_impact for step in steps]
     by_step = [[(arc, observe(system, p, arc)) for arc in step.arcs] for step in steps]
     observed = [pair for pairs in by_step for pair in pairs]
     work = sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)

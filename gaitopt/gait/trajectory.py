@@ -116,6 +116,19 @@ class Step:
         return tuple(int(k) for k in np.cumsum([0, *new]))
 
     @property
+    def final_impact(self) -> ImpactRecord:
+        """The impact that ends the step.
+
+        Raises
+        ------
+        ValueError
+            If the motion ended before.
+        """
+        if self.impact is None:
+            raise ValueError("the motion ended before the impact of its last step")
+        return self.impact
+
+    @property
     def period(self) -> float:
         """Time from impact to impact [s]."""
         return self.arcs[-1].end

@@ -202,7 +202,6 @@ def sweep(
     check_sweep(plan)
     with _counting(progress, "jobs") as show:
         records = run_sweep(plan, make_workers(workers, None), progress=show)
-    assert records is not None, "only should_stop ends a sweep early"
     return Sweep(problem=problem, grid=plan.grid, records=records)
 
 
@@ -236,9 +235,7 @@ def basin(
     plan = BasinPlan(start=start, grid=_grid(over), max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
     with _counting(progress, "tiles") as show:
-        result = walk_basin(plan, make_workers(workers, None), progress=show)
-    assert result is not None, "only should_stop ends a basin early"
-    return result
+        return walk_basin(plan, make_workers(workers, None), progress=show)
 
 
 def front(problem: Problem, over: Over, *, output: str | Path | None = None, progress: Counter = True) -> Front:
@@ -262,7 +259,6 @@ def front(problem: Problem, over: Over, *, output: str | Path | None = None, pro
         raise ProblemError("a front runs along one key")
     with _counting(progress, "designs") as show:
         points = design_front(problem, axes[0], _folder(problem, output), progress=show)
-    assert points is not None, "only should_stop ends a front early"
     return Front(problem=problem, key=axes[0].key, points=tuple(points))
 
 
@@ -293,11 +289,7 @@ def multistart(
     """
     folder, jobs_at = _folder(problem, output), make_workers(workers, None)
     with _counting(progress, "starts") as show:
-        optima = starts_run.multistart(
-            problem, starts, folder, seed=seed, spread=spread, workers=jobs_at, progress=show
-        )
-    assert optima is not None, "only should_stop ends a search early"
-    return optima
+        return starts_run.multistart(problem, starts, folder, seed=seed, spread=spread, workers=jobs_at, progress=show)
 
 
 def _grid(over: Over) -> Grid:

@@ -154,7 +154,8 @@ def _step_arcs(
 ) -> Iterator[ArcLayout]:
     """Arcs of one step, whose phases are counted from ``first``."""
     switches = np.concatenate([[0.0], np.cumsum(durations)])
-    assert switches[-1] > 0, "a step takes time"
+    if switches[-1] <= 0:
+        raise ValueError(f"the phases of a step last {switches[-1]:g} s in all; their sum must be positive")
     for phase, mode in enumerate(modes):
         begin, finish = switches[phase], switches[phase + 1]
         inside = [b for b in breakpoints if begin < b < finish]

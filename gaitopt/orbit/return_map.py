@@ -106,9 +106,7 @@ class ReturnMap:
         return point
 
     def _returned(self, steps: Sequence[Step]) -> Array:
-        impact = steps[-1].impact
-        assert impact is not None, "a cycle is made of complete steps"
-        return impact.state[self._indices]
+        return steps[-1].final_impact.state[self._indices]
 
     def _evaluate(self, xi: Array) -> FixedPoint:
         result = self(xi)

@@ -59,8 +59,7 @@ class StepSensitivity:
             deviations = self._stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
             if after is None or after.segment == arc.segment:
                 deviations = self._event(arc, after, data) @ deviations
-        assert step.impact is not None, "only a complete step returns to the section"
-        reset = self._matrix(system.impact_jacobian(step.impact.mode), step.arcs[-1].states[-1], self._p)
+        reset = self._matrix(system.impact_jacobian(step.final_impact.mode), step.arcs[-1].states[-1], self._p)
         after_impact = reset @ deviations
         after_impact[system.n_shape] = 0.0  # x is counted from the new stance foot
         return np.asarray(after_impact)

@@ -47,11 +47,7 @@ def scalar(name: str, key: str) -> Compute:
 
     def compute(archive: Archive) -> float:
         gait = gait_of(archive, name)
-        if key in gait.system.state_names:
-            return float(gait.state[gait.system.state_names.index(key)])
-        value = gait.spectral_radius if key == "spectral_radius" else gait.measures[key]
-        assert value is not None, f"{name} has no {key}"
-        return value
+        return gait.scalar(f"state.{key}" if key in gait.system.state_names else key)
 
     return compute
 

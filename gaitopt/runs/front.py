@@ -105,8 +105,8 @@ def design_front(
     *,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[FrontPoint] | None:
-    """Designs for every value of an axis, in its order; None if it was stopped.
+) -> list[FrontPoint]:
+    """Designs for every value of an axis, in its order.
 
     Parameters
     ----------
@@ -122,14 +122,14 @@ def design_front(
         If the problem has no objective, or a value is wrong for it.
     StorageError
         If the designs do not fit in memory or on disk.
+    KeyboardInterrupt
+        If ``should_stop`` became true; what is finished is kept.
     """
     check_front(problem, axis, folder)
     problems = {value: problem.replace({axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
-    if best is None:
-        return None
     return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
 
 
@@ -155,29 +155,24 @@ def _walk(
     folder: Path,
     progress: Progress | None,
     should_stop: Callable[[], bool] | None,
-) -> dict[float, Record] | None:
-    """The better gait of both directions for every value; None if it was stopped."""
+) -> dict[float, Record]:
+    """The better gait of both directions for every value."""
     best: dict[float, Record] = {}
     neighbour: Record | None = None
     for done, value in enumerate([*problems, *reversed(problems)], start=1):
-        found = _design(problems[value], neighbour, folder, should_stop)
-        if found is None:
-            return None
-        best[value] = found if value not in best or _beats(found, best[value]) else best[value]
+        gait = _design(problems[value], neighbour, folder, should_stop)
+        best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
         neighbour = best[value] if best[value]["status"] == Status.CONVERGED else neighbour
         if progress is not None:
             progress(done, 2 * len(problems))
     return best
 
 
-def _design(
-    problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None
-) -> Record | None:
+def _design(problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None) -> Record:
     """From the neighbour's gait, or from the guess where there is none or it leads nowhere."""
     job = problem_job(problem, None if neighbour is None else neighbour["job"])
     known = {} if neighbour is None else {neighbour["job"]: neighbour}
-    found = solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)
-    return None if found is None else found[job.key]
+    return solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)[job.key]
 
 
 def _objective(gait: Record) -> float:

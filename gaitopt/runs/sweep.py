@@ -108,19 +108,19 @@ def run_sweep(
     *,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[dict[str, Any]] | None:
-    """Solve and verify what is not on disk yet; the records of all points in order, None if it was stopped.
+) -> list[dict[str, Any]]:
+    """Solve and verify what is not on disk yet; the records of all points in order.
 
     Raises
     ------
     StorageError
         If the disk is full, or another process sweeps the same problem; finished jobs are kept.
+    KeyboardInterrupt
+        If ``should_stop`` became true; what is finished is kept.
     """
     with writing(sweep.folder, sweep.problem):
         begin_run(sweep.folder, sweep.problem)
         solved = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
-        if solved is None:
-            return None
         records = [{**solved[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
         make_folder(sweep.place, parents=False)
         with replacing(sweep.folder, *(f"{sweep.place.name}/{name}" for name in (TABLE_FILE, SWEEP_FILE))):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from named import named
 
 import gaitopt as go
+from gaitopt.errors import SolveError
 from gaitopt.gait import Arc, Step, floquet_multipliers, multiplier_distance
 from gaitopt.mechanics import Mode
 
@@ -31,7 +32,7 @@ def test_only_a_converged_gait_may_be_trusted() -> None:
     for status in set(go.Status) - {go.Status.CONVERGED}:
         failed = replace(gait, status=status, steps=())
         assert not failed.converged
-        with pytest.raises(ValueError, match=f"rimless-wheel-stick is {status}"):
+        with pytest.raises(SolveError, match=f"rimless-wheel-stick is {status}"):
             _ = failed.state
 
 

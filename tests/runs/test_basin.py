@@ -81,7 +81,8 @@ def test_basin_that_was_stopped_goes_on_where_it_was(gait, basin, tmp_path, monk
     monkeypatch.setattr(basin_run, "TILE", 32)
     done = []
     plan = plan_in(tmp_path, gait)
-    assert walk_basin(plan, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2) is None
+    with pytest.raises(KeyboardInterrupt):
+        walk_basin(plan, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
     resumed = []
     whole = walk_basin(plan, HERE, progress=lambda k, n: resumed.append((k, n)))
     assert resumed == [(3, 4), (4, 4)]

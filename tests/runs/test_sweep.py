@@ -81,7 +81,8 @@ def test_attempts_that_failed_are_done_too(tmp_path):
 def test_sweep_that_died_goes_on_where_it_was(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     done = []
-    assert run_sweep(sweep, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2) is None
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(sweep, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
     jobs = tmp_path / JOBS_FILE
     with jobs.open("a", encoding="utf-8") as file:
         file.write('{"job": "torn')  # killed in the middle of a line

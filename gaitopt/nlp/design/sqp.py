@@ -150,7 +150,8 @@ class _Model:
             H[:n, :n], H[n, n] = self.H, RELAXED
             slack = np.maximum(0.0, -c)[:, None]
             solution = least_distance(H, np.append(self.gradient, 0.0), np.hstack([A, slack]), c)
-        assert solution is not None, "relaxed constraints have a solution"
+        if solution is None:
+            raise np.linalg.LinAlgError("the relaxed quadratic program, which has a solution, was not solved")
         d, weights = solution
         m = self.b.size
         multipliers = weights[:m].copy()
