@@ -69,15 +69,16 @@ def draw_again(kind: str, folder: Path, what: list[str] | None, formats: "Sequen
     typer.BadParameter
         If it has no such figure.
     """
+    from gaitopt.problem import SCALARS
     from gaitopt.runs.basin_tiles import read_basin
-    from gaitopt.runs.sweep_table import SCALARS, read_sweep
+    from gaitopt.runs.sweep_table import read_sweep
 
     if kind == BASIN:
         check_words(what or [], (BASIN,))
         basin = read_basin(folder)
         _check_axes(basin.grid, folder, (2,))
         return draw_basin(basin, formats, output)
-    check_words(what or [], SCALARS)
+    check_words(what or [], tuple(SCALARS))
     found = read_sweep(folder)
     _check_axes(found.grid, folder, (1, 2))
     return draw_sweep(found, what or [USUAL_SCALAR], formats, output)

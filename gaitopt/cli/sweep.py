@@ -40,8 +40,9 @@ def sweep(
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import UnknownNameError
     from gaitopt.library.progress import job_progress
+    from gaitopt.problem import SCALARS
     from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep, sweep_record
-    from gaitopt.runs.sweep_table import SCALARS, TABLE_FILE, Sweep
+    from gaitopt.runs.sweep_table import TABLE_FILE, Sweep
     from gaitopt.store import adding, check_folder, run_folder, writing
     from gaitopt.workers.jobs import make_workers
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.style import COLOURS, STYLE, entry, legend_below, panels
 from gaitopt.figures.sweep import shown
-from gaitopt.gait.quantities import state_unit
+from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.basin import UNDECIDED
 from gaitopt.runs.basin_tiles import Basin
 from gaitopt.runs.grid import Axis

@@ -8,12 +8,12 @@ from matplotlib.figure import Figure
 from gaitopt.figures.branches import over_parameter
 from gaitopt.figures.comparison import node_points, simulated, two_roads
 from gaitopt.figures.force import foot_slip, force_ratio, torques
-from gaitopt.figures.labels import QUANTITIES
 from gaitopt.figures.motion import motion_of, motion_of_walk
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.stability import multiplier_paths, multiplier_plane
 from gaitopt.figures.walk import section_states
 from gaitopt.gait import Gait
+from gaitopt.problem import SCALARS
 from gaitopt.study.simulate import Walk
 
 Record = Mapping[str, Any]
@@ -44,7 +44,7 @@ WALK_FIGURES: Mapping[str, Callable[[Walk], Figure]] = {
 """Figures of a simulated walk."""
 USUAL_WALK_FIGURES = ("section", "portrait")
 
-BRANCH_FIGURES = ("multipliers", *(key for key in QUANTITIES if key not in ("time", "force_ratio")))
+BRANCH_FIGURES = ("multipliers", *SCALARS, "friction")
 """Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
 USUAL_BRANCH_FIGURES = ("multipliers", "spectral_radius", "speed", "cost_of_transport")
 CYCLE_FIGURES = ("step_length",)

@@ -10,9 +10,9 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Reported
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.quantities import column_unit
 from gaitopt.mechanics import Cycle, Mode
 from gaitopt.problem import cycle_data
+from gaitopt.problem.scalars import unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -215,7 +215,7 @@ class Branch(Reported):
         return header, list(branch_rows(records, header))
 
     def _units(self, header: Sequence[str]) -> dict[str, str]:
-        return {name: column_unit(name) for name in header} | {"value": column_unit(self.parameter)}
+        return {name: unit_of(name) for name in header} | {"value": unit_of(self.parameter)}
 
 
 def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:

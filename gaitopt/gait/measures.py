@@ -11,22 +11,9 @@ from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import HybridSystem, Scales
 from gaitopt.mechanics.buffered import buffered_map
+from gaitopt.problem.scalars import SCALARS
 
-MEASURES = (
-    "period",
-    "step_length",
-    "speed",
-    "work",
-    "cost_of_transport",
-    "absolute_cost_of_transport",
-    "torque_squared",
-    "peak_torque",
-    "slip_distance",
-    "foot_clearance",
-    "required_friction",
-    "impulse_ratio",
-    "min_normal_force",
-)
+MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
 """Names of what ``measure`` finds, in order."""
 
 
@@ -100,15 +87,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
 
 def measure_scales(scales: Scales) -> dict[str, float]:
     """Natural unit of every measure by its name; one where it is a ratio."""
-    lengths = dict.fromkeys(("step_length", "slip_distance", "foot_clearance"), scales.length)
-    energies = dict.fromkeys(("work", "peak_torque"), scales.energy)
-    others = {
-        "period": scales.time,
-        "speed": scales.speed,
-        "torque_squared": scales.energy**2 * scales.time,
-        "min_normal_force": scales.force,
-    }
-    return dict.fromkeys(MEASURES, 1.0) | lengths | energies | others
+    return {name: SCALARS[name].within.size(scales) for name in MEASURES}
 
 
 def _peak(values: Array) -> float:

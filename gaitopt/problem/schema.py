@@ -132,7 +132,7 @@ def _constraint(scalar: Scalar) -> dict[str, Any]:
     """A constrained scalar: what can be checked without the walker is what its sign allows."""
     signed = scalar.within.possible[0] >= 0
     least: dict[str, Any] = {"type": "number", "minimum": 0} if signed else {"type": "number"}
-    words = "; ".join(filter(None, (scalar.meaning, str(scalar.within))))
+    words = "; ".join(filter(None, (scalar.description, str(scalar.within))))
     return {"description": words, "anyOf": [least, _range({"type": "number"}, least)]}
 
 

@@ -12,8 +12,8 @@ from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.attractor import Attractor
 from gaitopt.gait.frames import data_set
-from gaitopt.gait.quantities import state_unit
 from gaitopt.problem import Problem
+from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.basin import Attractors, Outcomes, ending_name, outcome_counts
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.store import read_manifest, read_object, read_problem, read_sealed, read_tile

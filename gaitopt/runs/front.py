@@ -13,8 +13,8 @@ from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import data_frame
-from gaitopt.gait.quantities import QUANTITIES, column_unit
 from gaitopt.problem import Problem
+from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.runs.grid import Axis, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
@@ -92,9 +92,9 @@ class Front(Plotted, Sequence[FrontPoint]):
 
     def to_frame(self) -> "DataFrame":
         """One row per design: value, objective, whether it is on the front, status and the scalars of its gait."""
-        header = ["value", "objective", "pareto", "status", *(key for key in QUANTITIES if key != "friction")]
+        header = ["value", "objective", "pareto", "status", *SCALARS]
         rows = [[record.get(name) for name in header] for record in self.to_records()]
-        units = {name: column_unit(name) for name in header}
+        units = {name: unit_of(name) for name in header}
         return data_frame(header, rows, units, problem=self.problem.name, over=self.key)
 
 
