@@ -102,7 +102,7 @@ def continue_(
         records = _walk(start, gait.problem, request, record, folder, console, print_json if json else None)
     if not json:
         _print_summary(records, folder)
-    return DISAGREES if any("the simulator disagrees" in record.get("reason", "") for record in records) else 0
+    return DISAGREES if any(record["refuted"] for record in records) else 0
 
 
 def _start(problem: str, changes: list[str] | None, console: "Console") -> "Gait | SpecialPoint":
@@ -215,7 +215,8 @@ def _short(record: Mapping[str, Any]) -> dict[str, Any]:
         "to",
         "spectral_radius",
     )
-    short = {key: record[key] for key in keys if key in record}
+    checked = record.get("type") == "end" and record["gait"].get("verification")
+    short = {key: record[key] for key in keys if key in record} | {"refuted": bool(checked and not checked["passed"])}
     return short | {"sequence": _sequence(record)} if record["record"] == "point" else short
 
 

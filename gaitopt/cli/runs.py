@@ -22,7 +22,7 @@ def asked(problem: str, changes: list[str] | None, console: "Console | None" = N
     from gaitopt.problem import load_problem
 
     stated = load_problem(problem)
-    changed = stated.replace(overrides(changes)) if changes else stated
+    changed = stated.replace(overrides(changes), label="--set ") if changes else stated
     if console is not None:
         for remark in changed.remarks:
             console.print(f"warning: {remark}", soft_wrap=True)

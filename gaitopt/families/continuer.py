@@ -21,7 +21,7 @@ from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.rescue import rescue
 from gaitopt.families.segment import Point, Segment
 from gaitopt.families.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
-from gaitopt.gait import TERMINAL, BranchPoint, SpecialPoint
+from gaitopt.gait import TERMINAL, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import MARGINS
 from gaitopt.study.claims import Claim
 from gaitopt.study.verify import confirm
@@ -204,7 +204,7 @@ class Continuer:
             check = confirm(gait)
             gait = gait.verified(check.to_record())
             if not check.passed:
-                yield self._unconfirmed(next(claim for claim in check.claims if not claim.passed))
+                yield self._unconfirmed(gait, next(claim for claim in check.claims if not claim.passed))
                 return
         self._count += 1
         yield BranchPoint(
@@ -216,11 +216,12 @@ class Continuer:
             length=state.length,
         )
 
-    def _unconfirmed(self, worst: Claim) -> SpecialPoint:
-        """The end of a family at a gait that the simulator does not confirm, unless the gait vanishes just ahead."""
+    def _unconfirmed(self, gait: Gait, worst: Claim) -> SpecialPoint:
+        """The end of a family at a gait that the simulator refutes, unless the gait vanishes just ahead."""
         state = self._state
         reason = f"the simulator disagrees: {worst.name} {worst.figure:.3g}, {worst.note}"
-        end, before, last = self._special("end", state.point, "guess", reason), state.point, state.point
+        end = replace(self._special("end", state.point, "guess", reason), gait=gait)
+        before = last = state.point
         while stride(last.gait) < FADING:
             following = self._state.next()
             if following is None:

@@ -54,10 +54,8 @@ def check_request(gait: Gait, request: Request) -> None:
         near = ", ".join(get_close_matches(request.parameter, names, n=3, cutoff=0.3)) or ", ".join(names)
         raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}; did you mean {near}?")
     if isinstance(gait.problem.parameters.get(request.parameter), int):
-        raise UnknownNameError(
-            f"--param {request.parameter}: is a whole number, along which there is no family; "
-            f"solve for one value after the other with --set {request.parameter}=N"
-        )
+        words = f"{request.parameter}: is a whole number, along which there is no family; solve for one value at a time"
+        raise UnknownNameError(words).about("parameter")
     value = float(gait.p[names.index(request.parameter)])
     for to in request.to:
         if to == value or not np.isfinite(to):
@@ -66,7 +64,7 @@ def check_request(gait: Gait, request: Request) -> None:
             )
         why = gait.problem.objection(request.parameter, to)
         if why:
-            raise ProblemError(f"--to {to:g}: {request.parameter}: {why}")
+            raise ProblemError(f"{to:g}: {request.parameter}: {why}").about("to")
         if request.lower is not None and min(to, value) < request.lower:
             raise ProblemError(f"{request.parameter}: {min(to, value):g} lies below the bound {request.lower:g}")
         if request.upper is not None and max(to, value) > request.upper:

@@ -136,20 +136,21 @@ class Problem(Tabulated):
         """The problem whose gait the control tracks or its curve starts from; never touched by ``replace``."""
         return self.reference
 
-    def replace(self, overrides: Mapping[str, object]) -> "Problem":
+    def replace(self, overrides: Mapping[str, object], *, label: str = "") -> "Problem":
         """The problem with some values changed, validated as a whole.
 
         Parameters
         ----------
         overrides : values as in the file by dotted key, for instance ``{"friction": 0.16, "walker.slope": "2 deg"}``.
+        label : stands before the keys in messages: the option that sets them, for instance.
 
         Raises
         ------
         ProblemError
-            If the result is wrong; each line names the override: ``--set KEY: ...``.
+            If the result is wrong; each line names the override.
         """
         faults: list[Fault] = []
-        data, place = apply_overrides(problem_data(self), overrides, faults)
+        data, place = apply_overrides(problem_data(self), overrides, faults, label)
         raise_faults(faults, place)
         known = {} if self.reference is None else {_reference_name(self.control)[0]: self.reference}
         origin = _Origin(walkers=(type(self.walker),), path=self.path, chain=_chain(self.path))

@@ -15,7 +15,7 @@ from gaitopt.gait import Status
 from gaitopt.gait.frames import data_frame
 from gaitopt.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
-from gaitopt.runs.grid import Axis, check_jobs_fit
+from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
 from gaitopt.workers.jobs import Workers
@@ -126,7 +126,7 @@ def design_front(
         If ``should_stop`` became true; what is finished is kept.
     """
     check_front(problem, axis, folder)
-    problems = {value: problem.replace({axis.key: value}) for value in axis.numbers(problem)}
+    problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
@@ -147,7 +147,7 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
     check_jobs_fit(2 * axis.count, folder)
     for value in axis.numbers(problem)[:: max(axis.count - 1, 1)]:
-        problem.replace({axis.key: value})
+        at_point(problem, {axis.key: value})
 
 
 def _walk(

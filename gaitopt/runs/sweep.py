@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.errors import ProblemError
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import Grid, check_jobs_fit
+from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
 from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
 from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, sweep_table
 from gaitopt.store import begin_run, csv_text, json_text, replacing, write_whole, writing
@@ -49,7 +48,7 @@ class SweepPlan:
         """
         jobs: list[Job] = []
         for number in range(self.grid.size):
-            problem = self._at(number)
+            problem = at_point(self.problem, self.point(number))
             neighbour = self._neighbour(number) if self.warm else None
             jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key))
         return jobs
@@ -68,12 +67,6 @@ class SweepPlan:
     @cached_property
     def _numbers(self) -> dict[str, list[float]]:
         return {axis.key: axis.numbers(self.problem) for axis in self.grid.axes}
-
-    def _at(self, number: int) -> Problem:
-        try:
-            return self.problem.replace(self.point(number))
-        except ProblemError as error:
-            raise ProblemError(str(error).replace("--set ", "--over ")) from error
 
     def _neighbour(self, number: int) -> int | None:
         """The point one step towards the first along the first axis that allows it; None for the first point."""

@@ -147,9 +147,9 @@ def test_a_target_must_differ_and_lie_within_the_bounds() -> None:
 @pytest.mark.parametrize(
     ("parameter", "to", "words"),
     [
-        ("friction", -1.0, r"--to -1: friction: -1\.0 must be at least 0"),
-        ("walker.slope", 3.0, r"--to 3: walker\.slope: 3\.0 must be at least -1\.39626 and at most 1\.39626"),
-        ("walker.mass", 0.0, r"--to 0: walker\.mass: 0\.0 must be greater than 0"),
+        ("friction", -1.0, r"^-1: friction: -1\.0 must be at least 0"),
+        ("walker.slope", 3.0, r"^3: walker\.slope: 3\.0 must be at least -1\.39626 and at most 1\.39626"),
+        ("walker.mass", 0.0, r"^0: walker\.mass: 0\.0 must be greater than 0"),
     ],
 )
 def test_a_target_that_no_walker_can_have_is_refused_with_the_range(parameter: str, to: float, words: str) -> None:

@@ -190,7 +190,7 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
 
 
 def test_grid_over_something_else_is_refused(gait, tmp_path):
-    with pytest.raises(UnknownNameError, match="--over friction: not a coordinate just after an impact; use theta1"):
+    with pytest.raises(UnknownNameError, match="friction: not a coordinate just after an impact; use theta1"):
         check_basin(plan_in(tmp_path, gait, grid=Grid((Axis(key="friction", lower=0.1, upper=0.2, count=2),))))
 
 
