@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from gaitopt.arrays import Array
+from gaitopt.iteration import iterate
 from gaitopt.mechanics import Mode
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
@@ -126,21 +127,24 @@ def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
 @overflow_allowed()
 def polish(problem: Transcription, w: Array, p: Array) -> Polished:
     """Bring a solution of IPOPT down to rounding; freed parameters stay where they are."""
-    best = linearise(problem, w, p)
-    for _ in range(NEWTON_STEPS):
-        if best.size < NEWTON_TOLERANCE:
-            break
-        try:
-            step = best.factor().solve(best.residual)
-        except RuntimeError:  # singular
-            return Polished(at=best, regular=False)
-        trial = best.w.copy()
-        trial[: step.size] -= step
-        candidate = linearise(problem, trial, p)
-        if not candidate.size < best.size:
-            break
-        best = candidate
-    return Polished(at=best, regular=True)
+
+    def following(at: Linearisation) -> Linearisation:
+        trial = at.w.copy()
+        trial[: at.residual.size] -= at.factor().solve(at.residual)
+        return linearise(problem, trial, p)
+
+    first = linearise(problem, w, p)
+    try:
+        polished = iterate(
+            first,
+            following,
+            size=lambda at: at.size,
+            solved=lambda at: at.size < NEWTON_TOLERANCE,
+            most=NEWTON_STEPS,
+        )
+    except RuntimeError:  # singular
+        return Polished(at=first, regular=False)
+    return Polished(at=polished.at, regular=True)
 
 
 def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array, Array]:
