@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from gaitopt.gait import Ending
 from gaitopt.mechanics import CONTACTS, ONSETS, HybridSystem, Mode, margin_names
 from gaitopt.simulation.batch.resolver import BatchResolver, Landing
-from gaitopt.simulation.batch.stepper import Arrivals, HeyokaBatch
+from gaitopt.simulation.batch.stepper import HeyokaBatch
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, base, max_phases
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES
+from gaitopt.simulation.stepper import Arrivals
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
