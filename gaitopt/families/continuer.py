@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.families.bifurcations import bifurcations_between, is_bifurcation
+from gaitopt.families.bifurcations import TestFunction, bifurcations_between, is_bifurcation
 from gaitopt.families.change import Change, find_change
 from gaitopt.families.limits import Limits
 from gaitopt.families.locate import Location
@@ -116,15 +116,22 @@ class Continuer:
             yield self._special("end", point, reason=f"reached {self._state.segment.parameter} = {bound:.12g}")
 
     def _bifurcations(self, point: Point, length: float) -> Iterator[SpecialPoint]:
-        """Folds and losses of stability between the last point and ``point``, in order."""
+        """Folds, losses of stability and the caller's events between the last point and ``point``, in order."""
         kinds = bifurcations_between(self._state.point.tests, point.tests)
-        found = [
+        located = [
             (self._state.locate(partial(Point.test, name=name), length, point), kind, name)
             for kind, name in kinds.items()
         ]
-        for location, kind, name in sorted(found, key=lambda entry: entry[0].length):
+        for name, function in self._limits.events.items():
+            if function(self._state.point.gait) * function(point.gait) < 0:
+                watched = partial(_value, function)
+                located.append((self._state.locate(watched, length, point), name, ""))
+        for location, kind, name in sorted(located, key=lambda entry: entry[0].length):
             gait = location.point.gait
-            if is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED:
+            if kind in self._limits.events:
+                special = self._special(kind, location.point, location.status)
+                yield replace(special, gait=gait.verified(confirm(gait).to_record()))
+            elif is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED:
                 special = self._special(kind, location.point, location.status)
                 special = replace(special, gait=gait.verified(confirm(gait).to_record()))
                 if kind == "branch_point":
@@ -256,3 +263,7 @@ class Continuer:
         if self._limits.max_seconds is not None and elapsed > self._limits.max_seconds:
             return f"out of time after {elapsed:.0f} s"
         return None
+
+
+def _value(function: TestFunction, point: Point) -> float:
+    return float(function(point.gait))
