@@ -37,9 +37,9 @@ COMPLETION = "_GAITOPT_COMPLETE"
 """Variable through which a shell that completes a command line asks for words; see ``--show-completion``."""
 
 
-def print_version(asked: bool) -> None:
+def print_version(requested: bool) -> None:
     """Print the version and end, if ``--version`` is given."""
-    if asked:
+    if requested:
         sys.stdout.write(f"gaitopt {__version__}\n")
         raise typer.Exit
 

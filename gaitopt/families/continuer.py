@@ -258,7 +258,7 @@ class Continuer:
 
     def _limit_reached(self) -> str | None:
         if self._count >= self._limits.max_points:
-            return f"{self._limits.max_points} points, as many as were asked for"
+            return f"{self._limits.max_points} points, as many as were allowed"
         elapsed = time.monotonic() - self._began
         if self._limits.max_seconds is not None and elapsed > self._limits.max_seconds:
             return f"out of time after {elapsed:.0f} s"

@@ -148,7 +148,7 @@ class Segment:
         return None if curve_point is None else self._point(curve_point)
 
     def remeshed(self, point: Point) -> Point | None:
-        """The same gait on a finer mesh where its integration error asks for one; None if that fails."""
+        """The same gait on a finer mesh where its integration error needs one; None if that fails."""
         if phase_errors(self.transcription, point.curve_point.at).max() < ERROR_TOLERANCE:
             return point
         refined = refine(self.transcription, point.curve_point.at, ERROR_TOLERANCE)
@@ -170,8 +170,8 @@ class Segment:
         p = old.full_parameters(self.p, freed)
         rolled = roll_out(old.system, p, self.cycle, nodes[:, 0], durations)
         segment, w = segment_through(self.problem, old.system, self.parameter, self.metric, rolled, p)
-        found = segment.start(w, resized(point.curve_point.tangent, old, segment.transcription))
-        return None if found is None or not segment.in_order(found) else (segment, found)
+        first = segment.start(w, resized(point.curve_point.tangent, old, segment.transcription))
+        return None if first is None or not segment.in_order(first) else (segment, first)
 
     def coordinates(self, w: Array) -> Array:
         """Scaled section coordinates, durations and parameter, in which arclength is measured."""

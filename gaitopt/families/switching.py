@@ -53,10 +53,10 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Be
             f"no other branch begins at a special point of type {special.type}; those that have some: "
             f"{', '.join(SWITCHES)}"
         )
-    found = list(_BEGINNINGS[special.type](special, special.gait, parameter, metric))
-    if not found:
+    begun = list(_BEGINNINGS[special.type](special, special.gait, parameter, metric))
+    if not begun:
         raise SolveError(f"no other branch is found at {special.type} {parameter} = {special.value:.10g}")
-    return found
+    return begun
 
 
 def motion_of(gait: Gait, times: int = 1) -> Rollout:

@@ -1,4 +1,4 @@
-"""Every figure by the word that asks for it."""
+"""Every figure by its name."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -51,7 +51,7 @@ CYCLE_FIGURES = ("step_length",)
 """What is drawn besides where cycles have several steps."""
 
 
-def telling(gaits: Sequence[Gait]) -> Iterator[str]:
+def informative(gaits: Sequence[Gait]) -> Iterator[str]:
     """Words of the figures of gaits that have something to show: no torques of passive walkers, one gait's roads."""
     for word in GAIT_FIGURES:
         if word == "torques" and not any(gait.measures["peak_torque"] for gait in gaits):
@@ -70,7 +70,7 @@ def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:
-    """The figure of a branch that ``word``, one of ``BRANCH_FIGURES``, asks for."""
+    """The figure of a branch by its name, one of ``BRANCH_FIGURES``."""
     if word == "multipliers":
         return multiplier_paths(records, parameter)
     return over_parameter({name: records}, parameter, word)

@@ -58,7 +58,7 @@ class Gait(Moving, ReadOnlyArrays):
 
     Attributes
     ----------
-    problem : what was asked.
+    problem : the one that was solved.
     system : the hybrid system that was solved.
     p : ndarray, shape (n_p,) - parameter vector; freed parameters have their solved values.
     status, message : how the solver ended, in words.

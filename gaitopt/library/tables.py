@@ -20,15 +20,15 @@ STABILITY = {True: "stable", False: "unstable"}
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()) -> Table:
     """A plain table; the columns at ``numbers`` are right-aligned, and words wrap in a narrow terminal."""
-    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     cells = [tuple(row) for row in rows]
     for index, (column, *own) in enumerate(zip(columns, *cells, strict=True)):  # no word is broken or lost
         justify: Literal["right", "left"] = "right" if index in numbers else "left"
         width = max(map(_longest_word, (column, *own)))
-        made.add_column(column, justify=justify, overflow="fold", min_width=width)
+        grid.add_column(column, justify=justify, overflow="fold", min_width=width)
     for row in cells:
-        made.add_row(*row)
-    return made
+        grid.add_row(*row)
+    return grid
 
 
 def section(
@@ -73,7 +73,7 @@ def listed(problem: Problem, record: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def print_problem(console: Console, problem: Problem) -> None:
-    """What is asked: walker, control, mode sequence, guess, unknowns."""
+    """A problem: walker, control, mode sequence, guess, unknowns."""
     console.print(problem.name, style="bold")
     if problem.about:
         console.print(problem.about)
@@ -104,8 +104,8 @@ def print_gait(console: Console, record: Mapping[str, Any]) -> None:
     rows = ((number(m["re"]), number(m["im"]), number(abs(complex(m["re"], m["im"])))) for m in record["multipliers"])
     section(console, "Floquet multipliers", ("re", "im", "modulus"), rows, numbers=(0, 1, 2))
     if record["parameters"]:
-        found = ((key, number(value)) for key, value in record["parameters"].items())
-        section(console, "parameters found", ("key", "value"), found, numbers=(1,))
+        freed = ((key, number(value)) for key, value in record["parameters"].items())
+        section(console, "parameters found", ("key", "value"), freed, numbers=(1,))
     if record["verification"]:
         print_verification(console, record["verification"])
 

@@ -28,7 +28,7 @@ def assemble_gait(
 
     Parameters
     ----------
-    problem : what was asked.
+    problem : the one that was solved.
     at : the equalities at the solution.
     errors : ndarray, shape (n_phases,) - estimated integration error.
     """

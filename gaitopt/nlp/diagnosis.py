@@ -28,10 +28,10 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     """
     if (margins >= 0).all() and (problem.unpack(w)[1] >= 0).all():
         return []
-    found = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
-    found = found or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
+    present = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
+    present = present or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
     worst: dict[tuple[int | None, int], Cause] = {}
-    for violation in sorted(found, key=lambda c: c.severity):
+    for violation in sorted(present, key=lambda c: c.severity):
         if violation.severity > tolerance:
             worst[violation.phase, violation.step] = violation
     return sorted(worst.values(), key=lambda c: -c.severity)

@@ -1,6 +1,6 @@
 """Build once, solve many: the gaits of one mode sequence at other parameter values, by one NLP.
 
-Near the last gait the equations are solved by chords, w - J^-1 residual with the J of that gait, and looked at for
+Near the last gait the equations are solved by chords, w - J^-1 residual with the J of that gait, and checked for
 violated margins afterwards; where that does not converge, or finds no gait, IPOPT takes over.
 """
 

@@ -51,7 +51,7 @@ class IpoptResult:
 
     Attributes
     ----------
-    w : ndarray - last iterate, to be looked at even after a failure.
+    w : ndarray - last iterate, also after a failure.
     status, words : whether it may be trusted, and why not.
     iterations : how many.
     multipliers, bound_multipliers : ndarray - Lagrange multipliers of g and of the bounds on w.

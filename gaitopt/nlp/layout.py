@@ -125,9 +125,9 @@ class Layout:
         """Whether both have the same arcs in the same order, on whatever intervals."""
         return [replace(arc, intervals=0) for arc in self.arcs] == [replace(arc, intervals=0) for arc in other.arcs]
 
-    def refined(self, wanted: Sequence[int]) -> "Layout":
+    def refined(self, intervals: Sequence[int]) -> "Layout":
         """The same arcs with other numbers of intervals."""
-        arcs = tuple(replace(arc, intervals=n) for arc, n in zip(self.arcs, wanted, strict=True))
+        arcs = tuple(replace(arc, intervals=n) for arc, n in zip(self.arcs, intervals, strict=True))
         return Layout(cycle=self.cycle, arcs=arcs)
 
 

@@ -59,7 +59,7 @@ def solve_nearby(
 ) -> Nearby:
     """Newton's method from ``start``, shape (n_w,), at parameters ``p``, while a solution is plainly near.
 
-    ``should_stop`` ends it at once. The margins are not looked at.
+    ``should_stop`` ends it at once. The margins are not checked.
     """
     shortest = SHORTEST * _period(transcription, start)
 

@@ -132,15 +132,15 @@ class ShootingJacobian:
         """Rates (12, K, n_z), their derivatives (12, K, n_z, n_z + 1 + n_free) and lengths (K,) of all intervals."""
         t, n_z = self._t, self._n_z
         nodes, durations, _ = t.unpack(w)
-        lengths, found = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
+        lengths, values = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
         starts = t.layout.start_nodes
         for arc, at, (start, end) in zip(t.layout.arcs, self._intervals, t.layout.arc_times(durations), strict=True):
             m = arc.intervals
             lengths[at] = (end - start) / m
             times: Array = start + lengths[at] * np.arange(m)
             data = t.system.data(arc.segment)
-            found[at] = _stage_values(t.system, arc.mode, t.free, nodes.T[starts[at]], times, lengths[at], p, data)
-        stages = np.ascontiguousarray(found.transpose(2, 0, 1, 3))
+            values[at] = _stage_values(t.system, arc.mode, t.free, nodes.T[starts[at]], times, lengths[at], p, data)
+        stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
         return stages[..., 0], stages[..., 1:], lengths
 
 

@@ -30,8 +30,8 @@ class Start:
 
 def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
     """Bounds of all unknown parameters by dotted key: those of the file, and those of the control law itself."""
-    asked = {key: (free.lower, free.upper) for key, free in problem.free.items()}
-    return asked | {f"control.{name}": bounds for name, bounds in system.control.unknowns.items()}
+    bounds = {key: (free.lower, free.upper) for key, free in problem.free.items()}
+    return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns.items()}
 
 
 def guessed(problem: Problem, system: HybridSystem) -> Start:

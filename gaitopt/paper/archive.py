@@ -34,7 +34,7 @@ class Archive:
     Parameters
     ----------
     results : folder of the run folders.
-    narrate : told in words what is being computed, which takes its time.
+    narrate : called with a description of what is computed next.
     should_stop : polled while computing.
     """
 

@@ -67,11 +67,11 @@ def within_rounding(name: str, key: str) -> dict[str, Compute]:
 
     def extreme(pick: Callable[[list[float]], float]) -> Compute:
         def compute(archive: Archive) -> float:
-            found = [
+            values = [
                 g.spectral_radius if key == "spectral_radius" else g.measures[key]
                 for g in rounded_torques(archive, name)
             ]
-            return pick([value for value in found if value is not None])
+            return pick([value for value in values if value is not None])
 
         return compute
 

@@ -1,4 +1,4 @@
-"""Problems: YAML files that say which gait of which walker is wanted, and how they are read, checked and changed."""
+"""Problems: YAML files that state which gait of which walker to compute, and how they are read, checked and changed."""
 
 from gaitopt.problem.catalogue import problem_names
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy

@@ -102,8 +102,8 @@ def fault_lines(faults: Iterable[Fault], place: Place) -> list[str]:
 def read_section(model: type[Model], data: object, path: Key, faults: list[Fault]) -> Model | None:
     """``data`` as a model whose fields are the keys of one mapping; faults are added, and then there is no model."""
     if not isinstance(data, Mapping):
-        found = f"{shown(data)} stands where a mapping belongs"
-        faults.append(Fault(path, f"{found}; keys: {', '.join(model.model_fields)}"))
+        words = f"{shown(data)} stands where a mapping belongs"
+        faults.append(Fault(path, f"{words}; keys: {', '.join(model.model_fields)}"))
         return None
     try:
         return model.model_validate(dict(data))

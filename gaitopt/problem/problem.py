@@ -1,4 +1,4 @@
-"""A problem: which gait of which walker is wanted, complete and in SI; how it is loaded, changed and identified.
+"""A problem: which gait of which walker is to compute, complete and in SI; how it is loaded, changed and identified.
 
 A problem that tracks another gait holds that gait's own problem, which overrides never touch.
 """
@@ -305,8 +305,8 @@ def _build(
             faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
     if reference and fields["walker"]:
         untracked = ", ".join(angle for angle in fields["walker"].tracked if angle not in reference.walker.shape)
-        found = f"the reference {shown(name)} is a {reference.walker.model}"
-        faults += [Fault(key, f"{found}, which has no {untracked} to track")] if untracked else []
+        words = f"the reference {shown(name)} is a {reference.walker.model}"
+        faults += [Fault(key, f"{words}, which has no {untracked} to track")] if untracked else []
     if reference and len(reference.cycle.steps) > 1:
         message = f"the reference {shown(name)} has several steps, but its clock restarts at every impact"
         faults.append(Fault(key, f"{message}: name a gait of one step"))

@@ -74,9 +74,9 @@ class BasinPlan:
     @property
     def key(self) -> str:
         """Names the basin by all that its tiles depend on."""
-        asked = {"grid": [str(axis) for axis in self.grid.axes], "base": self.base, "steps": self.max_steps}
-        asked |= {"engine": str(self.chosen_engine), "tile": self.tile_size}
-        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:8]
+        identity = {"grid": [str(axis) for axis in self.grid.axes], "base": self.base, "steps": self.max_steps}
+        identity |= {"engine": str(self.chosen_engine), "tile": self.tile_size}
+        return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:8]
 
     @property
     def chosen_engine(self) -> Engine:

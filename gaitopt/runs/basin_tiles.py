@@ -38,7 +38,7 @@ class Basin(Plotted, ReadOnlyArrays):
 
     Attributes
     ----------
-    problem, grid : what was asked.
+    problem, grid : of the request.
     base : the section coordinates that the grid does not vary.
     attractors : the gaits that were found; ``labels`` counts them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
@@ -146,7 +146,7 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
         labels[rows], endings[rows], steps[rows] = attractors.add(outcomes), outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
     return Basin(
-        problem=problem, grid=grid, base=base, attractors=attractors.found,
+        problem=problem, grid=grid, base=base, attractors=attractors.gaits,
         labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
     )  # fmt: skip
 

@@ -114,7 +114,7 @@ def design_front(
     axis : dotted key of a number of the problem, for instance ``constraints.speed.min``, and its values.
     folder : that keeps every design as soon as it is found; the same call goes on where it was.
     progress : called with the number of designs done and their total.
-    should_stop : looked at between designs.
+    should_stop : polled between designs.
 
     Raises
     ------

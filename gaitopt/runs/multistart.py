@@ -63,14 +63,14 @@ class Optimum:
 
     def to_record(self) -> dict[str, Any]:
         """What tells it from the other solutions."""
-        found = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
+        kept = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
         kkt = self.record["solver"].get("kkt")
         return {
             "objective": self.objective,
             "kkt": kkt,
             "verified": self.verified,
             "starts": list(self.starts),
-            **found,
+            **kept,
         }
 
 

@@ -56,8 +56,8 @@ class SweepPlan:
     @cached_property
     def place(self) -> Path:
         """Folder of the sweep's table and figures."""
-        asked = json.dumps([*(str(axis) for axis in self.grid.axes), self.warm])
-        return self.folder / f"sweep-{hashlib.sha256(asked.encode()).hexdigest()[:8]}"
+        identity = json.dumps([*(str(axis) for axis in self.grid.axes), self.warm])
+        return self.folder / f"sweep-{hashlib.sha256(identity.encode()).hexdigest()[:8]}"
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""

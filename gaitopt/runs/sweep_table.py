@@ -38,7 +38,7 @@ class Sweep(Plotted):
 
     Attributes
     ----------
-    problem, grid : what was asked.
+    problem, grid : of the request.
     records : of every point in the order of the grid: ``at`` (values by dotted key), ``status``, and where there is a
         gait its scalars; after a fresh sweep all keys of a gait.
     """

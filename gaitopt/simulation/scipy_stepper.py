@@ -20,7 +20,7 @@ RTOL = 1e-12
 ATOL = 1e-14
 """Absolute tolerance, far below rtol: a slip that sets in gently is integrated to its own digits, at no extra cost."""
 VARIATIONAL_ATOL = 1e-13
-"""Deviations are scaled to size one: two digits below the agreement that is asked of the multipliers."""
+"""Deviations are scaled to size one: two digits below the agreement that is required of the multipliers."""
 FIRST_STEP = 0.025
 """First integration step that is tried: about what walking takes; the step size control mends it at once."""
 DEPARTURE_FACTOR = 4
@@ -49,7 +49,7 @@ class ScipyStepper:
         self._fields: dict[Mode, _Field] = {}
         self._variations: dict[tuple[Mode, int], tuple[CompiledStep, BufferedFunction]] = {}
 
-    @np.errstate(all="ignore")  # a motion that blows up is told by the step size that vanishes
+    @np.errstate(all="ignore")  # a motion that blows up is seen from a vanishing step size
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
         unit, field = self._units, self._field(mode, data)

@@ -144,10 +144,10 @@ class StepMap:
     def __call__(self, xi: Array) -> Returns:
         """One step of every state; checked as ``section_states`` does."""
         (states,) = self._lift(xi, self.p)
-        found = self._batch.step(states) if self._engine is Engine.HEYOKA else self._one_by_one(states)
-        fields = {name: getattr(found, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
+        steps = self._batch.step(states) if self._engine is Engine.HEYOKA else self._one_by_one(states)
+        fields = {name: getattr(steps, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
         modes = self.system.walker.modes()
-        return Returns(names=self.names, states=found.states[:, self._indices], modes=modes, **fields)
+        return Returns(names=self.names, states=steps.states[:, self._indices], modes=modes, **fields)
 
     @cached_property
     def _batch(self) -> "BatchSimulator":

@@ -159,7 +159,7 @@ def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     assert set(outcomes.periods) == {period}
     attractors = Attractors(load_problem("compass-passive-a"))
     assert set(attractors.add(outcomes)) == {0}
-    assert attractors.found[0].count == len(cycle)
+    assert attractors.gaits[0].count == len(cycle)
 
 
 def test_walk_that_never_settles_is_undecided_and_one_that_falls_is_not():
@@ -180,7 +180,7 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
     assert set(outcomes.periods) <= {0, period}
     attractors = Attractors(problem)
     attractors.add(outcomes)
-    (attractor,) = attractors.found
+    (attractor,) = attractors.gaits
     assert str(attractor).startswith("sticking")
     gait = go.solve(attractor)
     assert len(gait.steps) == period

@@ -117,5 +117,5 @@ class ProportionalDerivative(Control):
 
     def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
         """Feedback on the error of each tracked joint."""
-        wanted, active = evaluate(r, t, angles.numel(), self.reference.degree, (p[0], p[1]))
-        return -active * (p[0] * angles + p[1] * rates - wanted)
+        target, active = evaluate(r, t, angles.numel(), self.reference.degree, (p[0], p[1]))
+        return -active * (p[0] * angles + p[1] * rates - target)

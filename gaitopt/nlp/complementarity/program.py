@@ -81,7 +81,7 @@ class Complementarity:
     p : ndarray, shape (n_p,) - parameters, from which natural units follow.
     period : typical one [s]; breakpoints of the control before it are ends of elements.
     free : bounds of the parameters that are unknowns, by dotted key.
-    within : bounds of the state just after the impact by name, where a design asks for some.
+    within : bounds of the state just after the impact by name, where a design has some.
     """
 
     def __init__(

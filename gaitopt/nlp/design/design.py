@@ -1,4 +1,4 @@
-"""The gait that a problem asks for; where parameters are unknowns, the best one that meets the constraints.
+"""The gait of a problem; where parameters are unknowns, the best one that meets the constraints.
 
 A design starts from a gait: a given one, or that of the guessed parameters. From there IPOPT looks for the optimum of a
 smoothed problem over nodes, durations and freed parameters (``program``). Sequential quadratic programming in the freed
@@ -50,7 +50,7 @@ def find_gait(
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Gait:
-    """The gait that ``problem`` asks for: designed where parameters are unknowns, solved otherwise.
+    """The gait of ``problem``: designed where parameters are unknowns, solved otherwise.
 
     Parameters
     ----------

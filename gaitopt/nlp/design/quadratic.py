@@ -2,7 +2,7 @@
 
     min  g' d + d' H d / 2    s.t.  A d + b >= 0
 
-With H = L L' and y = L' d + L^-1 g it asks for the shortest y in a polyhedron, which nonnegative least squares finds.
+With H = L L' and y = L' d + L^-1 g it is that of the shortest y in a polyhedron, solved by nonnegative least squares.
 """
 
 import numpy as np

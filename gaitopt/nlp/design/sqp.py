@@ -51,7 +51,7 @@ class Optimum:
     kkt : least norm of the objective's gradient less nonnegative multiples of those of the active constraints.
     multipliers : of the active constraints, by their keys.
     iterations : how many.
-    interrupted : whether it was asked to stop.
+    interrupted : whether it was stopped on request.
     """
 
     point: Point

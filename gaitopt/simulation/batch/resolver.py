@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 Codes = NDArray[np.int64]
 
 CONE_EDGE = 1e-9
-"""Relative distance from the edge of the cone within which an impact is looked at by itself."""
+"""Relative distance from the edge of the cone within which an impact is resolved by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
