@@ -35,7 +35,7 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
     arcs = [part.arc for part in cycle]
     drawing = skeleton(motion, np.vstack([_moved(part, motion) for part in cycle]))
     path = _path(motion)
-    impulses = [step.impact.stick_impulse for step in motion.steps if step.impact is not None]
+    impulses = [step.impact.stick_impulse.tolist() for step in motion.steps if step.impact is not None]
     return {
         "name": motion.name,
         "slope": slope(motion),
@@ -46,8 +46,9 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "repeats": REPEATS if motion.periodic else 1,
         "step_length": path[-1][1],
         "path": path,
-        "impulse_ratios": [float(tangential / normal) for tangential, normal in impulses],
+        "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
         "shape": list(motion.system.walker.shape),
+        "lengths": bool(motion.system.walker.lengths),
         "actuators": list(motion.system.walker.actuators),
         "phases": _phases(cycle),
         "legs": drawing.legs,

@@ -107,17 +107,18 @@ def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
 
 @lru_cache(maxsize=8)
 def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tuple[int, ...]]:
-    """(shape and x, p) -> stance foot, swing foot, bodies and outline in columns; p -> masses; p -> gravity.
+    """(coordinates, p) -> stance foot, swing foot, bodies and outline in columns; p -> masses; p -> gravity.
 
     Last come the numbers of points of the lines of the outline.
     """
     p = SX.sym("p", len(walker.model_fields))
-    q = SX.sym("q", len(walker.shape) + 1)
-    coordinates = {name: q[k] for k, name in enumerate((*walker.shape, "x"))}
-    named = SimpleNamespace(**coordinates, y=SX(0)), parameter_namespace(walker, p)
+    names = walker.coordinates()
+    q = SX.sym("q", len(names))
+    coordinates = {"y": SX(0)} | {name: q[k] for k, name in enumerate(names)}
+    named = SimpleNamespace(**coordinates), parameter_namespace(walker, p)
     mechanism, lines = walker.mechanism(*named), walker.outline(*named)
     drawn = [*(body.position for body in mechanism.bodies), *(point for line in lines for point in line)]
-    places = horzcat(vertcat(q[-1], 0), mechanism.swing_foot, *drawn)
+    places = horzcat(vertcat(coordinates["x"], coordinates["y"]), mechanism.swing_foot, *drawn)
     masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
     return (
         Function("positions", [q, p], [places]),

@@ -6,6 +6,8 @@ The NLP and the simulator both provide arcs at Chebyshev points, so both are mea
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
@@ -15,6 +17,13 @@ from gaitopt.problem.scalars import SCALARS
 
 MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
 """Names of what ``measure`` finds, in order."""
+
+
+ENDS = np.array([-1.0, 1.0])
+ON_THE_SPOT = 1e-9
+"""Length of a step, in leg lengths, below which there is none."""
+WITHOUT_FORCE = 1e-9
+"""Part of the largest contact force below which there is none: nothing but the spring of a massless leg gets there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,9 +58,10 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
 
     ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work`` [J];
-    ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length); ``torque_squared``
-    (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest ``|f_t|/f_n`` while sticking,
-    None without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
+    ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length, None on the spot);
+    ``torque_squared`` (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest
+    ``|f_t|/f_n`` while sticking, None without sticking), ``impulse_ratio`` (None without an impulse);
+    ``min_normal_force`` on the ground [N].
 
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
     several steps the least of these.
@@ -66,22 +76,23 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     work = sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
     absolute = sum(curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T)
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
+    moves = abs(length) > ON_THE_SPOT * system.scales(p).length
     weighted_length = float(system.weight(p)) * length
-    sticking = [o.force[:, 0] / o.force[:, 1] for a, o in observed if a.mode.sticks]
+    sticking = [friction_ratio(o.force) for a, o in observed if a.mode.sticks]
     return {
         "period": period,
         "step_length": length,
         "speed": length / period,
         "work": work,
-        "cost_of_transport": work / weighted_length,
-        "absolute_cost_of_transport": absolute / weighted_length,
+        "cost_of_transport": work / weighted_length if moves else None,
+        "absolute_cost_of_transport": absolute / weighted_length if moves else None,
         "torque_squared": sum(curves.integral((o.torque**2).sum(axis=1), a.duration) for a, o in observed),
         "peak_torque": max((_peak(column) for _, o in observed for column in o.torque.T), default=0.0),
         "slip_distance": sum(_slip(system, a) for a, _ in observed),
         "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in by_step),
         "required_friction": max((_peak(ratio) for ratio in sticking), default=None),
-        "impulse_ratio": max(impact.impulse_ratio for impact in impacts),
-        "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for _, o in observed),
+        "impulse_ratio": max((r for r in (impact.impulse_ratio for impact in impacts) if r is not None), default=None),
+        "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for a, o in observed if not a.mode.flies),
     }
 
 
@@ -90,18 +101,32 @@ def measure_scales(scales: Scales) -> dict[str, float]:
     return {name: SCALARS[name].within.size(scales) for name in MEASURES}
 
 
+def friction_ratio(force: Array) -> Array:
+    """f_t / f_n along an arc from its contact force (m, 2); where a spring's force is zero at an end, its limit."""
+    nothing = WITHOUT_FORCE * np.abs(force).max()
+    slopes = np.column_stack([curves.slopes(column, ENDS) for column in force.T])
+    full = force.copy()
+    for end, slope in zip((0, -1), slopes, strict=True):
+        if abs(force[end, 1]) <= nothing:
+            full[end] = slope
+    return np.asarray(full[:, 0] / full[:, 1])
+
+
 def _peak(values: Array) -> float:
     return max(curves.maximum(values)[1], curves.maximum(-values)[1])
 
 
 def _slip(system: HybridSystem, arc: Arc) -> float:
     x = arc.states[:, system.n_shape]
-    return 0.0 if arc.mode.sticks else float(abs(x[-1] - x[0]))
+    return float(abs(x[-1] - x[0])) if arc.mode.slips else 0.0
 
 
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:
-    """Largest height of the swing foot in each arc, counted where the swing foot is ahead of the stance foot."""
+    """Largest height of the swing foot in each arc, in flight or where it is ahead of the stance foot."""
     for arc, o in observed:
+        if arc.mode.flies:
+            yield curves.maximum(o.swing_foot[:, 1])[1]
+            continue
         ahead = o.swing_foot[:, 0] - arc.states[:, arc.states.shape[1] // 2 - 1]
         if ahead[-1] > 0:
             passing = curves.roots(ahead)

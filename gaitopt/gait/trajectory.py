@@ -82,9 +82,10 @@ class ImpactRecord(ReadOnlyArrays):
     stick_impulse: Array
 
     @property
-    def impulse_ratio(self) -> float:
-        """|F_t| / F_n that a sticking impact would need."""
-        return float(abs(self.stick_impulse[0]) / self.stick_impulse[1])
+    def impulse_ratio(self) -> float | None:
+        """|F_t| / F_n that a sticking impact would need; None of a foot that lands without an impulse."""
+        tangential, normal = self.stick_impulse.tolist()
+        return abs(tangential) / normal if normal else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

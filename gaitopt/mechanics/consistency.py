@@ -7,6 +7,8 @@ With s_plus = relabel(s_minus) and the stance foot at the former swing foot, at 
     V_plus = V_minus                potential energy of springs
     s_minus lies on the guard       for every s_plus out of ``after_impact``, and all stops are locked there
 
+(of walkers with massless feet the positions alone).
+
 Everything else (return map, multipliers, costs) stands on that, so a walker that breaks it is refused.
 """
 
@@ -78,6 +80,8 @@ def _contradiction(walker: type[Walker], parameters: tuple[float, ...]) -> str |
 def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array, scales: Scales) -> str | None:
     """What is wrong at the touchdown that leads to the section coordinates ``free``."""
     s_plus = section_posture(walker, free, p)
+    if walker.massless_feet:
+        return _landing_jump(walker, p, s_plus, scales) or _without_inertia(walker, _mass_matrix(walker, p, s_plus))
     s_minus = _before_relabelling(walker, s_plus, p)
     if s_minus is None:
         return "relabel cannot be inverted: after the swap of the feet the posture before it is no longer known"
@@ -101,6 +105,18 @@ def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array,
         or _spring_jump(before.spring_energy, after.spring_energy, scales)
         or _without_inertia(walker, after.mass_matrix)
     )
+
+
+def _landing_jump(walker: type[Walker], p: Array, s: Array, scales: Scales) -> str | None:
+    """Whether bodies are elsewhere after a massless foot has landed; their velocities are the walker's own affair."""
+    rest = np.zeros(s.size + 2)
+    before = posture(walker, np.array([*s, 0, 0]), rest, p)
+    after = posture(walker, np.array([*before.relabel, *before.foot[0]]), rest, p)
+    return _jump(before.bodies, after.bodies, scales)
+
+
+def _mass_matrix(walker: type[Walker], p: Array, s: Array) -> Array:
+    return posture(walker, np.array([*s, 0, 0]), np.zeros(s.size + 2), p).mass_matrix
 
 
 def _jump(before: Array, after: Array, scales: Scales) -> str | None:

@@ -19,11 +19,12 @@ of a light leg in the rounding of a heavy hip.
 """
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
-from casadi import SX, jacobian, jtimes, vertcat
+from casadi import SX, jacobian, jtimes, vertcat, vertsplit
 
 from gaitopt.mechanics.contact import solve_locked
-from gaitopt.mechanics.lagrangian import EquationsOfMotion
+from gaitopt.mechanics.lagrangian import EquationsOfMotion, parameter_namespace
 from gaitopt.mechanics.modes import ImpactLaw
 
 
@@ -36,7 +37,8 @@ class Impact:
     z_plus : SX, shape (n_z,) - state just after the impact, feet swapped.
     impulse : SX, shape (2,) - contact impulse (F_t, F_n) at the colliding foot [N s].
     slip_velocity : SX - tangential velocity of the colliding foot just after the impact [m/s].
-    lift_velocity : SX - normal velocity of the former stance foot just after the impact [m/s]; nan at a stop.
+    lift_velocity : SX - normal velocity of the former stance foot just after the impact [m/s]; nan where it stays on
+        the ground (at a stop), or has been in the air.
     painleve : SX - det(C) w_n' M^-1 Gamma, the apparent mass of the slipping foot [kg]; it must be positive.
     """
 
@@ -70,17 +72,29 @@ def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX,
     dv = vertcat(dv_t, dv_n)
     rates = eom.dq[:n] - response @ dv
     slip_velocity = SX(0) if slip is None else v_minus[0] + dv_t
+    relabelled = jtimes(eom.mechanism.relabel, eom.q[:n], rates)
     return Impact(
         z_plus=vertcat(
-            eom.mechanism.relabel,
-            eom.mechanism.swing_foot[0],
-            jtimes(eom.mechanism.relabel, eom.z[:n], rates),
-            slip_velocity,
+            eom.state(eom.mechanism.relabel, eom.mechanism.swing_foot[0]), eom.state(relabelled, slip_velocity)
         ),
         impulse=C @ dv,
         slip_velocity=slip_velocity,
-        lift_velocity=-(reach @ rates)[1],
+        lift_velocity=SX.nan() if eom.walker.flies else -(reach @ rates)[1],
         painleve=painleve,
+    )
+
+
+def landing(eom: EquationsOfMotion) -> Impact:
+    """The landing of a massless foot, which sticks; see ``Walker.landing``."""
+    names = (*eom.walker.shape, "x", "y")
+    q, dq = (SimpleNamespace(**dict(zip(names, vertsplit(values), strict=True))) for values in (eom.q, eom.dq))
+    shape, rates = eom.walker.landing(q, dq, parameter_namespace(eom.walker, eom.p))
+    return Impact(
+        z_plus=vertcat(eom.state(vertcat(*shape), eom.mechanism.swing_foot[0]), eom.state(vertcat(*rates), SX(0))),
+        impulse=SX.zeros(2),
+        slip_velocity=SX(0),
+        lift_velocity=SX.nan(),
+        painleve=SX.nan(),
     )
 
 

@@ -11,7 +11,7 @@ import inspect
 import math
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
@@ -23,7 +23,7 @@ from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict
 
 from gaitopt.errors import GaitoptWarning, UnknownNameError
-from gaitopt.mechanics.modes import CONTACTS, STOP_STATES, Mode
+from gaitopt.mechanics.modes import CONTACTS, STOP_STATES, SWITCH_STATES, Mode
 
 ENTRY_POINT_GROUP = "gaitopt.walkers"
 
@@ -58,9 +58,14 @@ class Mechanism:
     touchdown : SX - guard; the swing foot lands when it crosses zero from below.
     upright : SX - positive while the walker is walking; zero is a fall.
     relabel : SX, shape (n_shape,) - shape coordinates after the feet have swapped roles.
-    stops : gaps of the joint stops by name, affine in the shape: positive while free, held at zero while locked.
+    stops : gaps of the joint stops by name, affine in the shape: positive while free, held at zero while locked; an
+        angle [rad], or a length by the length of a leg.
+    switches : margins of the switches by name, without unit: positive while off; functions of the coordinates' rates,
+        which they are given by name (``dq.theta``).
     motors : tuple of SX - the angle on which each actuator acts, in the order of ``Walker.actuators`` [rad].
     potential : SX - potential energy besides gravity, of springs for instance [J].
+    potential_while : further potential energy, which acts only in a state: ``contact`` (the foot is on the ground), or
+        that of a stop or switch, such as ``thrust on`` [J].
     """
 
     bodies: tuple[Body, ...]
@@ -70,8 +75,10 @@ class Mechanism:
     upright: SX
     relabel: SX
     stops: Mapping[str, SX] = field(default_factory=dict)
+    switches: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)
     motors: tuple[SX, ...] = ()
     potential: Any = field(default_factory=lambda: SX(0))
+    potential_while: Mapping[str, SX] = field(default_factory=dict)
 
 
 class Walker(BaseModel, ABC):
@@ -84,6 +91,12 @@ class Walker(BaseModel, ABC):
     section : those shape coordinates that are free just after an impact.
     section_rates : those shape coordinates whose rates are free just after an impact; all unless given.
     stops : names of the joint stops; a stop locks where its gap closes, and all are released by the impact of the foot.
+    open_in_impact : those stops that are released before the impulse of the foot's impact rather than after it.
+    switches : names of the switches; one is thrown where its margin falls to zero, and all are off after an impact.
+    flies : whether the walker leaves the ground; its steps then end out of flight.
+    massless_feet : whether feet (and what connects them with the bodies) have no mass. They land without an impulse, as
+        ``landing`` says, cannot slip, and in flight count as staying where they were.
+    lengths : those shape coordinates that are lengths [m] rather than angles [rad].
     actuators : names of the actuators.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law.
     largest_angle : size of the shape coordinates beyond which the walker does not walk [rad].
@@ -96,6 +109,11 @@ class Walker(BaseModel, ABC):
     section: ClassVar[tuple[str, ...]]
     section_rates: ClassVar[tuple[str, ...] | None] = None
     stops: ClassVar[tuple[str, ...]] = ()
+    open_in_impact: ClassVar[tuple[str, ...]] = ()
+    switches: ClassVar[tuple[str, ...]] = ()
+    flies: ClassVar[bool] = False
+    massless_feet: ClassVar[bool] = False
+    lengths: ClassVar[tuple[str, ...]] = ()
     actuators: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
     largest_angle: ClassVar[float] = math.pi
@@ -124,21 +142,40 @@ class Walker(BaseModel, ABC):
         return tuple(getattr(free, f"d{name}") for name in cls.shape)
 
     @classmethod
+    def landing(
+        cls, q: SimpleNamespace, dq: SimpleNamespace, p: SimpleNamespace
+    ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Shape coordinates, and their rates, just after a massless foot has landed, from those just before."""
+        raise NotImplementedError(f"{cls.__name__} has massless feet, but does not say how they land")
+
+    @classmethod
+    def contacts(cls) -> tuple[Mode, ...]:
+        """What the foot can do."""
+        ground = CONTACTS[:1] if cls.massless_feet else CONTACTS
+        return (*ground, Mode.FLIGHT) if cls.flies else ground
+
+    @classmethod
     def modes(cls) -> tuple[Mode, ...]:
-        """Every mode: what the foot can do, with every state of the stops."""
-        states = [dict(zip(cls.stops, each, strict=True)) for each in product(STOP_STATES, repeat=len(cls.stops))]
-        return tuple(Mode.of(contact, stops) for stops in states for contact in CONTACTS)
+        """Every mode: what the foot can do, with every state of the stops and switches."""
+        choices = [*([STOP_STATES] * len(cls.stops)), *([SWITCH_STATES] * len(cls.switches))]
+        states = [dict(zip((*cls.stops, *cls.switches), each, strict=True)) for each in product(*choices)]
+        return tuple(Mode.of(contact, stops) for stops in states for contact in cls.contacts())
 
     @classmethod
     def released(cls, contact: Mode) -> Mode:
-        """What the foot does, with all stops free, as just after its impact."""
-        return Mode.of(contact, dict.fromkeys(cls.stops, "free"))
+        """What the foot does, with all stops free and all switches off, as just after its impact."""
+        return Mode.of(contact, dict.fromkeys(cls.stops, "free") | dict.fromkeys(cls.switches, "off"))
+
+    @classmethod
+    def coordinates(cls) -> tuple[str, ...]:
+        """Names of the coordinates of the state: the shape, the height y of a foot that can fly, and x."""
+        return (*cls.shape, *(("y",) if cls.flies and not cls.massless_feet else ()), "x")
 
     @classmethod
     def state_names(cls) -> tuple[str, ...]:
-        """Names of the integrated state ``z = (shape, x, d shape, dx)``."""
-        rates = tuple(f"d{name}" for name in cls.shape)
-        return (*cls.shape, "x", *rates, "dx")
+        """Names of the integrated state ``z``: the coordinates, then their rates."""
+        names = cls.coordinates()
+        return (*names, *(f"d{name}" for name in names))
 
     @classmethod
     def section_names(cls, *, slipping: bool) -> tuple[str, ...]:

@@ -131,13 +131,15 @@ def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> 
     """Time of a step [s] at the rates of ``state``, for the joint that would be first where an impact leads back to it.
 
     Where no joint has any way to go, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so
-    that s_minus follows from any one of its values.
+    that s_minus follows from any one of its values, unless the walker itself says how its massless feet land.
     """
-    n = system.n_shape
+    time = system.scales(p).time
+    if system.walker.massless_feet:
+        return time
+    n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
     mapped = np.asarray(system.impact(cycle.impact)(state, p)[0]).ravel()[:n]
     A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
-    way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), np.abs(state[n + 1 : 2 * n + 1])
-    time = system.scales(p).time
+    way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
     if not np.isfinite(way).all():
         return LONGEST_STEP * time
     moving = (way > 0) & (rates > 0)

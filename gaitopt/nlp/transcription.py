@@ -16,8 +16,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import MX, Function, horzcat, repmat, vec, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait.curves import points
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
@@ -25,7 +25,8 @@ from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.units import Label, Units
 
-Array = NDArray[np.float64]
+GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
+"""Margins that are zero where the spring of a massless leg has its full length: at landing and take-off."""
 
 
 class Transcription:
@@ -92,7 +93,7 @@ class Transcription:
         for block, own in self._node_margins():
             blocks.append(block)
             labels += own
-        for row, label in (*self._onset_margins(), *self.impact_margins()):
+        for row, label in (*self._unloaded_margins(), *self._onset_margins(), *self.impact_margins()):
             blocks.append(row)
             labels.append(label)
         return vertcat(*blocks), tuple(labels)
@@ -270,11 +271,35 @@ class Transcription:
             rows = vec(margins)[[row + k * len(names) for row, k, _ in places]]
             yield rows, [Label(name=name, phase=arc.phase, node=first + k) for _, k, name in places]
 
+    def _unloaded_margins(self) -> Iterator[tuple[MX, Label]]:
+        """Rates of the ground's forces where a massless leg lands and takes off; the forces are zero there."""
+        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
+            for k, sign in ((0, 1), (arc.intervals, -1)):
+                if not self._unloaded(i, k):
+                    continue
+                _, Z, start, h = self.arc(i)
+                data = self.system.data(arc.segment)
+                rates = self.system.events(arc.mode)(start + k * h, Z[:, k], self.p, data)[1]
+                for name in GROUND_FORCES:
+                    rate = rates[margin_names(arc.mode).index(name)]
+                    yield sign * rate, Label(name=name, phase=arc.phase, node=first + k)
+
+    def _unloaded(self, index: int, k: int) -> bool:
+        """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
+        arc, cycle = self.layout.arcs[index], self.layout.cycle
+        if not self.system.walker.massless_feet or arc.mode.flies:
+            return False
+        after = cycle.after(arc.phase)
+        lands = k == 0 and arc.start is None and arc.phase in cycle.first_phases
+        return lands or (k == arc.intervals and arc.end is None and after is not None and after.flies)
+
     def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
         """Whether an event makes a margin zero at node ``k`` of an arc."""
         arc, cycle = self.layout.arcs[index], self.layout.cycle
         if k == 0 and arc.start is None and name == "slip_velocity":
             return cycle.onset_order(arc.phase) > 0
+        if name in GROUND_FORCES and self._unloaded(index, k):
+            return True
         after = cycle.after(arc.phase)
         return k == arc.intervals and arc.end is None and after is not None and name == ending_margin(arc.mode, after)
 

@@ -80,7 +80,8 @@ class StepSensitivity:
         """Derivative of the reset from one arc to the next; None where no stop locks."""
         if arc.mode.locked == after.mode.locked:
             return None
-        struck = after.mode if after.states[0][-1] else after.mode.with_contact(Mode.STICK)
+        slides = after.states[0][-1] or after.mode.flies
+        struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
         return self._matrix(self._system.impact_jacobian(struck), arc.states[-1], self._p).copy()
 
     def _matrix(self, function: Function, *values: Array) -> Array:

@@ -60,7 +60,7 @@ def impossible(problem: "Problem") -> Iterator[Fault]:
     if problem.start is None:
         return
     foot, upright, _ = _geometry_at_guess(problem)
-    if not math.hypot(*foot) > FEET_APART * scales.length:
+    if not (problem.walker.flies or math.hypot(*foot) > FEET_APART * scales.length):
         yield Fault(STATE, "both feet are at one place: a step begins with the feet apart")
     if upright < FALLEN:
         yield Fault(STATE, "the walker has fallen: it begins a step upright")
@@ -103,7 +103,7 @@ def lacks_energy(problem: "Problem") -> bool:
     """Whether nothing replaces what impacts and friction take: no motors, and no way downhill."""
     downhill = _geometry_at_guess(problem)[2][0]
     slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
-    passive = isinstance(problem.control, NoControlSpec) and not problem.free
+    passive = isinstance(problem.control, NoControlSpec) and not problem.free and not problem.walker.flies
     return bool(passive and (downhill == 0 or (downhill < 0 and not slides_back)))
 
 
@@ -159,6 +159,8 @@ def _scalar_range(name: str, problem: "Problem") -> list[Within]:
     if group != "state":
         return []
     if coordinate in problem.walker.shape:
+        if coordinate in problem.walker.lengths:
+            return [Within(possible=(-1, 1), unit="length")]
         return [Within(possible=symmetric(problem.walker.largest_angle))]
     return [part for part in state_section(type(problem.walker)).model_fields[coordinate].metadata
             if isinstance(part, Within)]  # fmt: skip

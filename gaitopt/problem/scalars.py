@@ -10,6 +10,7 @@ from math import inf
 from typing import Any
 
 from gaitopt.mechanics.ranges import Interval, Within, symmetric
+from gaitopt.mechanics.walker import registered_walkers
 
 POSITIVE: Interval = (0, inf)
 
@@ -134,24 +135,14 @@ FRICTION_LABELS = {
     "friction.viscous": "drag of a slipping foot",
 }
 CONTACT_FORCES = ("f_t", "f_n")
-LENGTHS = ("x", "y")
-"""Coordinates of the foot; all others are angles."""
-PARAMETER_UNITS = {
-    "leg_length": "m",
-    "leg_com": "m",
-    "radius": "m",
-    "leg_mass": "kg",
-    "hip_mass": "kg",
-    "mass": "kg",
-    "gravity": "m/s^2",
-    "slope": "rad",
+NUMBER_UNITS = {
     "viscous": "N s/m",
     "ankle": "N m",
     "hip": "N m",
     "kp": "N m/rad",
     "kd": "N m s/rad",
 }
-"""By the last part of a parameter's dotted key."""
+"""Of friction and control, by the last part of the dotted key; those of walkers stand in their own descriptions."""
 
 
 def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
@@ -170,9 +161,17 @@ def label_of(key: str) -> str:
 
 
 def state_unit(name: str) -> str:
-    """Unit of a state: the foot's coordinates are lengths, all others angles."""
+    """Unit of a state: the foot's coordinates and what walkers declare as lengths in metres, all else are angles."""
     rate = name.startswith("d")
-    return ("m" if name[rate:] in LENGTHS else "rad") + ("/s" if rate else "")
+    lengths = {"x", "y"}.union(*(walker.lengths for walker in registered_walkers().values()))
+    return ("m" if name[rate:] in lengths else "rad") + ("/s" if rate else "")
+
+
+def parameter_units() -> dict[str, str]:
+    """Units by the last part of a parameter's dotted key; of walkers, the brackets that end a field's description."""
+    fields = [item for walker in registered_walkers().values() for item in walker.model_fields.items()]
+    described = {name: (field.description or "").partition(" [")[2].rstrip("]") for name, field in fields}
+    return described | NUMBER_UNITS
 
 
 def unit_of(key: str, actuators: Collection[str] = ()) -> str:
@@ -182,4 +181,4 @@ def unit_of(key: str, actuators: Collection[str] = ()) -> str:
     if key.startswith("state."):
         return state_unit(key.removeprefix("state."))
     columns = {"t": "s", **dict.fromkeys(CONTACT_FORCES, "N"), **dict.fromkeys(actuators, "N m")}
-    return columns.get(key) or PARAMETER_UNITS.get(key.rpartition(".")[2], "")
+    return columns.get(key) or parameter_units().get(key.rpartition(".")[2], "")

@@ -27,6 +27,8 @@ Record = dict[str, Any]
 
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
 """Half widths of the default box of start states, in rad and natural units."""
+RATE_OF_FLIGHT = 2.0
+"""The same for walkers that fly: they come down from some height."""
 SMALLEST_SCALE = 0.3
 """Samples of the default box lie in boxes from this part of it to its whole: walkers make small steps too."""
 STANDING = 0.05
@@ -94,9 +96,11 @@ def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] 
 
 def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[str, tuple[float, float]]) -> Box:
     """The box of start states: that of the walker, changed by ``within``."""
-    scales, n_section = system.scales(p), len(problem.walker.section)
     names = problem.walker.section_names(slipping=True)
-    half = np.array([ANGLE] * n_section + [RATE / scales.time] * system.n_shape + [SLIP * scales.speed])
+    units = dict(zip(system.state_names, system.state_scales(system.scales(p)), strict=True))
+    sizes = {"dx": SLIP} | dict.fromkeys(problem.walker.section, ANGLE)
+    rate = RATE_OF_FLIGHT if problem.walker.flies else RATE
+    half = np.array([sizes.get(name, rate) * units[name] for name in names])
     lower, upper = -half, half.copy()
     for name, span in within.items():
         lower[names.index(name)], upper[names.index(name)] = span
@@ -132,7 +136,8 @@ def _samples(system: HybridSystem, p: Array, box: Box, rng: np.random.Generator)
     xi = rng.uniform(box.lower, box.upper, (WALKS, box.lower.size))
     if not box.given:
         xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
-        _turn_forward(system, p, xi)
+        if not system.walker.flies:
+            _turn_forward(system, p, xi)
     if box.lower[-1] <= 0 <= box.upper[-1]:
         xi[::2, -1] = 0.0
     return xi

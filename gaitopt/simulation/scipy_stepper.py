@@ -4,16 +4,14 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.dop853 import CompiledStep, Integration, StepSizeError
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival
-
-Array = NDArray[np.float64]
 
 RTOL = 1e-12
 """Relative tolerance: a walking step is then right to about 1e-12, in some 25 integration steps."""

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import ONSETS, PHASE_MARGINS, HybridSystem, Mode
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
@@ -18,8 +18,6 @@ from gaitopt.simulation.natural import units
 from gaitopt.simulation.sampling import sample
 from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
 from gaitopt.simulation.stepper import Arrival, Stepper
-
-Array = NDArray[np.float64]
 
 MAX_STEP_TIME = 50.0
 """A walker that has not touched down by then, in units of sqrt(l / g), no longer walks: 20 s for legs of 1.6 m."""
@@ -200,13 +198,18 @@ class Simulator:
         event = "touchdown" if arrival.event is None and self._is_touchdown(mode, here) else arrival.event
         if event is None:
             return self._pass_breakpoint(mode, here)
-        if event in FATAL:
+        leaves = event == "normal_force" and self.system.walker.flies
+        if event in FATAL and not leaves:
             return FATAL[event], here
         if event == "touchdown":
             return self._resolver.impact(here.state), here
         here = replace(here, switches=here.switches + 1)
         if here.switches > self._max_switches:
             return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
+        if leaves:
+            return mode.with_contact(Mode.FLIGHT), here
+        if event in mode.off:
+            return self._throw(mode, event, here)
         if event in mode.free:
             return self._lock(mode, event, here)
         onset = ONSETS.get(event)
@@ -219,6 +222,11 @@ class Simulator:
             return struck, moment
         after = replace(moment, state=struck[1])
         return (self._mode_at_rest(struck[0], after) if struck[0].sticks else struck[0]), after
+
+    def _throw(self, mode: Mode, switch: str, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
+        """What follows where a switch is thrown: forces may jump, and the mode of a foot at rest is decided again."""
+        after = mode.with_next(switch)
+        return (self._mode_at_rest(after, moment) if after.sticks else after), moment
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
         """The next segment of the control; its torques may jump, and the mode of a foot at rest is decided again."""

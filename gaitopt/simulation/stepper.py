@@ -15,9 +15,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 LIMIT, FAILURE = -1, -2

@@ -76,7 +76,7 @@ class Walker {
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
     this.drawForce(points[0], frame);
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
-    const about = Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
+    const about = phase.mode === "flight" || Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
   }
 

@@ -11,6 +11,7 @@ import heyoka as hy
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.events import (
     EDGE,
@@ -30,7 +31,6 @@ from gaitopt.simulation.heyoka.stepper import MAX_TAYLOR_STEPS, HeyokaStepper
 from gaitopt.simulation.natural import natural_system, units
 from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals, Indices
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SUCCESS, TIME_LIMIT = int(hy.taylor_outcome.success), int(hy.taylor_outcome.time_limit)
