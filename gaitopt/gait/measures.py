@@ -37,6 +37,7 @@ class Observation:
     power : ndarray, shape (m, n_u) - of each motor [W].
     swing_foot : ndarray, shape (m, 2) - position [m].
     energy : ndarray, shape (m,) - kinetic plus potential [J].
+    loss : ndarray, shape (m,) - power that the dampers take [W].
     """
 
     force: Array
@@ -44,27 +45,29 @@ class Observation:
     power: Array
     swing_foot: Array
     energy: Array
+    loss: Array
 
 
 def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
     """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
     observation = buffered_map(system.observation(arc.mode), arc.times.size)
-    outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
-    force, torque, power, foot, energy, _ = (value.copy() for value in outputs)
-    return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0])
+    own = system.walker.standing(p, arc.side)
+    outputs = observation(arc.times[:, None], arc.states, own, system.data(arc.segment))
+    force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
+    return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0])
 
 
 def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, float | None]:
     """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
 
-    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work`` [J];
-    ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length, None on the spot);
-    ``torque_squared`` (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest
-    ``|f_t|/f_n`` while sticking, None without sticking), ``impulse_ratio`` (None without an impulse);
+    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``,
+    ``damping_loss`` [J]; ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length, None
+    on the spot); ``torque_squared`` (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction``
+    (largest ``|f_t|/f_n`` while sticking, None without sticking), ``impulse_ratio`` (None without an impulse);
     ``min_normal_force`` on the ground [N].
 
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
-    several steps the least of these.
+    several steps the least of these. The work is that of motors and pushes.
 
     References
     ----------
@@ -73,8 +76,11 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     impacts = [step.final_impact for step in steps]
     by_step = [[(arc, observe(system, p, arc)) for arc in step.arcs] for step in steps]
     observed = [pair for pairs in by_step for pair in pairs]
-    work = sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
-    absolute = sum(curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T)
+    pushed = sum(impact.push_work for impact in impacts)
+    work = pushed + sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
+    absolute = abs(pushed) + sum(
+        curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T
+    )
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
     moves = abs(length) > ON_THE_SPOT * system.scales(p).length
     weighted_length = float(system.weight(p)) * length
@@ -84,6 +90,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
         "step_length": length,
         "speed": length / period,
         "work": work,
+        "damping_loss": sum(curves.integral(o.loss, a.duration) for a, o in observed),
         "cost_of_transport": work / weighted_length if moves else None,
         "absolute_cost_of_transport": absolute / weighted_length if moves else None,
         "torque_squared": sum(curves.integral((o.torque**2).sum(axis=1), a.duration) for a, o in observed),

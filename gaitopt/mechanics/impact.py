@@ -6,8 +6,12 @@
     slip, coulomb       F_t = -mu s F_n,  v_n_plus = 0,  s = sgn v_t_plus  eq. (11)
     slip, frictionless  F_t = 0,          v_n_plus = 0
 
-The former stance foot is free during the impact. After it the feet swap roles: the colliding foot becomes
-the origin of the coordinates and the walker relabels its shape.
+The former stance foot is free during the impact. Where the walker pushes off with it, an impulse P comes before that,
+
+    M (dq_minus - dq) = W' P
+
+by which dq_minus differs from the rates dq at touchdown. After the impact the feet swap roles: the colliding foot
+becomes the origin of the coordinates and the walker relabels its shape.
 
 With the velocity v of the colliding foot in place of that of the stance foot, the impulse acts on v alone, and
 
@@ -21,7 +25,7 @@ of a light leg in the rounding of a heavy hip.
 from dataclasses import dataclass
 from types import SimpleNamespace
 
-from casadi import SX, jacobian, jtimes, vertcat, vertsplit
+from casadi import SX, dot, horzcat, jacobian, jtimes, vertcat, vertsplit
 
 from gaitopt.mechanics.contact import solve_locked
 from gaitopt.mechanics.lagrangian import EquationsOfMotion, parameter_namespace
@@ -49,6 +53,33 @@ class Impact:
     painleve: SX
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Push:
+    """The push of the stance foot just before the swing foot lands.
+
+    Attributes
+    ----------
+    impulse : SX, shape (2,) - (P_t, P_n), of the ground on the foot [N s].
+    rates : SX, shape (n_q,) - rates just after it, dq_minus of the impact.
+    work : SX - kinetic energy that it adds [J].
+    """
+
+    impulse: SX
+    rates: SX
+    work: SX
+
+
+def push_off(eom: EquationsOfMotion, locked: SX) -> Push:
+    """The push of a walker; of one that does not push off nothing changes. ``locked`` as for ``impact``."""
+    impulse = eom.mechanism.push
+    if impulse is None:
+        return Push(impulse=SX.zeros(2), rates=eom.dq, work=SX(0))
+    n = len(eom.walker.shape)
+    held = horzcat(locked, SX.zeros(locked.shape[0], 2))
+    change = solve_locked(eom.M, vertcat(SX.zeros(n), impulse), held)
+    return Push(impulse=impulse, rates=eom.dq + change, work=dot(impulse, eom.dq[n:] + change[n:] / 2))
+
+
 def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX, locked: SX) -> Impact:
     """The impact after which the colliding foot slips or is at rest; whether that is consistent is not decided here.
 
@@ -63,14 +94,15 @@ def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX,
     response = solve_locked(shape_mass, coupling.T, locked)
     C = foot_mass - coupling @ response
 
-    v_minus = eom.W_swing @ eom.dq
+    dq = push_off(eom, locked).rates
+    v_minus = eom.W_swing @ dq
     mu = kinetic if law is ImpactLaw.COULOMB else SX(0)
     s = SX(0) if slip is None else slip
     painleve = C[0, 0] + mu * s * C[1, 0]
     dv_n = -v_minus[1]
     dv_t = -v_minus[0] if slip is None else -(C[0, 1] + mu * s * C[1, 1]) * dv_n / painleve
     dv = vertcat(dv_t, dv_n)
-    rates = eom.dq[:n] - response @ dv
+    rates = dq[:n] - response @ dv
     slip_velocity = SX(0) if slip is None else v_minus[0] + dv_t
     relabelled = jtimes(eom.mechanism.relabel, eom.q[:n], rates)
     return Impact(

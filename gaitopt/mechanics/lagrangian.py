@@ -27,11 +27,12 @@ class EquationsOfMotion:
     z : SX, shape (n_z,) - integrated state: coordinates, then rates, in the order of ``Walker.coordinates``.
     q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 where they are no states.
     M : SX, shape (n_q, n_q) - mass matrix.
-    B, G : SX, shape (n_q,) - velocity terms and gravity (and springs, as far as they always act).
+    B, G : SX, shape (n_q,) - velocity terms (and dampers) and gravity (and springs, as far as they always act).
     switches : SX by name - margins of the switches.
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
     energy : SX - kinetic plus potential energy [J].
+    dissipation : SX - power that the dampers take [W].
     mass : SX - total mass [kg].
     gravity : SX - acceleration of gravity [m/s^2].
     length : SX - distance of the farthest body from the stance foot where all shape coordinates are zero [m].
@@ -50,6 +51,7 @@ class EquationsOfMotion:
     W_swing: SX
     switches: Mapping[str, SX]
     energy: SX
+    dissipation: SX
     mass: SX
     gravity: SX
     length: SX
@@ -96,7 +98,8 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
 
     M = hessian(kinetic, dq)[0]
     momentum = gradient(kinetic, dq)
-    B = jtimes(momentum, q, dq) - gradient(kinetic, q)
+    dissipation = sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0))
+    B = jtimes(momentum, q, dq) - gradient(kinetic, q) + gradient(dissipation, dq) / 2  # Rayleigh's function
     angles = vertcat(*mechanism.motors) if mechanism.motors else SX(0, 1)
     straight = substitute(vertcat(*(norm_2(body.position) for body in mechanism.bodies)), q, SX.zeros(q.numel()))
 
@@ -121,6 +124,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
         switches={name: grounded(SX(margin(rates))) for name, margin in mechanism.switches.items()},
         energy=grounded(kinetic + potential),
+        dissipation=grounded(dissipation),
         mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
         gravity=norm_2(mechanism.gravity),
         length=mmax(straight),
@@ -132,6 +136,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
             relabel=grounded(SX(mechanism.relabel)),
             stops={name: grounded(SX(gap)) for name, gap in mechanism.stops.items()},
             potential_while={state: grounded(SX(energy)) for state, energy in mechanism.potential_while.items()},
+            push=None if mechanism.push is None else grounded(mechanism.push),
         ),
     )
 
@@ -159,6 +164,11 @@ def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> Non
         if (*stated,) != declared:
             words = ", ".join(stated) or "none"
             raise ProblemError(f"{walker.__name__}: Mechanism.{name} has {words}, but {name} are {declared}")
+    if walker.pushes is (mechanism.push is None):
+        raise ProblemError(f"{walker.__name__}: pushes is {walker.pushes}, which Mechanism.push contradicts")
+    unknown = {*walker.exchanged, *walker.exchanged.values()} - {*walker.model_fields}
+    if unknown:
+        raise ProblemError(f"{walker.__name__}: exchanged names {', '.join(sorted(unknown))}, which is no parameter")
     strangers = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
     if strangers:
         raise ProblemError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")

@@ -64,6 +64,10 @@ def _mass(scales: Scales) -> float:
 
 NO_SLIP = "sticking needs no more friction than there is before touchdown, so that no slip sets in"
 
+PUSH_SLIPS = "the foot that pushes off slips: its push is {value:.4g} N s outside of the friction cone"
+PUSH = ("push_cone_forward", "push_cone_backward", "push_landing")
+"""Margins of the push before an impact."""
+
 PHASE_MARGINS: Mapping[str, Margin] = {
     "touchdown": Margin(
         unit=_angle,
@@ -136,6 +140,18 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
         unit=lambda scales: 1 / scales.time,
         violated="the swing foot leaves the ground instead of landing (guard rate {value:.4g})",
         lost="the swing foot no longer comes down",
+        ending="impact_inconsistent",
+    ),
+    "push_cone_forward": Margin(
+        unit=_impulse, violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending="push_slips"
+    ),
+    "push_cone_backward": Margin(
+        unit=_impulse, violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending="push_slips"
+    ),
+    "push_landing": Margin(
+        unit=_speed,
+        violated="the push lifts the swing foot: it leaves the ground at {value:.4g} m/s instead of landing",
+        lost="the push lifts the swing foot before it lands",
         ending="impact_inconsistent",
     ),
     "impulse_cone_forward": Margin(

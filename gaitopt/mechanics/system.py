@@ -22,9 +22,9 @@ from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.contact import Motion, flight, motion
 from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.friction import CoulombFriction, Friction
-from gaitopt.mechanics.impact import Impact, impact, landing
+from gaitopt.mechanics.impact import Impact, Push, impact, landing, push_off
 from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
-from gaitopt.mechanics.margins import impact_margin_names, margin_names
+from gaitopt.mechanics.margins import PUSH, impact_margin_names, margin_names
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.strike import strike, take_off
@@ -119,14 +119,18 @@ class HybridSystem:
         return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
 
     def observation(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq (n_u)."""
+        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
+
+        The loss is the power that the dampers take.
+        """
 
         def outputs() -> list[SX]:
             eom, torque = self._eom, self._torque
             motor_rates = eom.E.T @ eom.dq
             foot = eom.mechanism.swing_foot
             energy = eom.energy + self._potential_of(mode)
-            return [self._motion(mode).force, torque, torque * motor_rates, foot, energy, motor_rates]
+            power, loss = torque * motor_rates, eom.dissipation
+            return [self._motion(mode).force, torque, power, foot, energy, motor_rates, loss]
 
         return self._build(f"observation_{mode.key}", outputs)
 
@@ -149,7 +153,8 @@ class HybridSystem:
 
     def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``impact_margins``."""
-        return impact_margin_names(mode, self.walker, two_coefficients=self.friction.two_coefficients)
+        names = impact_margin_names(mode, self.walker, two_coefficients=self.friction.two_coefficients)
+        return (*names, *PUSH) if self.walker.pushes and not mode.locked else names
 
     def impact_margins(self, mode: Mode) -> Function:
         """(z, p) -> margins of an impact in the order of ``impact_margin_names(mode)``."""
@@ -187,8 +192,13 @@ class HybridSystem:
 
     @cached_property
     def approach(self) -> Function:
-        """(z, p) -> normal velocity of the swing foot [m/s]; it is negative where the foot comes down."""
-        return Function("approach", [self._eom.z, self._p], [(self._eom.W_swing @ self._eom.dq)[1]])
+        """(z, p) -> normal velocity with which the swing foot lands [m/s]; it is negative where the foot comes down."""
+        return Function("approach", [self._eom.z, self._p], [self._approach])
+
+    @cached_property
+    def push(self) -> Function:
+        """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
+        return Function("push", [self._eom.z, self._p], [self._push.impulse, self._push.work])
 
     @cached_property
     def weight(self) -> Function:
@@ -336,15 +346,26 @@ class HybridSystem:
         }
         return vertcat(*(margins[name] for name in margin_names(mode)))
 
+    @cached_property
+    def _push(self) -> Push:
+        return push_off(self._eom, self._locked(self.walker.stops))
+
+    @property
+    def _approach(self) -> SX:
+        return (self._eom.W_swing @ self._push.rates)[1]
+
     def _impact_margins(self, mode: Mode) -> dict[str, SX]:
         result, stick = self._impact(mode), self._impact(mode.with_contact(Mode.STICK))
         mu = self.friction.static(self._coefficients)
         f_t, f_n = result.impulse[0], result.impulse[1]
-        z, n = self._eom.z, self.n_shape + 1
+        z, n, push = self._eom.z, self.n_shape + 1, self._push.impulse
         return {
             "impulse": f_n,
             "lift_velocity": result.lift_velocity,
             "touchdown_rate": jtimes(SX(self._eom.mechanism.touchdown), z[:n], z[n:]),
+            "push_cone_forward": mu * push[1] + push[0],
+            "push_cone_backward": mu * push[1] - push[0],
+            "push_landing": -self._approach,
             "impulse_cone_forward": mu * f_n + f_t,
             "impulse_cone_backward": mu * f_n - f_t,
             "impact_slip_velocity": mode.direction * result.slip_velocity,

@@ -87,6 +87,10 @@ def roll_out(
     scales = system.scales(p)
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
     starts = np.atleast_2d(state)
+
+    def p_at(step: int) -> Array:
+        return system.walker.standing(p, system.walker.side(step))
+
     time, z = 0.0, starts[0].copy()
     found: list[float] = []
     motions: list[OdeSolution] = []
@@ -96,12 +100,13 @@ def roll_out(
         if impact is not None:
             step = cycle.step_of(phase)
             known_start = phase in cycle.first_phases and step < len(starts)
-            z = starts[step].copy() if known_start else after_impact(system, p, impact, z)
+            landing = p_at(cycle.step_of(phase - 1))
+            z = starts[step].copy() if known_start else after_impact(system, landing, impact, z)
             time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # of a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
-        flow = _ModeFlow(system, p, mode, cycle.after(phase))
+        flow = _ModeFlow(system, p_at(cycle.step_of(phase)), mode, cycle.after(phase))
         duration = None if durations is None else durations[phase]
         if duration is None:
             motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)

@@ -44,7 +44,7 @@ def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
     freed = {key for record in records for key in record.get("parameters", ())}
     return {
         "scalars": {key: asdict(label(key)) for key in keys},
-        "motors": [key for key in keys if key in SCALARS and SCALARS[key].needs_motors],
+        "motors": [key for key in keys if key in SCALARS and SCALARS[key].needs],
         "symbols": {name: symbol(name) for name in states},
         "units": {name: state_unit(name) for name in states},
         "parameters": {key: asdict(label(key)) for key in sorted(freed)},

@@ -10,7 +10,7 @@ from gaitopt.mechanics.modes import Cycle, Mode
 from gaitopt.mechanics.units import Angle, Number
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
-from gaitopt.problem.scalars import SCALARS
+from gaitopt.problem.scalars import DESIGN_SCALARS, MOTORS, PUSH, SCALARS
 from gaitopt.problem.sections import (
     AngleRangeSection,
     ControlSpec,
@@ -36,13 +36,16 @@ class Scope:
     @property
     def names(self) -> tuple[str, ...]:
         """Every name that may be used."""
-        return (*SCALARS, *(f"state.{name}" for name in self.walker.state_names()), *self.free)
+        return (*DESIGN_SCALARS, *(f"state.{name}" for name in self.walker.state_names()), *self.free)
 
     def objection(self, name: str) -> str | None:
         """Why ``name`` cannot be used, if so."""
         if name not in self.names:
             return f"is no scalar of a gait and no freed parameter{near_miss(name, self.names)}"
-        if name in SCALARS and SCALARS[name].needs_motors and isinstance(self.control, NoControlSpec):
+        powers = (() if isinstance(self.control, NoControlSpec) else (MOTORS,)) + (
+            (PUSH,) if self.walker.pushes else ()
+        )
+        if name in SCALARS and SCALARS[name].needs and not {*SCALARS[name].needs} & {*powers}:
             return (
                 "is a quantity of the motors, and this walker is passive: give it a control, or choose another scalar"
             )

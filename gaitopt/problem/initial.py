@@ -25,6 +25,7 @@ from gaitopt.problem.sections import (
 )
 
 OPEN = "auto"
+UNEVEN = "{} is no number of steps after which the same leg stands again: where the legs differ, a cycle has 2, 4, ..."
 SAME_STATE = 1e-5  # relative: a state written with six digits may be off by half of this
 
 
@@ -63,6 +64,8 @@ def _read_open(
     if gait is None:
         return None, None
     sequence = OpenSequence(impact=gait.impact, steps=gait.steps)
+    if model is not None and gait.steps < model.n_sides():
+        faults.append(Fault(("gait", "steps"), UNEVEN.format(gait.steps)))
     guess = None if gait.guess is None else read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
     if guess is None or model is None:
         return sequence, None
@@ -80,6 +83,8 @@ def _read_cycle(
     try:
         cycle = Cycle(tuple(ModeSequence(phases=step.phases, impact=step.impact) for step in steps))
         if model is not None:
+            if len(steps) % model.n_sides():
+                raise ValueError(UNEVEN.format(len(steps)))
             for step in steps:
                 _check_contacts(step, model)
                 _check_stops(step, model)

@@ -13,6 +13,8 @@ from gaitopt.mechanics.ranges import Interval, Within, symmetric
 from gaitopt.mechanics.walker import registered_walkers
 
 POSITIVE: Interval = (0, inf)
+MOTORS, PUSH = "motors", "push"
+"""What drives a walker: torques in joints, and the push-off of the stance foot."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,14 +26,16 @@ class Scalar:
     label, unit : as in tables and on axes.
     meaning : the label at length, where it does not say everything.
     within : its range, in its natural unit.
-    needs_motors : whether a passive walker has none.
+    needs : what drives the walker, one of which it takes; empty where a passive walker has it too.
+    of_designs : whether objectives and constraints may name it.
     """
 
     label: str
     unit: str = ""
     meaning: str = ""
     within: Within
-    needs_motors: bool = False
+    needs: tuple[str, ...] = ()
+    of_designs: bool = True
 
     @property
     def description(self) -> str:
@@ -63,33 +67,39 @@ SCALARS: Mapping[str, Scalar] = {
         unit="J",
         meaning="net work of the motors",
         within=Within(unit="torque", possible=symmetric(1e4), usual=symmetric(10)),
-        needs_motors=True,
+        needs=(MOTORS, PUSH),
+    ),
+    "damping_loss": Scalar(
+        label="energy that the dampers take",
+        unit="J",
+        within=Within(unit="torque", possible=POSITIVE),
+        of_designs=False,
     ),
     "cost_of_transport": Scalar(
         label="cost of transport",
         meaning="work per weight and step length",
         within=Within(possible=symmetric(1e6), usual=symmetric(10)),
-        needs_motors=True,
+        needs=(MOTORS, PUSH),
     ),
     "absolute_cost_of_transport": Scalar(
         label="absolute cost of transport",
         meaning="integral of |power| of each motor per weight and step length",
         within=Within(possible=(0, 1e6), usual=(0, 10)),
-        needs_motors=True,
+        needs=(MOTORS, PUSH),
     ),
     "torque_squared": Scalar(
         label="integral of squared torques",
         unit="N^2 m^2 s",
         meaning="integral of the squares of the torques",
         within=Within(unit="torque_squared", possible=POSITIVE),
-        needs_motors=True,
+        needs=(MOTORS,),
     ),
     "peak_torque": Scalar(
         label="peak torque",
         unit="N m",
         meaning="largest torque",
         within=Within(unit="torque", possible=POSITIVE, usual=(0, 10)),
-        needs_motors=True,
+        needs=(MOTORS,),
     ),
     "slip_distance": Scalar(
         label="slip distance",
@@ -125,6 +135,7 @@ SCALARS: Mapping[str, Scalar] = {
     ),
 }
 """By the keys of the result, in the order of its tables."""
+DESIGN_SCALARS = tuple(name for name, scalar in SCALARS.items() if scalar.of_designs)
 SLIPLESS_STEP = Within(unit="length", possible=symmetric(2))
 """Of the step length where the foot never slips."""
 

@@ -118,9 +118,10 @@ def _walks(
     history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
     simulator = Simulator(system, p, stepper=make_stepper(system, p, engine))
     candidates = []
-    for n_steps in range(1, job.n_steps + 1):
-        maps = {mode: ReturnMap(simulator, mode, n_steps) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
-        for row, state in _near_returns(history, n_steps, box):
+    sides = system.walker.n_sides()
+    for n_returns in range(1, job.n_steps // sides + 1):
+        maps = {mode: ReturnMap(simulator, mode, n_returns * sides) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
+        for row, state in _near_returns(history, n_returns, box):
             if should_stop():
                 raise KeyboardInterrupt
             mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
@@ -180,6 +181,8 @@ def _guesses(
     job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
+    if system.walker.n_sides() > 1:
+        return [], 0  # a guess is one step, and the cycle of legs that differ has two
     time, n = system.scales(p).time, len(job.problem.walker.section)
     within = {
         name.removeprefix("state."): (span.minimum, span.maximum)
@@ -205,9 +208,9 @@ def _guesses(
 
 def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
     """A simulated cycle, without repetitions, from the smallest of its states in lexical order."""
-    starts = [step.arcs[0].states[0] for step in steps]
-    n = next(k for k in range(1, len(steps) + 1) if len(steps) % k == 0 and _repeats(starts, k))
-    first = min(range(n), key=lambda k: tuple(starts[k]))
+    starts, sides = [step.arcs[0].states[0] for step in steps], system.walker.n_sides()
+    n = next(k for k in range(sides, len(steps) + 1, sides) if len(steps) % k == 0 and _repeats(starts, k))
+    first = min(range(0, n, sides), key=lambda k: tuple(starts[k]))
     turned = [*steps[first:n], *steps[:first]]
     records = [_step_record(step.phases, step.impact.mode) for step in turned if step.impact is not None]
     return {"steps": records, "state": _state_record(system, starts[first]), "parameters": {}, "start": start}

@@ -75,7 +75,7 @@ class ContactResolver:
         self._ground = tuple(contact for contact in system.walker.contacts() if contact is not Mode.FLIGHT)
         self._units = units(system, p)
         self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in system.walker.modes()}
-        self._approach = BufferedFunction(system.approach)
+        self._approach, self._push = BufferedFunction(system.approach), BufferedFunction(system.push)
         self._impacts = {mode: BufferedFunction(system.impact(mode)) for mode in system.walker.modes()}
 
     def mode_at_rest(self, mode: Mode, t: float, z: Array, data: Array) -> Mode | Termination:
@@ -110,6 +110,11 @@ class ContactResolver:
 
     def impact(self, z_minus: Array) -> ImpactRecord | Termination:
         """The impact at touchdown in state ``z_minus``."""
+        if self._system.walker.pushes:
+            p_t, p_n = self._push(z_minus, self._p)[0]
+            if abs(p_t) > self._friction * p_n * (1 + EDGE):
+                words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
+                return Termination(Ending.PUSH_SLIPS, f"{words}, has {self._friction:g}")
         v_n = float(self._approach(z_minus, self._p)[0][0])
         if v_n >= -EDGE * self._units.speed:
             words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
@@ -117,9 +122,9 @@ class ContactResolver:
         released = self._system.walker.released
         candidates = [self._candidate(released(contact), z_minus) for contact in self._ground]
         if self._system.walker.massless_feet:
-            return self._record(candidates[0], candidates[0])
+            return self._record(candidates[0], candidates[0], z_minus)
         chosen = self._consistent_one(candidates)
-        return chosen if isinstance(chosen, Termination) else self._record(*chosen)
+        return chosen if isinstance(chosen, Termination) else self._record(*chosen, z_minus)
 
     def strike(self, mode: Mode, stop: str, z_minus: Array) -> tuple[Mode, Array] | Termination:
         """What the foot does just after a stop has locked in state ``z_minus``, and the state there."""
@@ -174,7 +179,7 @@ class ContactResolver:
         left = {name: falls(name, value, rate, change / LOOK) for name, value, rate, change in rows}
         return {mode.with_contact(onset): left[name] for name, onset in ONSETS.items()}
 
-    def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Termination:
+    def _record(self, chosen: _Candidate, stick: _Candidate, z_minus: Array) -> ImpactRecord | Termination:
         if chosen.lift_velocity <= 0:
             words = f"the former stance foot would move into the ground at {chosen.lift_velocity:.6g} m/s"
             return Termination(Ending.DOUBLE_SUPPORT, f"{words} after an impact with {chosen.mode}")
@@ -186,6 +191,7 @@ class ContactResolver:
             step_length=float(chosen.z_plus[self._n_x]),
             impulse=chosen.impulse,
             stick_impulse=stick.impulse,
+            push_work=float(self._push(z_minus, self._p)[1][0]) if self._system.walker.pushes else 0.0,
         )
 
     def _consistent(self, candidate: _Candidate) -> bool:

@@ -6,6 +6,7 @@ mode follows from the forces, and at touchdown the impact from the impulses. Gam
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -66,6 +67,7 @@ class Simulator:
     max_step_time : longest time from impact to impact [s]; ``MAX_STEP_TIME`` natural units unless given.
     max_switches : largest number of mode switches within a step.
     stepper : what integrates the arcs; scipy's DOP853 unless given.
+    side : which leg stands at parameters ``p``, see ``Walker.side``.
 
     Attributes
     ----------
@@ -87,16 +89,29 @@ class Simulator:
         max_step_time: float | None = None,
         max_switches: int = MAX_SWITCHES,
         stepper: Stepper | None = None,
+        side: int = 0,
     ) -> None:
         p = _finite_vector("parameters", p, system.parameters)
         self.system, self.p = system, p
-        self._max_switches = max_switches
+        self._max_switches, self._max_step_time, self._side = max_switches, max_step_time, side
         self.stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
         self._resolver = ContactResolver(system, p)
         self._units = units(system, p)
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         self._limit = min(longest, system.control.horizon)
         self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
+
+    @cached_property
+    def sides(self) -> tuple["Simulator", ...]:
+        """The simulator itself and, where the legs differ, that of the steps in which the other leg stands."""
+        others = []
+        for side in range(1, self.system.walker.n_sides()):
+            p = self.system.walker.standing(self.p, side)
+            stepper, longest, switches = self.stepper.at(p), self._max_step_time, self._max_switches
+            others.append(
+                Simulator(self.system, p, max_step_time=longest, max_switches=switches, stepper=stepper, side=side)
+            )
+        return (self, *others)
 
     def run(
         self,
@@ -127,7 +142,8 @@ class Simulator:
         while len(made) < steps:
             if should_stop is not None and should_stop():
                 break
-            outcome = self.step(z, dense=dense, number=len(made) + 1)
+            simulator = self.sides[self.system.walker.side(len(made))]
+            outcome = simulator.step(z, dense=dense, number=len(made) + 1)
             if outcome.step is not None:
                 made.append(outcome.step)
             if outcome.step is None or outcome.step.impact is None:
@@ -186,7 +202,7 @@ class Simulator:
             data = self.system.data(moment.segment)
             times, states = sample(self.stepper, self._units, mode, data, moment.time, arrival.time, moment.state)
             states[-1] = arrival.state
-        return Arc(mode=mode, segment=moment.segment, times=times, states=states)
+        return Arc(mode=mode, segment=moment.segment, times=times, states=states, side=self._side)
 
     def _follow(
         self, mode: Mode, moment: _Moment, arrival: Arrival

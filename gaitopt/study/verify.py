@@ -105,11 +105,11 @@ def _margin_claims(gait: Gait) -> Iterator[Claim]:
 
 
 def _energy_claim(gait: Gait) -> Claim:
-    """Energy gained equals motor work plus work of the friction force, phase by phase."""
+    """Energy gained equals work of motors and friction less what dampers take, phase by phase."""
     worst, scale = 0.0, gait.system.scales(gait.p).energy
     for arc in gait.arcs:
         o = observe(gait.system, gait.p, arc)
-        power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1]
+        power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1] - o.loss
         worst = max(worst, abs(o.energy[-1] - o.energy[0] - curves.integral(power, arc.duration)))
         scale = max(scale, abs(o.energy[-1] - o.energy[0]))
     return claim("energy balance", worst / scale, ENERGY_AGREEMENT, "relative")

@@ -56,7 +56,7 @@ function numbersTable(host, gaits, labels) {
     if (values.length === 2) cells.push(values.every((v) => typeof v === "number") ? shown(values[1] - values[0]) : "");
     body.append(html("tr", {}, html("th", { scope: "row" }, words), html("td", {}, unit), ...cells.map((cell) => html("td", { class: "number" }, cell))));
   };
-  const passive = gaits.every((gait) => !gait.scalars.peak_torque);
+  const passive = gaits.every((gait) => !gait.scalars.peak_torque && !gait.scalars.work);
   for (const [key, { words, unit }] of Object.entries(labels.scalars).filter(([key]) => !(passive && labels.motors.includes(key)))) row(words, unit, gaits.map((gait) => gait.scalars[key]));
   const states = [...new Set(gaits.flatMap((gait) => Object.keys(gait.state)))];
   for (const name of states.filter((name) => name !== "x")) {

@@ -56,6 +56,7 @@ class BatchResolver:
             HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in self._modes
         ]
         self._approach = HeyokaRowMap(system.approach, {1: p})
+        self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
         self._contacts = system.walker.contacts()
         self._ground = tuple(mode for mode in self._contacts if not mode.flies)
         self._lifts = not system.walker.flies
@@ -117,6 +118,9 @@ class BatchResolver:
         comes_down = self._approach(states)[0][:, 0] < -EDGE * self._units.speed
         lifts = lift_velocities > 0 if self._lifts else True
         plain = comes_down & (consistent.sum(axis=1) == 1) & lifts & ~self._at_edge(candidates[0][1])
+        if self._push is not None:
+            p_t, p_n = self._push(states)[0].T
+            plain &= np.abs(p_t) < self._friction * p_n
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.impact(states[k])
             if isinstance(decision, ImpactRecord):
