@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
-def asked(problem: str, changes: list[str] | None, console: "Console | None" = None) -> "Problem":
+def load(problem: str, changes: list[str] | None, console: "Console | None" = None) -> "Problem":
     """The problem of a name or a file, with the ``--set`` options applied; what is unusual about it is remarked."""
     from gaitopt.problem import load_problem
 
     stated = load_problem(problem)
-    changed = stated.replace(overrides(changes)) if changes else stated
+    changed = stated.replace(overrides(changes), label="--set ") if changes else stated
     if console is not None:
         for remark in changed.remarks:
             console.print(f"warning: {remark}", soft_wrap=True)
@@ -75,7 +75,7 @@ def gait_of(run: str, changes: list[str] | None, output: Path | None, console: "
 
     if is_folder(run):
         return (*stored_gait(run, changes), False)
-    problem = asked(run, changes, console)
+    problem = load(run, changes, console)
     folder = output or run_folder(problem)
     check_folder(folder, problem)
     if is_complete(folder):
