@@ -18,14 +18,21 @@ GAP = 3
 STABILITY = {True: "stable", False: "unstable"}
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()) -> Table:
+def table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    numbers: Sequence[int] = (),
+    widths: Sequence[int] | None = None,
+) -> Table:
     """A plain table; the columns at ``numbers`` are right-aligned, and words wrap in a narrow terminal."""
     grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     cells = [tuple(row) for row in rows]
     for index, (column, *own) in enumerate(zip(columns, *cells, strict=True)):  # no word is broken or lost
         justify: Literal["right", "left"] = "right" if index in numbers else "left"
-        width = max(map(_longest_word, (column, *own)))
-        grid.add_column(column, justify=justify, overflow="fold", min_width=width)
+        least = max(map(_longest_word, (column, *own)))
+        fixed = None if widths is None else widths[index]
+        grid.add_column(column, justify=justify, overflow="fold", min_width=least, width=fixed)
     for row in cells:
         grid.add_row(*row)
     return grid
@@ -49,15 +56,26 @@ def print_table(
 ) -> None:
     """Print a table; where its words do not fit side by side, every row as a block of lines instead."""
     cells = [tuple(row) for row in rows]
-    widths = [max(map(_longest_word, column)) for column in zip(columns, *cells, strict=True)]
-    if sum(widths) + GAP * (len(widths) - 1) <= console.width:
-        console.print(table(columns, cells, numbers=numbers))
+    widths = _widths(list(zip(columns, *cells, strict=True)), console.width - GAP * (len(columns) - 1))
+    if widths is not None:
+        console.print(table(columns, cells, numbers=numbers, widths=widths))
         return
     for row in cells:
         console.print(row[0], style="bold", soft_wrap=False, overflow="fold")
         for column, cell in list(zip(columns, row, strict=True))[1:]:
             if cell:
                 console.print(f"  {column}: {cell}" if column else f"  {cell}", overflow="fold")
+
+
+def _widths(columns: Sequence[tuple[str, ...]], room: int) -> list[int] | None:
+    """Widths of columns, the widest narrowed until all fit into ``room``; None where their words do not."""
+    least = [max(map(_longest_word, column)) for column in columns]
+    widths = [max(len(line) for cell in column for line in cell.split("\n")) for column in columns]
+    if sum(least) > room:
+        return None
+    while sum(widths) > room:
+        widths[max((k for k, width in enumerate(widths) if width > least[k]), key=widths.__getitem__)] -= 1
+    return widths
 
 
 def _longest_word(text: str) -> int:
