@@ -79,8 +79,6 @@ def find(
             progress=progress,
             should_stop=interrupted,
         )
-    if gaits is None:
-        raise KeyboardInterrupt
     record = {**gaits.to_record(), "run": str(folder)}
     if json:
         print_json(record)

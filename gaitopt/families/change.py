@@ -18,7 +18,7 @@ from gaitopt.families.monitors import MonitorKey, MonitorValue
 from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.segment import Point, Segment, segment_through
 from gaitopt.families.successors import successors
-from gaitopt.mechanics import MARGINS, Cycle, HybridSystem
+from gaitopt.mechanics import MARGINS, Cycle, HybridSystem, ModeSequence
 from gaitopt.nlp.rollout import after_impact, roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
@@ -83,13 +83,20 @@ def alternatives(segment: Segment, point: Point, known: Sequence[Cycle]) -> Iter
     """
     candidates = [cycle for cycle in successors(segment.cycle, _active(point)) if cycle not in known]
     if len(known) == 2:
-        candidates.append(Cycle(known[0].steps + known[1].steps))
+        candidates.append(in_turn(*known))
     for cycle in candidates:
         offsets = (side * distance * segment.metric.span for distance in DISTANCES for side in (1.0, -1.0))
         attempts = (_attempt(segment, point, cycle, offset) for offset in offsets)
         found = next((attempt for attempt in attempts if attempt is not None), None)
         if found is not None and halved_cycle(found[1].gait) is None:
             yield found
+
+
+def in_turn(first: Cycle, second: Cycle) -> Cycle:
+    """Both cycles one after the other; the phases of each still follow the impact that they follow in its own."""
+    (*before, last_of_first), (*after, last_of_second) = first.steps, second.steps
+    joint = ModeSequence(last_of_first.phases, last_of_second.impact)
+    return Cycle((*before, joint, *after, ModeSequence(last_of_second.phases, last_of_first.impact)))
 
 
 def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Point, offset: float) -> bool:
