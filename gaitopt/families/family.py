@@ -96,8 +96,7 @@ def follow_family(
     stored, walks = _walks_done(done), first_walks(start, gait, request)
     for index, walk in enumerate(walks):  # which grow on the way
         own = stored[index] if index < len(stored) else ()
-        for record in own:
-            walks += walk.restored_branches(record)
+        walks += [branch for record in own for branch in walk.restored_branches(record)]
         if own and own[-1].get("type") in TERMINAL:
             continue
         for record in walk.continuer(own, numbers, should_stop).records(with_first=not own):

@@ -242,5 +242,5 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
             if found:
                 return tuple(found)
     if guess.endless is not None:
-        return (missing_event(transcription.layout.cycle, guess.endless),)
+        return (missing_event(transcription.layout.cycle, guess.endless, transcription.system.control),)
     return (largest_residual(transcription, attempt.w, p, residual),)

@@ -52,9 +52,9 @@ def find_durably(
         missing = [job for job in jobs if job.key not in parts]
         with growing(folder, PARTS_FILE) as log:
             for key, part in run_jobs(task, missing, workers, should_stop=should_stop):
-                parts[key] = part if isinstance(part, FailedJob) else {"part": key, **part}
+                parts[key] = part
                 if not isinstance(part, FailedJob):
-                    log.append(parts[key])
+                    log.append({"part": key, **part})
                 if progress is not None:
                     progress(len(parts), len(jobs))
         if len(parts) < len(jobs):
