@@ -109,6 +109,15 @@ def test_the_table_of_a_gait_is_that_of_its_run_folder_bit_by_bit():
     assert ours.to_frame().attrs["units"]["dtheta"] == "rad/s"
 
 
+def test_a_bare_trajectory_has_its_states_as_a_table(walk):
+    trajectory = walk.trajectory
+    frame = trajectory.to_frame()
+    np.testing.assert_array_equal(frame[list(trajectory.names)], walk.to_frame()[list(trajectory.names)])
+    np.testing.assert_array_equal(trajectory.to_xarray()["dtheta1"], frame["dtheta1"])
+    assert (frame.attrs["units"]["dtheta1"], frame["step"].iloc[-1]) == ("rad/s", len(trajectory.steps))
+    assert str(trajectory.ending) in trajectory._repr_html_()
+
+
 @pytest.mark.parametrize("name", ["gait", "walk", "branch", "sweep"])
 def test_datasets_survive_a_file_bit_by_bit(name, branch, walk, swept):
     ours = {"gait": named(WHEEL), "walk": walk, "branch": branch, "sweep": swept[0]}[name].to_xarray()
