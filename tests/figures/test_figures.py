@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
+from matplotlib.contour import ContourSet
 from pictured import SEQUENCES, TORSO, branch, gait
 
 from gaitopt.figures.branches import UNSTABLE, over_parameter
@@ -178,15 +178,21 @@ def heat_map(rows):
     return sweep(Grid(axes), grid_records([v for row in rows for v in row]), "spectral_radius")
 
 
-def test_line_where_stability_is_lost_runs_between_the_cells_and_not_along_what_has_no_gait():
-    figure = heat_map([[0.5, 0.6, None], [0.7, 1.2, 1.3], [0.8, None, 1.4]])
-    (line,) = [found for found in figure.axes[0].collections if isinstance(found, LineCollection)]
-    found = {tuple(map(tuple, np.round(segment, 6))) for segment in line.get_segments()}
-    assert found == {((0.15, 0.005), (0.15, 0.015)), ((0.15, 0.005), (0.25, 0.005))}
+def test_line_where_stability_is_lost_is_where_the_interpolated_radius_is_one():
+    figure = heat_map([[0.85, 0.85, None], [1.05, 1.05, 1.05], [1.25, None, 1.25]])
+    (line,) = [found for found in figure.axes[0].collections if isinstance(found, ContourSet)]
+    (path,) = line.get_paths()
+    assert path.vertices[:, 0] == pytest.approx(0.175)
+    assert (path.vertices[:, 1].min(), path.vertices[:, 1].max() < 0.02) == (0.0, True)  # not to what has no gait
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "spectral radius 1: stability lost",
         "not with these phases",
     ]
+
+
+@pytest.mark.parametrize("rows", [[[0.5, 0.6], [0.7, 0.8]], [[None, None], [None, None]]])
+def test_without_a_loss_of_stability_inside_the_map_there_is_no_line(rows):
+    assert not [found for found in heat_map(rows).axes[0].collections if isinstance(found, ContourSet)]
 
 
 def test_one_gait_of_another_branch_does_not_stretch_the_colours():
