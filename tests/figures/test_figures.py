@@ -259,3 +259,20 @@ def test_labels_lie_inside_the_canvas(drawn):
 
 def test_sweep_without_any_gait_is_drawn():
     assert heat_map([[None, None], [None, None]]).legends
+
+
+@pytest.mark.parametrize("quantity", ["period", "step_length"])
+def test_a_doubled_family_begins_in_the_picture_where_the_period_doubles(quantity):
+    """Its first gaits, of two steps, are joined to the gait of one step at the marker."""
+    one = {**next(r for r in branch() if r["record"] == "point"), quantity: 0.8}
+    points = [{**one, "branch": 0, "index": k, "value": 0.1 + 0.01 * k} for k in range(2)]
+    steps = [{**one, "phases": one["phases"], quantity: 0.8 + side * 0.1} for side in (-1, 1)]
+    doubled = [{**one, "branch": 1, "index": k, "value": 0.12 + 0.01 * k, "steps": steps} for k in range(2)]
+    special = {"record": "special", "branch": 0, "type": "period_doubling", "value": 0.115, "next": [1], "gait": one}
+    axes = over_parameter({"cascade": [*points, special, *doubled]}, "friction", quantity).axes[0]
+    begins = [
+        line.get_ydata()[0]
+        for line in axes.lines
+        if np.ravel(line.get_xdata())[0] == 0.115 and len(line.get_xdata()) > 1
+    ]
+    assert begins == [0.8, 0.8]
