@@ -105,6 +105,7 @@ def gaits_of(
         "starts": {method: sum(part["starts"] for part in done if part["method"] == method) for method in methods},
         "candidates": len(candidates),
         "rejected": rejected,
+        "failed": [part.reason for part in parts if isinstance(part, FailedJob)],
         "n_steps": getattr(problem.modes, "steps", 1),
     }
     return Gaits(

@@ -194,3 +194,22 @@ def test_no_package_takes_the_name_of_a_public_function():
 def test_results_import_neither_figures_nor_pages():
     program = "import sys, gaitopt as go; go.Gait, go.Branch; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+@pytest.mark.slow
+def test_progress_in_a_notebook_is_a_widget_or_nothing(tmp_path):
+    nbformat = pytest.importorskip("nbformat")
+    NotebookClient = pytest.importorskip("nbclient").NotebookClient
+    pytest.importorskip("ipywidgets")
+    program = (
+        f"import gaitopt as go\nproblem = go.load_problem('{WHEEL}')",
+        "gait = go.solve(problem)\nbranch = go.continuation(gait, 'friction', to=0.8, max_points=3)",
+        "gait = go.solve(problem, progress=False)",
+    )
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text) for text in program])
+    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    assert [len(cell.outputs) > 0 for cell in notebook.cells] == [False, True, False]
+    widgets = notebook.metadata["widgets"]["application/vnd.jupyter.widget-state+json"]["state"].values()
+    shown = [str(widget["state"].get("outputs")) for widget in widgets]
+    assert any("iteration 1, violation" in text for text in shown)
+    assert any("gaits, friction = " in text for text in shown)

@@ -14,6 +14,7 @@ from gaitopt.search.distinct import closed, gaits_of
 from gaitopt.search.find import SearchPlan, family_jobs, opened
 from gaitopt.search.neighbours import search_family
 from gaitopt.study.system import build_system
+from gaitopt.workers.jobs import FailedJob
 
 SEQUENCE_A = "slip_forward, stick, slip_backward; stick"
 SEQUENCE_B = "slip_forward, stick; slip_forward"
@@ -81,6 +82,11 @@ def test_a_candidate_that_is_no_gait_is_rejected_with_its_reason():
     gaits = gaits_of(problem, [{"method": "simulation", "starts": 1, "candidates": [wrong]}])
     assert len(gaits) == 0
     assert "needs friction 0.9141" in gaits.searched["rejected"][0]["reason"]
+
+
+def test_a_part_of_the_search_that_failed_is_named(wheel):
+    gaits = gaits_of(wheel.problem, [FailedJob(reason="it took 3 workers with it")])
+    assert (len(gaits), gaits.searched["failed"]) == (0, ["it took 3 workers with it"])
 
 
 def test_an_impact_that_is_asked_for_excludes_the_others():
