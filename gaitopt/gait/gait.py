@@ -137,8 +137,8 @@ class Gait(Moving):
     @property
     def repeats_after(self) -> int:
         """Number of steps after which it repeats itself; fewer than it has where a shorter cycle is walked again."""
-        n = len(self.steps)
-        if n < 2:
+        n, sides = len(self.steps), self.system.walker.n_sides()
+        if n <= sides:
             return n
         steps = self.problem.cycle.steps
         unit = self.system.state_scales(self.system.scales(self.p))
@@ -148,7 +148,7 @@ class Gait(Moving):
             same = steps[k:] == steps[:-k] and np.abs(states[k:] - states[:-k]).max() < REPEATED * np.abs(states).max()
             return n % k == 0 and bool(same)
 
-        return next((k for k in range(1, n) if repeats(k)), n)
+        return next((k for k in range(sides, n, sides) if repeats(k)), n)
 
     def verified(self, verification: Mapping[str, Any]) -> "Gait":
         """The same gait with the record of a verification."""

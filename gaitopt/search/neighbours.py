@@ -57,7 +57,7 @@ def _crossings(gait: Gait, job: SearchJob, to: float, should_stop: Callable[[], 
         verify_every=0,
         branch_points=1,
         mode_changes=1,
-        doublings=job.n_steps // 2,
+        doublings=job.n_steps // (2 * len(gait.steps)),
     )
     before: BranchPoint | None = None
     try:
