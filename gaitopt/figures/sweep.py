@@ -9,13 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
 from gaitopt.runs.grid import Axis, Grid
-
-Array = NDArray[np.float64]
 
 MISSING, FAILED = "#e4e4e4", "#4d4d4d"
 """Where there is no gait: of the cell, and of the cross in it."""

@@ -7,18 +7,16 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Tabulated
 from gaitopt.gait.frames import columns_of, data_frame, data_set
-from gaitopt.gait.quantities import state_unit
 from gaitopt.mechanics import Mode
+from gaitopt.problem.scalars import state_unit
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-Array = NDArray[np.float64]
 
 
 class Ending(StrEnum):
@@ -39,7 +37,7 @@ class Ending(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Arc:
+class Arc(ReadOnlyArrays):
     """A smooth piece of motion: one mode on one segment of the control.
 
     Attributes
@@ -77,7 +75,7 @@ class Arc:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ImpactRecord:
+class ImpactRecord(ReadOnlyArrays):
     """One impact.
 
     Attributes
@@ -133,13 +131,26 @@ class Step:
         return tuple(int(k) for k in np.cumsum([0, *new]))
 
     @property
+    def final_impact(self) -> ImpactRecord:
+        """The impact that ends the step.
+
+        Raises
+        ------
+        ValueError
+            If the motion ended before.
+        """
+        if self.impact is None:
+            raise ValueError("the motion ended before the impact of its last step")
+        return self.impact
+
+    @property
     def period(self) -> float:
         """Time from impact to impact [s]."""
         return self.arcs[-1].end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trajectory(Tabulated):
+class Trajectory(Tabulated, ReadOnlyArrays):
     """Steps of a simulated motion, and why it ended.
 
     Attributes
