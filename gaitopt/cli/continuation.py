@@ -43,8 +43,9 @@ FollowOption = Annotated[
     list[str] | None,
     typer.Option(
         "--follow",
-        metavar="doublings=N",
-        help="Follow the families that begin at period doublings too, N times in turn.",
+        metavar="KIND=N",
+        help="Follow the other branches of special points too, N times in turn; KIND is doublings, branch_points or "
+        "mode_changes. Repeat it.",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object per line, as soon as it is found.")]
@@ -79,6 +80,7 @@ def continue_(
     from gaitopt.runs.branch_run import BranchRun
     from gaitopt.store import writing
 
+    followed = _follow(follow)
     request = Request(
         parameter=param,
         to=tuple(_number(value, "--to") for value in to),
@@ -87,7 +89,9 @@ def continue_(
         max_points=max_points,
         max_seconds=max_seconds,
         verify_every=verify_every,
-        doublings=_doublings(follow),
+        doublings=followed.get("doublings", 0),
+        branch_points=followed.get("branch_points", 0),
+        mode_changes=followed.get("mode_changes", 0),
     )
     console = narration(quiet=quiet)
     start = _start(problem, changes, console)
@@ -128,17 +132,19 @@ def _start(problem: str, changes: list[str] | None, console: "Console") -> "Gait
     return special
 
 
-def _doublings(follow: list[str] | None) -> int:
-    """N of ``--follow doublings=N``."""
+def _follow(texts: list[str] | None) -> dict[str, int]:
+    """Numbers by kind of ``--follow KIND=N``."""
     from gaitopt.cli.options import key_value
+    from gaitopt.families.request import FOLLOWS
 
-    count = 0
-    for text in follow or ():
+    counts = {}
+    for text in texts or ():
         key, value = key_value(text, "--follow")
-        if key != "doublings" or not value.isdecimal():
-            raise typer.BadParameter(f"--follow {text}: write --follow doublings=N with a whole number N")
-        count = int(value)
-    return count
+        if key not in FOLLOWS.values() or not value.isdecimal():
+            kinds = ", ".join(f"{kind}=N" for kind in dict.fromkeys(FOLLOWS.values()))
+            raise typer.BadParameter(f"--follow {text}: write --follow with one of {kinds} and a whole number N")
+        counts[key] = int(value)
+    return counts
 
 
 def _number(text: str, option: str) -> float:
@@ -235,6 +241,12 @@ def _live(console: "Console", parameter: str) -> Iterator[Callable[[Mapping[str,
         yield show
 
 
+def _joint(record: Mapping[str, Any]) -> str:
+    """A special point with the branches that it leads to."""
+    leads = f" -> {', '.join(map(str, record['next']))}" if record["next"] else ""
+    return f"{record['type'].replace('_', ' ')}{leads}"
+
+
 def _event(record: Mapping[str, Any]) -> str:
     name = record["type"].replace("_", " ")
     return name if not record.get("reason") else f"{name}: {record['reason']}"
@@ -259,7 +271,7 @@ def _print_summary(records: list[dict[str, Any]], folder: Path) -> None:
         radii = [point["spectral_radius"] for point in points]
         last = [record for record in records if record["branch"] == number and record["record"] == "special"]
         joints = [r for r in last if r["next"] or r["type"] in TERMINAL]
-        joined = ", ".join(" -> ".join([r["type"].replace("_", " "), *map(str, r["next"])]) for r in joints)
+        joined = "; ".join(map(_joint, joints))
         table.add_row(
             str(number),
             points[0]["sequence"],

@@ -79,8 +79,6 @@ def find(
             progress=progress,
             should_stop=interrupted,
         )
-    if gaits is None:
-        raise KeyboardInterrupt
     record = {**gaits.to_record(), "run": str(folder)}
     if json:
         print_json(record)
@@ -121,6 +119,8 @@ def print_gaits(console: "Console", record: "Mapping[str, Any]") -> None:
         print_list(console, "gaits", record["gaits"])
     for lost in searched["rejected"]:
         console.print(f"no gait: {lost['sequence']}, from {len(lost['starts'])} starts: {lost['reason']}")
+    for reason in searched["failed"]:
+        console.print(f"a part of the search failed: {reason}")
     console.print(f"run: {record['run']}", soft_wrap=True)
 
 

@@ -6,7 +6,7 @@ simulator, which does not know the sequence, walks it. A family may also turn ba
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -18,7 +18,7 @@ from gaitopt.families.monitors import MonitorKey, MonitorValue
 from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.segment import Point, Segment, segment_through
 from gaitopt.families.successors import successors
-from gaitopt.mechanics import MARGINS, Cycle, HybridSystem
+from gaitopt.mechanics import MARGINS, Cycle, HybridSystem, ModeSequence
 from gaitopt.nlp.rollout import after_impact, roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
@@ -81,7 +81,7 @@ def alternatives(segment: Segment, point: Point, known: Sequence[Cycle]) -> Iter
     """
     candidates = [cycle for cycle in successors(segment.cycle, _active(point)) if cycle not in known]
     if len(known) == 2:
-        candidates.append(_in_turn(*known))
+        candidates.append(in_turn(*known))
     for cycle in candidates:
         offsets = (side * distance * segment.metric.span for distance in DISTANCES for side in (1.0, -1.0))
         attempts = (_attempt(segment, point, cycle, offset) for offset in offsets)
@@ -90,10 +90,11 @@ def alternatives(segment: Segment, point: Point, known: Sequence[Cycle]) -> Iter
             yield found
 
 
-def _in_turn(first: Cycle, second: Cycle) -> Cycle:
-    """One cycle after the other; each begins as after its own impact, with which the other then ends."""
-    (*start, last), (*others, end) = first.steps, second.steps
-    return Cycle((*start, replace(last, impact=second.impact), *others, replace(end, impact=first.impact)))
+def in_turn(first: Cycle, second: Cycle) -> Cycle:
+    """Both cycles one after the other; the phases of each still follow the impact that they follow in its own."""
+    (*before, last_of_first), (*after, last_of_second) = first.steps, second.steps
+    joint = ModeSequence(last_of_first.phases, last_of_second.impact)
+    return Cycle((*before, joint, *after, ModeSequence(last_of_second.phases, last_of_first.impact)))
 
 
 def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Point, offset: float) -> bool:

@@ -136,7 +136,7 @@ class Continuer:
                 special = replace(special, gait=gait.verified(confirm(gait).to_record()))
                 if kind == "branch_point":
                     special = replace(special, tangent=self._tangent_through(location))
-                yield self._with_branches(special, name)
+                yield self._halved(special) if name == "slope" else special
 
     def _tangent_through(self, location: Location) -> Array | None:
         """Tangent at a branch point, where that of its gait is undetermined: the mean of those on both sides."""
@@ -145,18 +145,17 @@ class Continuer:
         tangents = [segment.curve.entries(point.curve_point.tangent) for point in sides if point is not None]
         return np.mean(tangents, axis=0) if len(tangents) == len(sides) else None
 
-    def _with_branches(self, special: SpecialPoint, test: str) -> SpecialPoint:
-        """A bifurcation with the branches that begin there, or the end of a doubled family at its origin.
+    @staticmethod
+    def _halved(special: SpecialPoint) -> SpecialPoint:
+        """The end of a doubled family at its origin, where it turns round.
 
-        There the doubled family turns round, and its second half is the first one, begun one cycle later.
+        Its second half is the first one, begun one cycle later.
         """
         assert special.gait is not None
-        cycle, half = special.gait.problem.cycle, halved_cycle(special.gait)
-        if special.type == "branch_point" and test == "slope" and half is not None:
-            return replace(special, type="end", reason=HALVED, before=cycle, after=half)
-        if special.type == "period_doubling" and 2 * len(cycle.steps) <= self._limits.most_steps:
-            return replace(special, next=(next(self._numbers),))
-        return special
+        half = halved_cycle(special.gait) if special.type == "branch_point" else None
+        if half is None:
+            return special
+        return replace(special, type="end", reason=HALVED, before=special.gait.problem.cycle, after=half)
 
     def _bound_crossed(self, point: Point) -> float | None:
         lower, upper = self._limits.lower, self._limits.upper

@@ -8,7 +8,7 @@ from gaitopt.errors import SolveError
 from gaitopt.families.coefficients import with_friction
 from gaitopt.families.continuer import Record
 from gaitopt.families.request import Request, check_request
-from gaitopt.families.walks import Walk, first_walks
+from gaitopt.families.walks import first_walks
 from gaitopt.gait import TERMINAL, Branch, BranchPoint, Gait, SpecialPoint
 
 
@@ -24,6 +24,8 @@ def continuation(
     max_seconds: float | None = None,
     verify_every: int = 10,
     doublings: int = 0,
+    branch_points: int = 0,
+    mode_changes: int = 0,
     progress: Callable[[int, float], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Branch:
@@ -41,7 +43,8 @@ def continuation(
         Their zeros are located as precisely as bifurcations, and are special points of that type.
     max_points, max_seconds : bounds on the work of each walk.
     verify_every : every so many points is confirmed by the simulator.
-    doublings : how many times in turn the family that begins at a period doubling is followed as well.
+    doublings, branch_points, mode_changes : how many times in turn the other branches that begin at such special points
+        on the way are followed as well.
     progress : called after every record with their number and the parameter.
     should_stop : polled before every point.
 
@@ -68,6 +71,8 @@ def continuation(
         max_seconds=max_seconds,
         verify_every=verify_every,
         doublings=doublings,
+        branch_points=branch_points,
+        mode_changes=mode_changes,
     )
     records = list[Record]()
     for record in follow_family(start, request, should_stop=should_stop):
@@ -95,33 +100,16 @@ def follow_family(
     stored, walks = _walks_done(done), first_walks(start, gait, request)
     for index, walk in enumerate(walks):  # which grow on the way
         own = stored[index] if index < len(stored) else ()
-        walks += [
-            walk.doubled(record, *record["next"])
-            for record in own
-            if record.get("type") == "period_doubling" and record["next"]
-        ]
+        walks += [branch for record in own for branch in walk.restored_branches(record)]
         if own and own[-1].get("type") in TERMINAL:
             continue
-        for record in _records(walk, own, numbers, should_stop):
+        for record in walk.continuer(own, numbers, should_stop).records(with_first=not own):
+            if isinstance(record, SpecialPoint):
+                record, begun = walk.branches(record, numbers)
+                walks += begun
             yield record
-            if isinstance(record, SpecialPoint) and record.type == "period_doubling" and record.next:
-                walks.append(walk.doubled(record, *record.next))
         if should_stop is not None and should_stop():
             return
-
-
-def _records(
-    walk: Walk, done: Sequence[Mapping[str, Any]], numbers: Iterator[int], should_stop: Callable[[], bool] | None
-) -> Iterator[Record]:
-    """The records of one walk; one whose beginning is not found, though it has a number, has an end only."""
-    try:
-        continuer = walk.continuer(done, numbers, should_stop)
-    except SolveError as error:
-        if walk.number is None:
-            raise
-        yield walk.failed(str(error))
-        return
-    yield from continuer.records(with_first=not done)
 
 
 def _gait_of(start: Gait | SpecialPoint) -> Gait:

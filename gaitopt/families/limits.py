@@ -20,7 +20,7 @@ class Limits:
     max_points : number of points of all branches together.
     max_seconds : wall time, None without a limit.
     verify_every : every so many points, and every special point, is confirmed by the simulator; 0 for never.
-    most_steps : number of steps of the longest cycle that is followed from a period doubling.
+    follow : how many times in turn the other branches of special points are still followed, see ``Request``.
     largest_length : longest arclength step; the range of the parameter has length one.
     """
 
@@ -30,5 +30,5 @@ class Limits:
     max_points: int = 2000
     max_seconds: float | None = None
     verify_every: int = 10
-    most_steps: int = 1
+    follow: Mapping[str, int] = field(default_factory=dict)
     largest_length: float = LARGEST_LENGTH

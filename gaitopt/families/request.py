@@ -11,6 +11,14 @@ from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.families.bifurcations import BIFURCATIONS, TestFunction
 from gaitopt.gait import TERMINAL, Gait
 
+FOLLOWS = {
+    "period_doubling": "doublings",
+    "branch_point": "branch_points",
+    "mode_change": "mode_changes",
+    "impact_change": "mode_changes",
+}
+"""Which number of a request says how many times in turn the other branches of a special point are followed."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
@@ -24,7 +32,8 @@ class Request:
     events : functions of a gait, continuous along the family, whose zeros are located and named so.
     max_points, max_seconds : bounds on the work of each target.
     verify_every : every so many points is confirmed by the simulator, 0 for none.
-    doublings : how many times in turn the family that begins at a period doubling is followed as well.
+    doublings, branch_points, mode_changes : how many times in turn the other branches that begin at such special points
+        are followed as well.
     """
 
     parameter: str
@@ -36,12 +45,19 @@ class Request:
     max_seconds: float | None = None
     verify_every: int = 10
     doublings: int = 0
+    branch_points: int = 0
+    mode_changes: int = 0
+
+    @property
+    def follow(self) -> dict[str, int]:
+        """The numbers of times by name."""
+        return {name: getattr(self, name) for name in dict.fromkeys(FOLLOWS.values())}
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object, the first line of a stored branch."""
         record = {"record": "continuation", **asdict(replace(self, events={})), "to": list(self.to)}
         del record["events"]  # functions: of a call, not of a file
-        return record if self.doublings else {key: value for key, value in record.items() if key != "doublings"}
+        return {key: value for key, value in record.items() if value or key not in self.follow}
 
 
 def check_request(gait: Gait, request: Request) -> None:

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families.coefficients import coefficient_bounds
 from gaitopt.families.continuer import FIRST_LENGTH, Continuer
 from gaitopt.families.limits import Limits
 from gaitopt.families.records import restored_point, restored_special
-from gaitopt.families.request import Request
+from gaitopt.families.request import FOLLOWS, Request
 from gaitopt.families.segment import Metric
 from gaitopt.families.switching import Beginning, beginnings, started
 from gaitopt.gait import Gait, SpecialPoint
@@ -28,7 +29,6 @@ class Walk:
     metric, limits : what arclength is measured with, and where to stop.
     begin : finds the first gait.
     number : of its first branch, None if no number is reserved for it.
-    origin : the value of the parameter at which it begins.
     """
 
     gait: Gait
@@ -36,7 +36,6 @@ class Walk:
     metric: Metric
     limits: Limits
     begin: Callable[[], Beginning]
-    origin: float
     number: int | None = None
 
     def continuer(
@@ -70,29 +69,42 @@ class Walk:
             should_stop=should_stop,
         )
 
-    def doubled(self, special: SpecialPoint | Record, number: int) -> "Walk":
-        """The walk along the family that begins at a period doubling of this one, with the same limits."""
+    def branches(self, special: SpecialPoint, numbers: Iterator[int]) -> tuple[SpecialPoint, list["Walk"]]:
+        """A special point with the numbers of its other branches, if they are to be followed, and the walks on them."""
+        if not self.limits.follow.get(FOLLOWS.get(special.type, ""), 0):
+            return special, []
+        try:
+            begun = self._beginnings(special)
+        except (ProblemError, SolveError) as error:
+            silent = special.next  # at a change of modes there is mostly one branch that goes on
+            return (special if silent else replace(special, reason=str(error))), []
+        walks = [self._branch(special.type, next(numbers), partial(_given, beginning)) for beginning in begun]
+        following = tuple(walk.number for walk in walks if walk.number is not None)
+        return replace(special, next=special.next + following), walks
 
-        def begin() -> Beginning:
-            point = special
-            if not isinstance(point, SpecialPoint):
-                point = restored_special(self.gait, self.parameter, point)
-            return beginnings(point, self.parameter, self.metric)[0]
+    def restored_branches(self, record: Record) -> list["Walk"]:
+        """The walks along the other branches of a stored special point."""
+        kind = record.get("type", "")
+        if kind not in FOLLOWS:
+            return []
+        own = 1 if "to" in record else 0  # of a change, the first number is that of the known family
+        return [
+            self._branch(kind, number, partial(self._restored_beginning, record, index))
+            for index, number in enumerate(record["next"][own:])
+        ]
 
-        return Walk(
-            gait=self.gait,
-            parameter=self.parameter,
-            metric=self.metric,
-            limits=self.limits,
-            begin=begin,
-            origin=special.value if isinstance(special, SpecialPoint) else special["value"],
-            number=number,
-        )
+    def _restored_beginning(self, record: Record, index: int) -> Beginning:
+        return self._beginnings(restored_special(self.gait, self.parameter, record))[index]
 
-    def failed(self, reason: str) -> SpecialPoint:
-        """The end of a walk whose first gait is not found."""
-        assert self.number is not None
-        return SpecialPoint(branch=self.number, type="end", value=self.origin, status="guess", reason=reason)
+    def _beginnings(self, special: SpecialPoint) -> list[Beginning]:
+        """The first gaits of the other branches through a special point, as far as they are within the limits."""
+        begun = beginnings(special, self.parameter, self.metric)
+        return [(segment, point) for segment, point in begun if self.limits.lower < point.value < self.limits.upper]
+
+    def _branch(self, kind: str, number: int, begin: Callable[[], Beginning]) -> "Walk":
+        follow = self.limits.follow
+        left = {**follow, FOLLOWS[kind]: follow[FOLLOWS[kind]] - 1}
+        return replace(self, begin=begin, number=number, limits=replace(self.limits, follow=left))
 
 
 def first_walks(start: Gait | SpecialPoint, gait: Gait, request: Request) -> list[Walk]:
@@ -105,22 +117,22 @@ def first_walks(start: Gait | SpecialPoint, gait: Gait, request: Request) -> lis
     if isinstance(start, SpecialPoint):
         metric = Metric.of(gait, gait.period, max(spans))
         found = beginnings(replace(start, gait=gait), request.parameter, metric)
-        limits = [_limits(gait, request, request.to, len(segment.cycle.steps)) for segment, _ in found]
+        limits = _limits(gait, request, request.to)
         walks: list[tuple[Metric, Limits, Callable[[], Beginning]]] = [
-            (metric, own, partial(_given, beginning)) for beginning, own in zip(found, limits, strict=True)
+            (metric, limits, partial(_given, beginning)) for beginning in found
         ]
     else:
         metrics = [Metric.of(gait, gait.period, span) for span in spans]
         walks = [
             (
                 metric,
-                _limits(gait, request, (to,), len(gait.steps)),
+                _limits(gait, request, (to,)),
                 partial(started, gait, request.parameter, metric, 1.0 if to > value else -1.0),
             )
             for to, metric in zip(request.to, metrics, strict=True)
         ]
     return [
-        Walk(gait=gait, parameter=request.parameter, metric=metric, limits=limits, begin=begin, origin=value)
+        Walk(gait=gait, parameter=request.parameter, metric=metric, limits=limits, begin=begin)
         for metric, limits, begin in walks
     ]
 
@@ -129,7 +141,7 @@ def _given(beginning: Beginning) -> Beginning:
     return beginning
 
 
-def _limits(gait: Gait, request: Request, targets: Sequence[float], n_steps: int) -> Limits:
+def _limits(gait: Gait, request: Request, targets: Sequence[float]) -> Limits:
     """Bounds at the targets, and as far on the other side unless the request has bounds of its own."""
     value = float(gait.p[gait.system.parameters.index(request.parameter)])
     least, largest = coefficient_bounds(gait, request.parameter)
@@ -144,5 +156,5 @@ def _limits(gait: Gait, request: Request, targets: Sequence[float], n_steps: int
         max_points=request.max_points,
         max_seconds=request.max_seconds,
         verify_every=request.verify_every,
-        most_steps=n_steps * 2**request.doublings,
+        follow=request.follow,
     )

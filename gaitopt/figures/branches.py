@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, HEIGHT, NEUTRAL, entry, legend_below, panels
@@ -145,6 +146,12 @@ def _heights(point: Record, quantity: str) -> list[float]:
     return [point[quantity]]
 
 
+def _same_length(heights: Sequence[list[float]]) -> NDArray[np.float64]:
+    """One row per gait; where a doubled family begins, the cycle of its origin counts twice."""
+    most = max(map(len, heights))
+    return np.array([own * (most // len(own)) for own in heights])
+
+
 def _order(point: Record) -> tuple[int, int]:
     return point["branch"], point["index"]
 
@@ -152,7 +159,7 @@ def _order(point: Record) -> tuple[int, int]:
 def _draw(axes: Axes, branch: Sequence[Record], quantity: str, colour: str) -> None:
     """One branch in runs of equal stability; neighbouring runs share a point, so that no gap opens between them."""
     values = np.array([point["value"] for point in branch])
-    heights = np.array([_heights(point, quantity) for point in branch])
+    heights = _same_length([_heights(point, quantity) for point in branch])
     stable = np.array([is_stable(point) for point in branch])
     cuts = [0, *(np.flatnonzero(np.diff(stable)) + 1), len(branch)]
     for first, last in pairwise(cuts):

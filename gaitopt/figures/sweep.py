@@ -7,7 +7,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -15,8 +14,6 @@ from gaitopt.arrays import Array
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
 from gaitopt.runs.grid import Axis, Grid
-
-Segment = tuple[tuple[float, float], tuple[float, float]]
 
 MISSING, FAILED = "#e4e4e4", "#4d4d4d"
 """Where there is no gait: of the cell, and of the cross in it."""
@@ -34,6 +31,8 @@ BOUNDARY = 1.0
 
 def sweep(grid: Grid, records: Sequence[Mapping[str, Any]], scalar: str, *, searched: bool = False) -> Figure:
     """A scalar over the whole grid; crosses where there is no gait, and a line where the spectral radius is one.
+
+    Between neighbouring points the spectral radius is interpolated for that line.
 
     Parameters
     ----------
@@ -101,10 +100,10 @@ def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, radii: Arra
     figure.colorbar(drawn, ax=axes, label=str(label(scalar)), extend=extend)
     failed = np.argwhere(np.isnan(values))
     axes.plot(first[failed[:, 0]], second[failed[:, 1]], "x", color=FAILED, markeredgewidth=1.2, markersize=4)
-    border = _border(first, second, radii)
-    if not border:
+    known = radii[np.isfinite(radii)]
+    if min(radii.shape) < 2 or not known.size or not known.min() < BOUNDARY < known.max():
         return []
-    axes.add_collection(LineCollection(border, colors=LOST, linewidths=2, capstyle="projecting"))
+    axes.contour(first, second, np.ma.masked_invalid(radii.T), levels=[BOUNDARY], colors=LOST, linewidths=2)
     return [entry("spectral radius 1: stability lost", color=LOST, linewidth=2)]
 
 
@@ -117,26 +116,6 @@ def _limits(values: Array) -> tuple[float, float]:
         return middle - half, middle + half
     low, high = np.percentile(known, OUTLYING), np.percentile(known, 100 - OUTLYING)
     return float(max(known.min(), 2 * low - high)), float(min(known.max(), 2 * high - low))
-
-
-def _border(first: Array, second: Array, values: Array) -> list[Segment]:
-    """Edges between a cell with a stable gait and one with an unstable gait.
-
-    Neighbours may be on different branches, so that nothing is interpolated between them.
-    """
-    x, y = _edges(first), _edges(second)
-    stable, known = values < BOUNDARY, np.isfinite(values)
-    across = (stable[1:] != stable[:-1]) & known[1:] & known[:-1]
-    along = (stable[:, 1:] != stable[:, :-1]) & known[:, 1:] & known[:, :-1]
-    upright = [((x[i + 1], y[j]), (x[i + 1], y[j + 1])) for i, j in np.argwhere(across)]
-    level = [((x[i], y[j + 1]), (x[i + 1], y[j + 1])) for i, j in np.argwhere(along)]
-    return upright + level
-
-
-def _edges(centres: Array) -> Array:
-    """Where the cells around equidistant values begin and end."""
-    half = (centres[-1] - centres[0]) / max(2 * (centres.size - 1), 1)
-    return np.linspace(centres[0] - half, centres[-1] + half, centres.size + 1)
 
 
 def _value(record: Mapping[str, Any], scalar: str) -> float:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
+REPEATED = 1e-6
+"""Largest difference of the states of steps that are the same, relative to the largest coordinate in natural units."""
+
 
 class Status(StrEnum):
     """Whether a result may be trusted."""
@@ -135,6 +138,22 @@ class Gait(Moving, ReadOnlyArrays):
     def spectral_radius(self) -> float | None:
         """Largest modulus of the multipliers; below one the gait is stable."""
         return float(np.abs(self.multipliers[0])) if self.multipliers.size else None
+
+    @property
+    def repeats_after(self) -> int:
+        """Number of steps after which it repeats itself; fewer than it has where a shorter cycle is walked again."""
+        n, sides = len(self.steps), self.system.walker.n_sides()
+        if n <= sides:
+            return n
+        steps = self.problem.cycle.steps
+        unit = self.system.state_scales(self.system.scales(self.p))
+        states = np.array([step.arcs[0].states[0] for step in self.steps]) / unit
+
+        def repeats(k: int) -> bool:
+            same = steps[k:] == steps[:-k] and np.abs(states[k:] - states[:-k]).max() < REPEATED * np.abs(states).max()
+            return n % k == 0 and bool(same)
+
+        return next((k for k in range(sides, n, sides) if repeats(k)), n)
 
     def scalar(self, name: str) -> float:
         """A measure, ``spectral_radius``, ``state.NAME`` or a parameter by its key; NaN where it is not defined.

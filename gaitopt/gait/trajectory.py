@@ -1,13 +1,22 @@
 """Motion as data: arcs of one mode, steps that end with an impact, and trajectories of many steps."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.display import Tabulated
+from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.mechanics import Mode
+from gaitopt.problem.scalars import state_unit
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 
 class Ending(StrEnum):
@@ -141,17 +150,19 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trajectory(ReadOnlyArrays):
+class Trajectory(Tabulated, ReadOnlyArrays):
     """Steps of a simulated motion, and why it ended.
 
     Attributes
     ----------
+    names : of the states.
     start : ndarray, shape (n_z,) - state after impact from which it started.
     steps : complete steps, and at the end perhaps an incomplete one.
     ending : the named ending.
     message : the same in words, with time and state.
     """
 
+    names: tuple[str, ...]
     start: Array
     steps: tuple[Step, ...]
     ending: Ending
@@ -164,3 +175,32 @@ class Trajectory(ReadOnlyArrays):
     def section_states(self) -> Array:
         """States just after each impact, the start first; shape (n_impacts + 1, n_z)."""
         return np.vstack([self.start, *(step.impact.state for step in self.steps if step.impact is not None)])
+
+    def to_frame(self) -> "DataFrame":
+        """The states as a pandas data frame: time from the start, step from 1, mode; units in ``attrs["units"]``.
+
+        Forces and torques, which take the parameters, are in the data frame of a walk.
+        """
+        return data_frame(self._header, self._rows(), self._units, ending=str(self.ending))
+
+    def to_xarray(self) -> "Dataset":
+        """The same as an xarray dataset over ``sample``, with units as attributes."""
+        columns = columns_of(self._header, self._rows())
+        variables = {name: (("sample",), values) for name, values in columns.items()}
+        return data_set(variables, {"t": variables.pop("t")}, self._units, ending=str(self.ending))
+
+    @property
+    def _header(self) -> tuple[str, ...]:
+        return ("t", "step", "mode", *self.names)
+
+    @property
+    def _units(self) -> dict[str, str]:
+        return {"t": "s"} | {name: state_unit(name) for name in self.names}
+
+    def _rows(self) -> Iterator[tuple[float | int | str, ...]]:
+        began = 0.0
+        for number, step in enumerate(self.steps, start=1):
+            for arc in step.arcs:
+                for t, state in zip(arc.times.tolist(), arc.states.tolist(), strict=True):
+                    yield (began + t, number, str(arc.mode), *state)
+            began += step.period

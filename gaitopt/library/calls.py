@@ -76,6 +76,8 @@ def continuation(
     max_seconds: float | None = None,
     verify_every: int = 10,
     doublings: int = 0,
+    branch_points: int = 0,
+    mode_changes: int = 0,
     progress: Follower = True,
     should_stop: Stop = None,
 ) -> Branch:
@@ -93,7 +95,8 @@ def continuation(
         Their zeros are located as precisely as bifurcations, and are special points of that type.
     max_points, max_seconds : bounds on the work.
     verify_every : every so many points is confirmed by the simulator.
-    doublings : how many times in turn the family that begins at a period doubling is followed as well.
+    doublings, branch_points, mode_changes : how many times in turn the other branches that begin at such special points
+        on the way are followed as well.
     progress : whether to show it, or a function of the number of points and the parameter.
     should_stop : polled before every point.
 
@@ -123,6 +126,8 @@ def continuation(
             max_seconds=max_seconds,
             verify_every=verify_every,
             doublings=doublings,
+            branch_points=branch_points,
+            mode_changes=mode_changes,
             progress=show,
             should_stop=should_stop,
         )

@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.console import Console
 
-from gaitopt.gait import TERMINAL, Branch, Gait
+from gaitopt.gait import TERMINAL, Branch, Gait, Trajectory
 from gaitopt.library.quantities import number
 from gaitopt.library.tables import (
     print_gait,
@@ -15,6 +15,7 @@ from gaitopt.library.tables import (
     print_walk,
     section,
 )
+from gaitopt.mechanics.modes import in_words
 from gaitopt.problem import Problem
 from gaitopt.runs.basin_tiles import Basin
 from gaitopt.runs.front import Front
@@ -52,6 +53,22 @@ def _(result: Gait, console: Console) -> None:
 @print_result.register
 def _(result: Walk, console: Console) -> None:
     print_walk(console, result.to_record())
+
+
+@print_result.register
+def _(result: Trajectory, console: Console) -> None:
+    rows = [
+        (
+            str(k),
+            in_words(mode for mode, _ in step.phases),
+            "-" if step.impact is None else str(step.impact.mode),
+            number(step.period),
+            "-" if step.impact is None else number(step.impact.step_length),
+        )
+        for k, step in enumerate(result.steps, start=1)
+    ]
+    section(console, "steps", ("", "phases", "impact", "time [s]", "length [m]"), rows, numbers=(0, 3, 4))
+    console.print(result.message)
 
 
 @print_result.register

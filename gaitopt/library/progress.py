@@ -35,7 +35,9 @@ def library_console(*, shown: bool) -> Console:
 
 
 def _is_live(console: Console) -> bool:
-    """Whether a bar can be drawn again and again; in a notebook that takes ipywidgets."""
+    """Whether a bar is to be shown and can be drawn again and again; in a notebook that takes ipywidgets."""
+    if console.quiet:  # a widget would be there all the same, though empty
+        return False
     return find_spec("ipywidgets") is not None if console.is_jupyter else console.is_terminal
 
 
@@ -66,9 +68,8 @@ def following(
     console: Console, what: str, words: Callable[[int, float], str]
 ) -> Iterator[Callable[[int, float], None]]:
     """Give a callback whose numbers are shown in words beside a clock."""
-    with Progress(
-        TextColumn("{task.description}", markup=False), TimeElapsedColumn(), console=console, transient=True
-    ) as progress:
+    columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
         bar = progress.add_task(what, total=None)
         yield lambda count, value: progress.update(bar, description=f"{what}  {words(count, value)}")
 

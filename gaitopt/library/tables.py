@@ -141,7 +141,7 @@ def print_verification(console: Console, record: Mapping[str, Any]) -> None:
         (
             c["name"],
             f"{c['figure']:.2g}" if c["figure"] is not None else "-",
-            f"{c['tolerance']:g}",
+            f"{c['tolerance']:.2g}",
             _verdict(c),
             c["note"],
         )

@@ -7,7 +7,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Cause
-from gaitopt.mechanics import Cycle, ending_margin, margin
+from gaitopt.mechanics import Control, Cycle, ending_margin, margin
 from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.mechanics.margins import PUSH
 from gaitopt.nlp.transcription import Transcription
@@ -58,11 +58,15 @@ def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
     return None
 
 
-def missing_event(cycle: Cycle, phase: int) -> Cause:
-    """Why a phase of the guess does not end as the sequence wants it to."""
+def missing_event(cycle: Cycle, phase: int, control: Control) -> Cause:
+    """Why a phase of the guess does not end as the sequence requires; a reference that is over first is to blame."""
     ending = ending_margin(cycle.phases[phase], cycle.after(phase))
     words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
-    return Cause(what=ending, words=words, phase=phase, step=cycle.step_of(phase))
+    what, end = ending, None
+    if ending == "touchdown" and control.breakpoints and np.isinf(control.horizon):
+        what, end = "reference", control.breakpoints[-1]
+        words = f"{words}: the reference is too short, it ends {end:.4g} s after the impact"
+    return Cause(what=what, words=words, phase=phase, step=cycle.step_of(phase), time=end, available=end)
 
 
 def largest_residual(problem: Transcription, w: Array, p: Array, residual: Array) -> Cause:

@@ -5,7 +5,7 @@ Where the guess is not plainly next to a gait, or the gait there violates a marg
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -185,7 +185,7 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
             solver=solver,
             causes=wrong,
         )
-    return assemble_gait(
+    gait = assemble_gait(
         problem,
         refined.transcription,
         refined.at,
@@ -193,6 +193,15 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
         message=attempt.words,
         solver=solver,
     )
+    repetition = _repetition(gait)
+    return replace(gait, message=f"{gait.message}; {repetition}") if repetition else gait
+
+
+def _repetition(gait: Gait) -> str:
+    """That a cycle is a shorter one walked several times; nothing for any other."""
+    n, shorter = len(gait.steps), gait.repeats_after
+    words = "every step" if shorter == 1 else f"{shorter} steps"
+    return f"the cycle of {n} steps repeats itself after {words}" if shorter < n else ""
 
 
 @overflow_allowed()
@@ -231,5 +240,5 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
             if violated:
                 return tuple(violated)
     if guess.endless is not None:
-        return (missing_event(transcription.layout.cycle, guess.endless),)
+        return (missing_event(transcription.layout.cycle, guess.endless, transcription.system.control),)
     return (largest_residual(transcription, attempt.w, p, residual),)

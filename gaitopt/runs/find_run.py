@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt.problem import Problem
-from gaitopt.search.candidates import search_part
-from gaitopt.search.distinct import Gaits, gaits_of
-from gaitopt.search.find import STARTS, Within, opened, search_jobs
+from gaitopt.search.distinct import Gaits
+from gaitopt.search.find import STARTS, Part, SearchPlan, Task, Within, opened, search
 from gaitopt.store import growing, stored_lines
 from gaitopt.store.records import validated
-from gaitopt.workers.jobs import FailedJob, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 PARTS_FILE = "find.jsonl"
 
@@ -36,32 +35,34 @@ def find_durably(
     within: Within | None = None,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> Gaits | None:
-    """As ``find``, with the parts of the search kept in ``folder``, held for writing by the caller; None if stopped.
+) -> Gaits:
+    """As ``find``, with the parts of the search kept in ``folder``, held for writing by the caller.
 
     Raises
     ------
     StorageError
         If the disk is full, or what the folder holds is broken; finished parts are kept.
+    KeyboardInterrupt
+        If ``should_stop`` said so.
     """
-    asked = opened(problem)
-    jobs = search_jobs(asked, starts=starts, seed=seed, within=within or {})
     known = _stored(folder)
-    parts = {job.key: known[job.key] for job in jobs if job.key in known}
-    lost: dict[str, FailedJob] = {}
-    missing = [job for job in jobs if job.key not in parts]
-    with growing(folder, PARTS_FILE) as log:
-        for key, part in run_jobs(search_part, missing, workers, should_stop=should_stop):
-            if isinstance(part, FailedJob):
-                lost[key] = part
-            else:
-                parts[key] = {"part": key, **part}
-                log.append(parts[key])
-            if progress is not None:
-                progress(len(parts) + len(lost), len(jobs))
-    if len(parts) + len(lost) < len(jobs):
-        return None
-    return gaits_of(asked, [parts[job.key] for job in jobs if job.key in parts], should_stop=should_stop)
+
+    def run(task: Task, jobs: list[Job]) -> list[Part]:
+        parts: dict[str, Part] = {job.key: known[job.key] for job in jobs if job.key in known}
+        missing = [job for job in jobs if job.key not in parts]
+        with growing(folder, PARTS_FILE) as log:
+            for key, part in run_jobs(task, missing, workers, should_stop=should_stop):
+                parts[key] = part
+                if not isinstance(part, FailedJob):
+                    log.append({"part": key, **part})
+                if progress is not None:
+                    progress(len(parts), len(jobs))
+        if len(parts) < len(jobs):
+            raise KeyboardInterrupt
+        return [parts[job.key] for job in jobs]
+
+    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
+    return search(plan, run, should_stop=should_stop)
 
 
 def _stored(folder: Path) -> dict[str, dict[str, Any]]:

@@ -38,7 +38,7 @@ def restore_walk(folder: Path) -> Walk:
         steps = tuple(_steps(system, p, arcs, impacts))
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: walk.json or walk.csv does not hold a walk ({error!r})") from error
-    trajectory = Trajectory(start=start, steps=steps, ending=ending, message=message)
+    trajectory = Trajectory(names=system.state_names, start=start, steps=steps, ending=ending, message=message)
     return Walk(problem=problem, system=system, p=p, trajectory=trajectory, gait_states=np.array(gait))
 
 

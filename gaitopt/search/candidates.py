@@ -18,7 +18,7 @@ from gaitopt.nlp import free_parameters
 from gaitopt.nlp.complementarity.program import Complementarity, Proposal
 from gaitopt.nlp.complementarity.swing import shapes_before, swing
 from gaitopt.orbit import ReturnMap, damped_fixed_point
-from gaitopt.problem import OpenSequence, Problem
+from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
 from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.study.return_map import step_map
@@ -62,19 +62,18 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchJob:
-    """A part of a search: ``number`` distinguishes the samples of its parts."""
+    """A part of a search for cycles of up to ``n_steps``.
+
+    ``number`` distinguishes the samples of its parts, ``parameter`` is that of a family.
+    """
 
     problem: Problem
     method: str
     number: int
     seed: int
     within: Mapping[str, tuple[float, float]]
-
-    @property
-    def n_steps(self) -> int:
-        """Length of the longest cycle that is looked for."""
-        modes = self.problem.modes
-        return modes.steps if isinstance(modes, OpenSequence) else 1
+    parameter: str = ""
+    n_steps: int = 1
 
 
 def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
@@ -189,31 +188,44 @@ def _guesses(
         for name, span in job.problem.constraints.items()
         if name.startswith("state.")
     }
-    program = Complementarity(
-        system, p, TYPICAL_PERIOD * time, free_parameters(job.problem, system), within, should_stop=should_stop
-    )
-    xi = rng.uniform(box.lower, box.upper, (GUESSES, box.lower.size))
-    if not box.given:
-        _turn_forward(system, p, xi)
-    candidates = []
-    for number, shape in enumerate(xi[:, :n]):
-        period = float(time * np.exp(rng.uniform(*np.log(PERIODS))))
-        result = program.solve(*swing(system, p, shape, period), period)
-        if result is Status.INTERRUPTED:
-            raise KeyboardInterrupt
-        if isinstance(result, Proposal):
-            candidates.append(_proposal_record(system, result, f"{job.method} {job.number}.{number}"))
-    return candidates, GUESSES
+    free, candidates = free_parameters(job.problem, system), list[Record]()
+    for n_steps in range(1, job.n_steps + 1):
+        program = Complementarity(
+            system, p, TYPICAL_PERIOD * time, free, within, n_steps=n_steps, should_stop=should_stop
+        )
+        xi = rng.uniform(box.lower, box.upper, (GUESSES * n_steps, box.lower.size))
+        if not box.given:
+            _turn_forward(system, p, xi)
+        for number, shapes in enumerate(np.split(xi[:, :n], GUESSES)):
+            period = float(time * np.exp(rng.uniform(*np.log(PERIODS))))
+            result = program.solve(*swing(system, p, shapes, period), period)
+            if result is Status.INTERRUPTED:
+                raise KeyboardInterrupt
+            if isinstance(result, Proposal):
+                start = f"{job.method} {job.number}.{number}"
+                candidates.append(_proposal_record(system, result, start))
+    return candidates, GUESSES * job.n_steps
 
 
 def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
     """A simulated cycle, without repetitions, from the smallest of its states in lexical order."""
-    starts, sides = [step.arcs[0].states[0] for step in steps], system.walker.n_sides()
-    n = next(k for k in range(sides, len(steps) + 1, sides) if len(steps) % k == 0 and _repeats(starts, k))
-    first = min(range(0, n, sides), key=lambda k: tuple(starts[k]))
+    records = [_step_record(step.phases, step.impact.mode) for step in steps if step.impact is not None]
+    return _cycle_record(system, records, [step.arcs[0].states[0] for step in steps], {}, start)
+
+
+def _cycle_record(
+    system: HybridSystem, steps: Sequence[Record], states: Sequence[Array], freed: Mapping[str, float], start: str
+) -> Record:
+    sides = system.walker.n_sides()
+    n = next(k for k in range(sides, len(steps) + 1, sides) if len(steps) % k == 0 and _repeats(states, k))
+    first = min(range(0, n, sides), key=lambda k: tuple(states[k]))
     turned = [*steps[first:n], *steps[:first]]
-    records = [_step_record(step.phases, step.impact.mode) for step in turned if step.impact is not None]
-    return {"steps": records, "state": _state_record(system, starts[first]), "parameters": {}, "start": start}
+    return {
+        "steps": turned,
+        "state": _state_record(system, states[first]),
+        "parameters": dict(freed),
+        "start": start,
+    }
 
 
 def _repeats(states: Sequence[Array], n: int) -> bool:
@@ -223,13 +235,11 @@ def _repeats(states: Sequence[Array], n: int) -> bool:
 
 
 def _proposal_record(system: HybridSystem, proposal: Proposal, start: str) -> Record:
-    phases = tuple(zip(proposal.sequence.phases, proposal.durations, strict=True))
-    return {
-        "steps": [_step_record(phases, proposal.sequence.impact)],
-        "state": _state_record(system, proposal.state),
-        "parameters": dict(proposal.freed),
-        "start": start,
-    }
+    steps = [
+        _step_record(tuple(zip(step.phases, durations, strict=True)), step.impact)
+        for step, durations in zip(proposal.cycle.steps, proposal.durations, strict=True)
+    ]
+    return _cycle_record(system, steps, list(proposal.states), proposal.freed, start)
 
 
 def _step_record(phases: Sequence[tuple[Mode, float]], impact: Mode) -> Record:

@@ -66,6 +66,7 @@ def gaits_of(
     problem: Problem,
     parts: Sequence[Record | FailedJob],
     *,
+    known: Sequence[Gait] = (),
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Gaits:
@@ -73,6 +74,7 @@ def gaits_of(
 
     Parameters
     ----------
+    known : gaits that need not be solved again.
     progress, should_stop : of the solver, see ``solve``.
 
     Raises
@@ -83,31 +85,33 @@ def gaits_of(
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
     groups = list(_grouped(problem, [c for c in candidates if _is_wanted(problem, c)]))
-    found: list[tuple[Gait, list[str]]] = []
+    listed: list[tuple[Gait, list[str]]] = []
     rejected = []
     for group in groups:
         starts = [candidate["start"] for candidate in group]
-        gait = _solved(problem, group[:ATTEMPTS], progress, should_stop)
-        known = next((entry for entry in found if _same_gait(entry[0], gait)), None)
+        gait = next((gait for gait in known if _same(problem, gait.to_record(), group[0])), None)
+        gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
+        same = next((entry for entry in listed if _same_gait(entry[0], gait)), None)
         if not gait.converged or not (gait.verification or {}).get("passed"):
             words = gait.message if not gait.converged else "the simulator does not confirm it"
             rejected.append({"sequence": str(gait.problem.cycle), "reason": words, "starts": starts})
-        elif known is not None:
-            known[1].extend(starts)
+        elif same is not None:
+            same[1].extend(starts)
         else:
-            found.append((gait, starts))
-    found.sort(key=lambda entry: _rank(entry[0]))
+            listed.append((gait, starts))
+    listed.sort(key=lambda entry: _rank(entry[0]))
     methods = dict.fromkeys(part["method"] for part in done)
     searched = {
         "starts": {method: sum(part["starts"] for part in done if part["method"] == method) for method in methods},
         "candidates": len(candidates),
         "rejected": rejected,
+        "failed": [part.reason for part in parts if isinstance(part, FailedJob)],
         "n_steps": getattr(problem.modes, "steps", 1),
     }
     return Gaits(
         problem=problem,
-        gaits=tuple(gait for gait, _ in found),
-        starts=tuple(tuple(starts) for _, starts in found),
+        gaits=tuple(gait for gait, _ in listed),
+        starts=tuple(tuple(starts) for _, starts in listed),
         searched=searched,
     )
 
@@ -139,6 +143,10 @@ def _solved(
     """The gait of the first candidate that leads to one, verified; or the last attempt."""
     for candidate in candidates:
         gait = solve_sequence(closed(problem, candidate), progress=progress, should_stop=should_stop)
+        if gait.repeats_after < len(gait.steps):  # a shorter cycle, which is counted once
+            record = gait.to_record()
+            shorter = record | {"steps": record["steps"][: gait.repeats_after]}
+            gait = solve_sequence(closed(problem, shorter), progress=progress, should_stop=should_stop)
         if gait.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if gait.converged:
@@ -148,7 +156,8 @@ def _solved(
 
 def _is_wanted(problem: Problem, candidate: Record) -> bool:
     impact = getattr(problem.modes, "impact", None)
-    return impact is None or impact in [step["impact"] for step in candidate["steps"]]
+    short = len(candidate["steps"]) <= getattr(problem.modes, "steps", 1)
+    return short and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
 
 
 def _grouped(problem: Problem, candidates: list[Record]) -> Iterator[list[Record]]:

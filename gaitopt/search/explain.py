@@ -1,11 +1,12 @@
 """Why a problem has no gait with its mode sequence, what there is instead, and what would have to change."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Cause, Gait, Status
+from gaitopt.nlp import free_parameters
 from gaitopt.problem import Problem
 from gaitopt.search.distinct import Gaits
 from gaitopt.search.find import STARTS, find
@@ -32,7 +33,8 @@ class Explanation:
     causes : violated conditions, the decisive one first.
     instead : gaits of any mode sequence at these parameters.
     walk : what the simulator does from the guess, None where there is no guess.
-    nearest : values of single parameters at which the mode sequence begins to exist.
+    nearest : values of single parameters at which the mode sequence begins to exist; of a design, the other free
+        numbers are those of the attempt.
     """
 
     problem: Problem
@@ -93,11 +95,13 @@ def explain(
     instead = find(problem, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
     nearest, changed = list[Nearest](), list[str]()
-    if not problem.is_open and not problem.free:
+    given = _given(problem, gait)
+    if given is not None:
         say("following families of gaits to where the mode sequence begins")
         own = own_gait(problem, should_stop)
         changed = [] if own is None else changed_parameters(problem, own)
-        nearest = nearest_values(problem, own, instead, should_stop)
+        others = instead if given is problem else _others(given, starts, seed, workers, should_stop)
+        nearest = nearest_values(given, own, others, problem.free, should_stop)
     return Explanation(
         problem=problem,
         gait=gait,
@@ -107,6 +111,28 @@ def explain(
         walk=walk,
         nearest=tuple(nearest),
     )
+
+
+def _given(problem: Problem, gait: Gait) -> Problem | None:
+    """The problem with its free numbers as in the attempt, and nothing required of them; None without a sequence.
+
+    A curve that is to be designed has no numbers that could be given one by one.
+    """
+    if problem.is_open or free_parameters(problem, gait.system).keys() != problem.free.keys():
+        return None
+    if not problem.free:
+        return problem
+    values = dict(zip(gait.system.parameters, map(float, gait.p), strict=True))
+    return replace(problem, free={}, objective={}, constraints={}).replace({key: values[key] for key in problem.free})
+
+
+def _others(
+    given: Problem, starts: int, seed: int, workers: int, should_stop: Callable[[], bool] | None
+) -> Sequence[Gait]:
+    """Gaits of other mode sequences; none where that of the problem exists, so that only constraints exclude it."""
+    if solve(given, should_stop=should_stop).converged:
+        return ()
+    return find(given, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
 
 
 def _refuted(gait: Gait) -> tuple[Cause, ...]:

@@ -6,7 +6,7 @@ Nothing is claimed about gaits that no start has led to: ``searched`` says what 
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,16 +14,57 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Gait, Status
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem
-from gaitopt.search.candidates import GUESSES, WALKS, SearchJob, search_part
-from gaitopt.search.distinct import Gaits, gaits_of, is_stable
+from gaitopt.search.candidates import GUESSES, WALKS, Record, SearchJob, search_part
+from gaitopt.search.distinct import Gaits, closed, gaits_of, is_stable
+from gaitopt.search.neighbours import search_family, varied
 from gaitopt.study.system import build_system
-from gaitopt.workers.jobs import Job, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 STARTS = 1000
 """Start states of the search by simulation."""
 GUESSED = 8
 """Guesses of the search by complementarity."""
 Within = Mapping[str, tuple[float, float]]
+Part = Record | FailedJob
+Task = Callable[..., Record]
+Run = Callable[[Task, list[Job]], list[Part]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchPlan:
+    """What is to be searched, with the arguments of ``find``; the problem leaves its mode sequence open."""
+
+    problem: Problem
+    starts: int = STARTS
+    seed: int = 0
+    within: Within = field(default_factory=dict)
+
+    @property
+    def n_steps(self) -> int:
+        """Length of the longest cycle that is looked for."""
+        return getattr(self.problem.modes, "steps", 1)
+
+    def job(self, problem: Problem, method: str, number: int, parameter: str = "") -> Job:
+        """A part of the search, with a key that is the same in every run."""
+        part = SearchJob(
+            problem=problem,
+            method=method,
+            number=number,
+            seed=self.seed,
+            within=self.within,
+            parameter=parameter,
+            n_steps=self.n_steps,
+        )
+        fields = {
+            "problem": problem.digest,
+            "method": method,
+            "number": number,
+            "seed": self.seed,
+            "within": {name: list(span) for name, span in self.within.items()},
+            "parameter": parameter,
+            "n_steps": self.n_steps,
+        }
+        return Job(key=hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest(), argument=part)
 
 
 def find(
@@ -58,27 +99,62 @@ def find(
     UnknownNameError
         If ``within`` names something that is no section coordinate.
     """
-    asked = opened(problem)
-    jobs = search_jobs(asked, starts=starts, seed=seed, within=within or {})
-    parts = []
-    for _, part in run_jobs(search_part, jobs, Workers(count=workers), should_stop=should_stop):
-        parts.append(part)
-        if progress is not None:
-            progress(len(parts), len(jobs))
-    if len(parts) < len(jobs):
-        raise KeyboardInterrupt
-    return gaits_of(asked, parts, should_stop=should_stop)
+    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
+    return search(plan, in_memory(Workers(count=workers), progress, should_stop), should_stop=should_stop)
 
 
 def find_best(
     problem: Problem, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
 ) -> Gait:
     """The gait that a problem with an open mode sequence asks for; see ``solve``."""
-    jobs = search_jobs(problem, starts=STARTS, seed=0, within={})
-    parts = [part for _, part in run_jobs(search_part, jobs, Workers(count=1), should_stop=should_stop)]
-    if len(parts) < len(jobs):
+    run = in_memory(Workers(count=1), None, should_stop)
+    try:
+        gaits = search(SearchPlan(problem=problem, starts=STARTS), run, progress=progress, should_stop=should_stop)
+    except KeyboardInterrupt:
         return _none(problem, Status.INTERRUPTED, "interrupted")
-    return best_gait(gaits_of(problem, parts, progress=progress, should_stop=should_stop))
+    return best_gait(gaits)
+
+
+def search(
+    plan: SearchPlan, run: Run, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
+) -> Gaits:
+    """The gaits that two searches lead to, and those on the families of these gaits that no start has led to.
+
+    Parameters
+    ----------
+    run : runs a task for all jobs and returns the results, or raises a KeyboardInterrupt.
+    progress, should_stop : of the solver, see ``solve``.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` said so.
+    """
+    parts = run(search_part, search_jobs(plan))
+    gaits = gaits_of(plan.problem, parts, progress=progress, should_stop=should_stop)
+    jobs = family_jobs(plan, gaits)
+    if not jobs:
+        return gaits
+    parts += run(search_family, jobs)
+    return gaits_of(plan.problem, parts, known=gaits, progress=progress, should_stop=should_stop)
+
+
+def in_memory(
+    workers: Workers, progress: Callable[[int, int], None] | None, should_stop: Callable[[], bool] | None
+) -> Run:
+    """A ``run`` of ``search`` that keeps nothing."""
+
+    def run(task: Task, jobs: list[Job]) -> list[Part]:
+        parts = []
+        for _, part in run_jobs(task, jobs, workers, should_stop=should_stop):
+            parts.append(part)
+            if progress is not None:
+                progress(len(parts), len(jobs))
+        if len(parts) < len(jobs):
+            raise KeyboardInterrupt
+        return parts
+
+    return run
 
 
 def best_gait(gaits: Gaits) -> Gait:
@@ -101,40 +177,35 @@ def opened(problem: Problem) -> Problem:
     return problem if problem.is_open else problem.replace({"gait.phases": "auto"})
 
 
-def search_jobs(problem: Problem, *, starts: int, seed: int, within: Within) -> list[Job]:
-    """The parts of a search: so many start states in walks, and the guesses of the search by complementarity.
+def search_jobs(plan: SearchPlan) -> list[Job]:
+    """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity.
 
     Raises
     ------
     UnknownNameError
         If ``within`` names something that is no section coordinate.
     """
-    names = problem.walker.section_names(slipping=True)
-    unknown = [name for name in within if name not in names]
+    names = plan.problem.walker.section_names(slipping=True)
+    unknown = [name for name in plan.within if name not in names]
     if unknown:
         raise UnknownNameError(
             f"within {', '.join(unknown)}: not a coordinate just after an impact; use {', '.join(names)}"
         )
-    counts = {"complementarity": -(-GUESSED // GUESSES), "simulation": -(-starts // WALKS)}
-    parts = [
-        SearchJob(problem=problem, method=method, number=number, seed=seed, within=within)
-        for method, count in counts.items()
-        for number in range(count)
+    counts = {"complementarity": -(-GUESSED // GUESSES), "simulation": -(-plan.starts // WALKS)}
+    return [plan.job(plan.problem, method, number) for method, count in counts.items() for number in range(count)]
+
+
+def family_jobs(plan: SearchPlan, gaits: Gaits) -> list[Job]:
+    """The families of gaits; none of designs, which are no gaits at given parameters."""
+    if plan.problem.free or plan.problem.objective:
+        return []
+    return [
+        plan.job(closed(plan.problem, gait.to_record()), "families", number, parameter)
+        for number, gait in enumerate(gaits)
+        for parameter in varied(plan.problem)
     ]
-    return [Job(key=_key(part), argument=part) for part in parts]
 
 
 def _none(problem: Problem, status: Status, message: str) -> Gait:
     system = build_system(problem)
     return Gait(problem=problem, system=system, p=system.values(problem.parameters), status=status, message=message)
-
-
-def _key(part: SearchJob) -> str:
-    fields = {
-        "problem": part.problem.digest,
-        "method": part.method,
-        "number": part.number,
-        "seed": part.seed,
-        "within": {name: list(span) for name, span in part.within.items()},
-    }
-    return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()

@@ -5,7 +5,7 @@ from the gaits that other mode sequences have at these values. The special point
 rounding.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
-from gaitopt.problem import Problem
+from gaitopt.problem import Free, Problem
 from gaitopt.search.own import own_problem
 from gaitopt.study.solve import solve_sequence
 
@@ -86,24 +86,31 @@ def begin_of_sequence(
 
 
 def nearest_values(
-    problem: Problem, own: Gait | None, others: Iterable[Gait], should_stop: Callable[[], bool] | None = None
+    problem: Problem,
+    own: Gait | None,
+    others: Iterable[Gait],
+    free: Mapping[str, Free],
+    should_stop: Callable[[], bool] | None = None,
 ) -> list[Nearest]:
-    """For friction, slope and what differs from the file the nearest value at which the problem's modes exist.
+    """For friction, slope, free numbers and what differs from the file the nearest value at which the modes exist.
 
     Parameters
     ----------
+    problem : with all its numbers given.
     own : the gait of the problem's own file.
     others : gaits of other mode sequences at the problem's parameters.
+    free : numbers that a design leaves free, with their ranges.
     """
     changed = [] if own is None else changed_parameters(problem, own)
     gaits, values = list(others), problem.parameters
+    ranges = {key: _widened(problem, key, span) for key, span in free.items()} | _ranges(problem)
     found = []
-    for parameter in dict.fromkeys([*changed, *_ranges(problem)]):
+    for parameter in dict.fromkeys([*changed, *ranges]):
         best: Nearest | None = None
         if own is not None and changed == [parameter]:
             best = _attempt(end_of_family, own, parameter, values[parameter], should_stop)
         for gait in gaits:
-            for bound in _ranges(problem).get(parameter, ()):
+            for bound in ranges.get(parameter, ()):
                 target = _no_further(values[parameter], bound, best)
                 if target != values[parameter]:
                     closer = _attempt(begin_of_sequence, gait, parameter, target, problem.cycle, should_stop)
@@ -132,6 +139,13 @@ def _ranges(problem: Problem) -> dict[str, tuple[float, ...]]:
     ranges |= {key: (0.0, WIDEST_FRICTION) for key in problem.parameters if key.partition(".")[0] == "friction"}
     ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in problem.parameters if key == "walker.slope"}
     return ranges
+
+
+def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
+    """The range of a free number and as much again on either side, where the walker can have it."""
+    width = span.upper - span.lower
+    wide = ((span.lower - width, span.lower), (span.upper + width, span.upper))
+    return tuple(bound if problem.objection(key, beyond) else beyond for beyond, bound in wide)
 
 
 def _request(parameter: str, value: float) -> Request:

@@ -139,18 +139,22 @@ class Simulator:
             raise ValueError(f"steps = {steps}: at least one step is needed")
         start = z = self._after_impact(state)
         made: list[Step] = []
+        ending = Ending.COMPLETED
         while len(made) < steps:
             if should_stop is not None and should_stop():
+                message = f"{len(made)} of {steps} steps, then stopped on request"
                 break
             simulator = self.sides[self.system.walker.side(len(made))]
             outcome = simulator.step(z, dense=dense, number=len(made) + 1)
             if outcome.step is not None:
                 made.append(outcome.step)
             if outcome.step is None or outcome.step.impact is None:
-                return Trajectory(start=start, steps=tuple(made), ending=outcome.ending, message=outcome.message)
+                ending, message = outcome.ending, outcome.message
+                break
             z = outcome.step.impact.state
-        message = f"{len(made)} of {steps} steps" + ("" if len(made) == steps else ", then stopped on request")
-        return Trajectory(start=start, steps=tuple(made), ending=Ending.COMPLETED, message=message)
+        else:
+            message = f"{steps} of {steps} steps"
+        return Trajectory(names=self.system.state_names, start=start, steps=tuple(made), ending=ending, message=message)
 
     def step(self, state: Array, *, dense: bool = False, number: int = 1) -> StepOutcome:
         """Simulate one step from a state just after an impact; ``number`` is its number in the message."""

@@ -10,7 +10,7 @@ import pytest
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families import Request, continuation, follow_family, resumable
-from gaitopt.families.change import with_cycle
+from gaitopt.families.change import in_turn, with_cycle
 from gaitopt.families.records import restored_special
 from gaitopt.families.segment import Metric, segment_through
 from gaitopt.families.switching import beginnings, motion_of
@@ -114,21 +114,22 @@ def test_special_points_without_other_branches_are_refused() -> None:
         continuation(doubling, "friction", 0.5)
 
 
-def with_doubled_family(done: list[dict[str, object]]) -> list[dict[str, object]]:
-    """Records of a family and of its doubled family that are not ``done``."""
-    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=4, verify_every=0, doublings=1)
-    records = follow_family(stick()[0].gait, request, done=done)
+def with_followed(start: Gait, done: list[dict[str, object]], **follow: int) -> list[dict[str, object]]:
+    """Records of a family and of the other branches that begin on it that are not ``done``."""
+    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=4, verify_every=0, **follow)
+    records = follow_family(start, request, done=done)
     return [json.loads(json.dumps(record.to_record())) for record in records]
 
 
 def test_a_family_with_its_doubled_family_goes_on_where_it_was_cut_short() -> None:
-    whole = with_doubled_family([])
+    start = stick()[0].gait
+    whole = with_followed(start, [], doublings=1)
     (doubling,) = (record for record in whole if record.get("type") == "period_doubling")
     assert doubling["next"] == [1]
     assert {record["branch"] for record in whole} == {0, 1}
     for cut in (2, len(whole) - 2):
         kept = resumable(whole[:cut])
-        again = [*kept, *with_doubled_family(kept)]
+        again = [*kept, *with_followed(start, kept, doublings=1)]
         assert [(r["branch"], r.get("index"), r.get("type")) for r in again] == [
             (r["branch"], r.get("index"), r.get("type")) for r in whole
         ]
@@ -146,6 +147,24 @@ def test_cascade_of_records_follows_changes_of_modes() -> None:
     assert cascade.n_steps == (1, 2, 4)
     assert cascade.values == (1.0, 2.0, 2.2)
     assert cascade.ratios == pytest.approx((5.0,))
+
+
+def test_in_a_cycle_of_two_modes_in_turn_the_phases_follow_the_impacts_that_they_follow_alone() -> None:
+    slip, stick = Mode.SLIP_FORWARD, Mode.STICK
+    first = Cycle.of_one_step((slip, stick), slip)
+    second = Cycle.of_one_step((stick,), stick)
+    assert str(in_turn(first, second)) == "slip_forward, stick; stick | stick; slip_forward"
+    assert in_turn(second, second) == Cycle(second.steps * 2)
+
+
+def test_branches_that_begin_at_a_branch_point_are_followed_on_the_way() -> None:
+    start = sticking("compass-passive-two-step", 5.345)
+    whole = with_followed(start, [], branch_points=1)
+    (crossing,) = (record for record in whole if record.get("type") == "branch_point")
+    assert crossing["next"] == [1, 2]
+    assert {record["branch"] for record in whole if record["record"] == "point"} == {0, 1, 2}
+    kept = resumable(whole[:-2])
+    assert [r["branch"] for r in [*kept, *with_followed(start, kept, branch_points=1)]] == [r["branch"] for r in whole]
 
 
 @pytest.mark.slow

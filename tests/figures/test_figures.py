@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
+from matplotlib.contour import ContourSet
 from pictured import SEQUENCES, TORSO, branch, gait
 
 from gaitopt.figures.branches import UNSTABLE, over_parameter
@@ -178,15 +178,21 @@ def heat_map(rows):
     return sweep(Grid(axes), grid_records([v for row in rows for v in row]), "spectral_radius")
 
 
-def test_line_where_stability_is_lost_runs_between_the_cells_and_not_along_what_has_no_gait():
-    figure = heat_map([[0.5, 0.6, None], [0.7, 1.2, 1.3], [0.8, None, 1.4]])
-    (line,) = [found for found in figure.axes[0].collections if isinstance(found, LineCollection)]
-    found = {tuple(map(tuple, np.round(segment, 6))) for segment in line.get_segments()}
-    assert found == {((0.15, 0.005), (0.15, 0.015)), ((0.15, 0.005), (0.25, 0.005))}
+def test_line_where_stability_is_lost_is_where_the_interpolated_radius_is_one():
+    figure = heat_map([[0.85, 0.85, None], [1.05, 1.05, 1.05], [1.25, None, 1.25]])
+    (line,) = [found for found in figure.axes[0].collections if isinstance(found, ContourSet)]
+    (path,) = line.get_paths()
+    assert path.vertices[:, 0] == pytest.approx(0.175)
+    assert (path.vertices[:, 1].min(), path.vertices[:, 1].max() < 0.02) == (0.0, True)  # not to what has no gait
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "spectral radius 1: stability lost",
         "not with these phases",
     ]
+
+
+@pytest.mark.parametrize("rows", [[[0.5, 0.6], [0.7, 0.8]], [[None, None], [None, None]]])
+def test_without_a_loss_of_stability_inside_the_map_there_is_no_line(rows):
+    assert not [found for found in heat_map(rows).axes[0].collections if isinstance(found, ContourSet)]
 
 
 def test_one_gait_of_another_branch_does_not_stretch_the_colours():
@@ -253,3 +259,20 @@ def test_labels_lie_inside_the_canvas(drawn):
 
 def test_sweep_without_any_gait_is_drawn():
     assert heat_map([[None, None], [None, None]]).legends
+
+
+@pytest.mark.parametrize("quantity", ["period", "step_length"])
+def test_a_doubled_family_begins_in_the_picture_where_the_period_doubles(quantity):
+    """Its first gaits, of two steps, are joined to the gait of one step at the marker."""
+    one = {**next(r for r in branch() if r["record"] == "point"), quantity: 0.8}
+    points = [{**one, "branch": 0, "index": k, "value": 0.1 + 0.01 * k} for k in range(2)]
+    steps = [{**one, "phases": one["phases"], quantity: 0.8 + side * 0.1} for side in (-1, 1)]
+    doubled = [{**one, "branch": 1, "index": k, "value": 0.12 + 0.01 * k, "steps": steps} for k in range(2)]
+    special = {"record": "special", "branch": 0, "type": "period_doubling", "value": 0.115, "next": [1], "gait": one}
+    axes = over_parameter({"cascade": [*points, special, *doubled]}, "friction", quantity).axes[0]
+    begins = [
+        line.get_ydata()[0]
+        for line in axes.lines
+        if np.ravel(line.get_xdata())[0] == 0.115 and len(line.get_xdata()) > 1
+    ]
+    assert begins == [0.8, 0.8]

@@ -78,6 +78,15 @@ def test_other_causes_are_named_for_what_they_are(name, overrides, what):
     assert in_words(gait.causes) in gait.message
 
 
+@pytest.mark.parametrize("beyond_end", ["hold", "off"])
+def test_on_the_moon_the_reference_is_too_short_for_the_step(beyond_end):
+    overrides = {"walker.gravity": 1.6, "control.reference.beyond_end": beyond_end}
+    cause = solve(load_problem("compass-pd-impact-slip").replace(overrides)).causes[0]
+    assert cause.what == "reference"
+    assert cause.available == pytest.approx(solve(load_problem("compass-passive-b")).period, abs=1e-9)
+    assert "the reference is too short" in cause.words
+
+
 def test_sticking_and_a_sticking_impact_may_both_lack_friction():
     causes = solve(load_problem("rimless-wheel-stick").replace({"friction": 0.2})).causes
     impact = causes[1].to_record()

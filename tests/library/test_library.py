@@ -109,6 +109,15 @@ def test_the_table_of_a_gait_is_that_of_its_run_folder_bit_by_bit():
     assert ours.to_frame().attrs["units"]["dtheta"] == "rad/s"
 
 
+def test_a_bare_trajectory_has_its_states_as_a_table(walk):
+    trajectory = walk.trajectory
+    frame = trajectory.to_frame()
+    np.testing.assert_array_equal(frame[list(trajectory.names)], walk.to_frame()[list(trajectory.names)])
+    np.testing.assert_array_equal(trajectory.to_xarray()["dtheta1"], frame["dtheta1"])
+    assert (frame.attrs["units"]["dtheta1"], frame["step"].iloc[-1]) == ("rad/s", len(trajectory.steps))
+    assert str(trajectory.ending) in trajectory._repr_html_()
+
+
 @pytest.mark.parametrize("name", ["gait", "walk", "branch", "sweep"])
 def test_datasets_survive_a_file_bit_by_bit(name, branch, walk, swept):
     ours = {"gait": named(WHEEL), "walk": walk, "branch": branch, "sweep": swept[0]}[name].to_xarray()
@@ -185,3 +194,22 @@ def test_no_package_takes_the_name_of_a_public_function():
 def test_results_import_neither_figures_nor_pages():
     program = "import sys, gaitopt as go; go.Gait, go.Branch; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+@pytest.mark.slow
+def test_progress_in_a_notebook_is_a_widget_or_nothing(tmp_path):
+    nbformat = pytest.importorskip("nbformat")
+    NotebookClient = pytest.importorskip("nbclient").NotebookClient
+    pytest.importorskip("ipywidgets")
+    program = (
+        f"import gaitopt as go\nproblem = go.load_problem('{WHEEL}')",
+        "gait = go.solve(problem)\nbranch = go.continuation(gait, 'friction', to=0.8, max_points=3)",
+        "gait = go.solve(problem, progress=False)",
+    )
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text) for text in program])
+    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    assert [len(cell.outputs) > 0 for cell in notebook.cells] == [False, True, False]
+    widgets = notebook.metadata["widgets"]["application/vnd.jupyter.widget-state+json"]["state"].values()
+    shown = [str(widget["state"].get("outputs")) for widget in widgets]
+    assert any("solving rimless-wheel-slip" in text for text in shown)
+    assert any("continuing" in text for text in shown)

@@ -108,3 +108,16 @@ def test_what_was_changed_is_the_cause_with_the_value_at_which_the_gait_ends(nam
     assert explanation.causes[0].what == "impact_change"
     assert (explanation.causes[0].needed, explanation.causes[0].available) == (pytest.approx(value, abs=1e-8), has)
     assert {n.parameter: n for n in explanation.nearest}[parameter].value == explanation.causes[0].needed
+
+
+@pytest.mark.slow
+def test_of_a_design_every_free_number_has_a_value_at_which_the_sequence_begins():
+    """The sticking wheel at friction 0.8, whose inertia may vary, but not so far that it sticks."""
+    free = {"free": [0.3, 0.35], "guess": 1 / 3}
+    overrides = {"friction": 0.8, "walker.inertia_ratio": free, "objective": "speed"}
+    nearest = {n.parameter: n for n in explained("rimless-wheel-stick", overrides).nearest}
+    assert nearest.keys() == {"walker.inertia_ratio", "friction", "walker.slope"}
+    value = nearest["walker.inertia_ratio"].value
+    for ratio, exists in ((value * (1 - 1e-6), True), (value * (1 + 1e-6), False)):
+        problem = load_problem("rimless-wheel-stick").replace({"friction": 0.8, "walker.inertia_ratio": ratio})
+        assert solve(problem).converged is exists

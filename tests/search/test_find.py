@@ -11,8 +11,10 @@ from gaitopt.gait import Status
 from gaitopt.problem import load_problem
 from gaitopt.search.candidates import SearchJob, search_part, start_box
 from gaitopt.search.distinct import closed, gaits_of
-from gaitopt.search.find import opened
+from gaitopt.search.find import SearchPlan, family_jobs, opened
+from gaitopt.search.neighbours import search_family
 from gaitopt.study.system import build_system
+from gaitopt.workers.jobs import FailedJob
 
 SEQUENCE_A = "slip_forward, stick, slip_backward; stick"
 SEQUENCE_B = "slip_forward, stick; slip_forward"
@@ -49,7 +51,7 @@ def test_the_record_has_gaits_with_the_keys_of_solve_and_what_was_searched(wheel
     record = wheel.to_record()
     assert record["problem"] == "rimless-wheel-slip"
     assert record["gaits"][0].keys() >= wheel[0].to_record().keys()
-    assert record["searched"]["starts"] == {"complementarity": 8, "simulation": 250}
+    assert record["searched"]["starts"] == {"complementarity": 8, "simulation": 250, "families": 2}
 
 
 def test_a_known_sequence_is_ignored(wheel):
@@ -80,6 +82,11 @@ def test_a_candidate_that_is_no_gait_is_rejected_with_its_reason():
     gaits = gaits_of(problem, [{"method": "simulation", "starts": 1, "candidates": [wrong]}])
     assert len(gaits) == 0
     assert "needs friction 0.9141" in gaits.searched["rejected"][0]["reason"]
+
+
+def test_a_part_of_the_search_that_failed_is_named(wheel):
+    gaits = gaits_of(wheel.problem, [FailedJob(reason="it took 3 workers with it")])
+    assert (len(gaits), gaits.searched["failed"]) == (0, ["it took 3 workers with it"])
 
 
 def test_an_impact_that_is_asked_for_excludes_the_others():
@@ -113,6 +120,25 @@ def test_a_closed_problem_has_the_sequence_and_the_motion_of_the_record():
     problem = closed(open_problem("compass-passive-b"), gait.to_record())
     assert problem.cycle == gait.problem.cycle
     assert problem.guess.durations == tuple(duration for _, duration in gait.phases)
+
+
+@pytest.mark.slow
+def test_on_the_family_of_a_gait_there_are_others_to_which_no_walk_leads():
+    """Between the period doubling and the fold of the limping family, two unstable ones lie beside gait B."""
+    gait_b = load_problem("compass-passive-b").replace({"friction": 0.1447})
+    job = {"method": "families", "number": 0, "seed": 0, "within": {}, "parameter": "friction"}
+    part = search_family(SearchJob(problem=gait_b, n_steps=2, **job))
+    limping = gaits_of(gait_b.replace({"gait": {"phases": "auto", "steps": 2}}), [part])
+    assert [len(gait.steps) for gait in limping] == [2, 2]
+    assert all(gait.repeats_after == 2 and gait.spectral_radius > 1 for gait in limping)
+    assert len(gaits_of(gait_b.replace({"gait": {"phases": "auto"}}), [part])) == 0
+
+
+def test_families_are_followed_of_gaits_but_not_of_designs(wheel):
+    plan = SearchPlan(problem=wheel.problem)
+    assert {job.argument.parameter for job in family_jobs(plan, wheel)} == {"friction", "walker.slope"}
+    design = wheel.problem.replace({"friction": {"free": [0.3, 0.5], "guess": 0.4}, "objective": "speed"})
+    assert family_jobs(SearchPlan(problem=design), wheel) == []
 
 
 @pytest.mark.slow

@@ -63,6 +63,8 @@ def test_a_one_step_gait_stated_twice_has_its_multipliers_squared():
     np.testing.assert_allclose(twice.state, once.state, atol=1e-11)
     assert multiplier_distance(once.multipliers**2, twice.multipliers) < 1e-10
     assert twice.period == pytest.approx(2 * once.period, abs=1e-11)
+    assert twice.message == "solved; the cycle of 2 steps repeats itself after every step"
+    assert (once.message, once.repeats_after, twice.repeats_after) == ("solved", 1, 1)
 
 
 def test_the_family_of_two_steps_is_born_at_the_period_doubling(gait):

@@ -1,11 +1,11 @@
-"""A step whose mode sequence is open: finite elements with switch detection, solved by a homotopy in IPOPT.
+"""A cycle of steps whose mode sequence is open: finite elements with switch detection, solved by a homotopy in IPOPT.
 
     f_t = -mu (2 a - 1) f_n                          a in [0, 1]
     v_t = v_forward - v_backward,                    0 <= a _|_ v_backward >= 0,    0 <= 1 - a _|_ v_forward >= 0
 
 at the stages of Radau IIA collocation on elements of free length. The products are summed over an element and over the
 velocities at its start, so that no mode can change inside an element: switches come to lie between elements. They are
-held below sigma, which goes to zero. The impact obeys the same law. Static friction is that of a slip here, and a
+held below sigma, which goes to zero. Impacts obey the same law. Static friction is that of a slip here, and a
 slipping impact has Coulomb's impulse: what else a problem says, the fixed-sequence NLP and the simulator decide.
 
 References
@@ -17,13 +17,14 @@ nonsmooth systems, Numerische Mathematik 156 (2024).
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 from casadi import MX, sum1, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Status
-from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, ModeSequence
 from gaitopt.nlp.complementarity.homotopy import Homotopy
 from gaitopt.nlp.ipopt import Progress
 
@@ -47,19 +48,19 @@ LANDING_RATE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """A mode sequence with a motion, to about five digits.
+    """Mode sequences with a motion, to about five digits.
 
     Attributes
     ----------
-    sequence : of modes.
-    durations : of the phases [s].
-    state : ndarray, shape (n_z,) - just after the impact.
+    cycle : of modes.
+    durations : of the phases of every step [s].
+    states : ndarray, shape (n_steps, n_z) - just after the impact before each step.
     freed : values of the free parameters by dotted key.
     """
 
-    sequence: ModeSequence
-    durations: tuple[float, ...]
-    state: Array
+    cycle: Cycle
+    durations: tuple[tuple[float, ...], ...]
+    states: Array
     freed: dict[str, float]
 
 
@@ -73,15 +74,16 @@ class _Block:
 
 
 class Complementarity:
-    """The NLP of one step of a system with open modes.
+    """The NLP of a cycle of steps of a system with open modes.
 
     Parameters
     ----------
     system : walker, control and ground.
     p : ndarray, shape (n_p,) - parameters, from which natural units follow.
-    period : typical one [s]; breakpoints of the control before it are ends of elements.
+    period : typical one of a step [s]; breakpoints of the control before it are ends of elements.
     free : bounds of the parameters that are unknowns, by dotted key.
     within : bounds of the state just after the impact by name, where a design has some.
+    n_steps : of the cycle.
     """
 
     def __init__(
@@ -92,10 +94,12 @@ class Complementarity:
         free: Mapping[str, Range] | None = None,
         within: Mapping[str, Range] | None = None,
         *,
+        n_steps: int = 1,
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
         self._system, self._p, self._free, self._within = system, p, free or {}, within or {}
+        self._n_steps = n_steps
         self._scales = system.scales(p)
         self._segments, self._fixed = _segments(system.control.breakpoints, period)
         self._blocks: dict[str, _Block] = {}
@@ -115,49 +119,63 @@ class Complementarity:
             should_stop=should_stop,
         )
 
-    def solve(self, state: Array, end: Array, period: float) -> Proposal | Status:
-        """The step near a linear motion from ``state`` to ``end``, shape (n_z,), in a period [s]; or why not."""
-        w, status = self._solver.solve(self._guess(state, end, period), np.append(self._p, period))
+    def solve(self, starts: Array, ends: Array, period: float) -> Proposal | Status:
+        """The cycle near linear motions between states of shape (n_steps, n_z), each in a period [s]; or why not."""
+        w, status = self._solver.solve(self._guess(starts, ends, period), np.append(self._p, period))
         return self._read(w) if status is Status.CONVERGED else status
 
     def _build(self) -> MX:
         """All unknowns, constraints and products; the objective."""
-        system, velocity = self._system, self._scales.speed
+        system, n = self._system, self._n_steps
         self._parameters = MX.sym("p", len(system.parameters))
         self._period, self._sigma = MX.sym("period"), MX.sym("sigma")
         freed = {key: self._unknown(key, 1, *bounds) for key, bounds in self._free.items()}
         p = vertcat(*(freed.get(key, self._parameters[i]) for i, key in enumerate(system.parameters)))
-        start, h = self._unknown("start", system.n_z), self._unknown("h", ELEMENTS, 0.0)
+        starts = [self._unknown(f"start{s}", system.n_z) for s in range(n)]
         for name, span in self._within.items():
-            self._require(start[system.state_names.index(name)], *span)
-        a, forward, backward = self._foot("impact", 1)
-        z, t, before = start, MX(0), (forward, backward)
+            self._require(starts[0][system.state_names.index(name)], *span)
+        feet = [self._foot(f"impact{s}", 1) for s in range(n)]
+        objective = MX(0)
+        for s, (start, foot) in enumerate(zip(starts, feet, strict=True)):
+            z, unevenness = self._step(s, start, foot, p)
+            self._impact(z, starts[(s + 1) % n], feet[(s + 1) % n], p)
+            objective += unevenness
+        self._require(vertcat(*self._products) - self._sigma, -np.inf, 0.0)
+        return objective
+
+    def _step(self, s: int, z: MX, foot: tuple[MX, MX, MX], p: MX) -> tuple[MX, MX]:
+        """The elements of step ``s`` from state ``z`` on, after the impact of a foot; its end, and the objective."""
+        h, t, before = self._unknown(f"h{s}", ELEMENTS, 0.0), MX(0), foot[1:]
         for k, segment in enumerate(self._segments):
-            z, t, before = self._element(k, z, t, h[k], before, p, segment)
+            z, t, before = self._element(s, k, z, t, h[k], before, p, segment)
             if k + 1 in self._fixed:
                 self._require(t / self._fixed[k + 1], 1.0, 1.0)
-        z_plus, impulse, slip, lift = system.open_impact(z, 2 * a - 1, p)
-        n = system.n_shape
-        self._require(start - vertcat(z_plus[:n], 0, z_plus[n + 1 :]), 0.0, 0.0)
-        self._require(slip / velocity - forward + backward, 0.0, 0.0)
-        self._require(vertcat(impulse[1], lift), 0.0)
-        self._products += [a * backward, (1 - a) * forward]
-        self._require(vertcat(*self._products) - self._sigma, -np.inf, 0.0)
         self._require(t / self._period, 1 / TIME_RANGE, TIME_RANGE)
-        self._require(t, max(self._fixed.values(), default=0.0), (*system.control.breakpoints, np.inf)[segment])
+        latest = (*self._system.control.breakpoints, np.inf)[segment]
+        self._require(t, max(self._fixed.values(), default=0.0), latest)
         mean = t / ELEMENTS
         self._require(h - SHORTEST * mean, 0.0)
         self._require(LONGEST * mean - h, 0.0)
-        return EVEN * sum1((h / mean - 1) ** 2)
+        return z, EVEN * sum1((h / mean - 1) ** 2)
+
+    def _impact(self, z: MX, start: MX, foot: tuple[MX, MX, MX], p: MX) -> None:
+        """The impact that leads from state ``z`` to ``start``."""
+        a, forward, backward = foot
+        z_plus, impulse, slip, lift = self._system.open_impact(z, 2 * a - 1, p)
+        n = self._system.n_shape
+        self._require(start - vertcat(z_plus[:n], 0, z_plus[n + 1 :]), 0.0, 0.0)
+        self._require(slip / self._scales.speed - forward + backward, 0.0, 0.0)
+        self._require(vertcat(impulse[1], lift), 0.0)
+        self._products += [a * backward, (1 - a) * forward]
 
     def _element(
-        self, k: int, z: MX, t: MX, h: MX, before: tuple[MX, MX], p: MX, segment: int
+        self, s: int, k: int, z: MX, t: MX, h: MX, before: tuple[MX, MX], p: MX, segment: int
     ) -> tuple[MX, MX, tuple[MX, MX]]:
-        """Collocation on element ``k`` from state ``z`` at time ``t``; state, time and foot velocities at its end."""
+        """Collocation on an element from state ``z`` at time ``t``; state, time and foot velocities at its end."""
         system, n = self._system, STAGES.size
         data = self._system.data(segment)
-        states = [self._unknown(f"z{k}.{i}", system.n_z) for i in range(n)]
-        a, forward, backward = self._foot(f"foot{k}", n)
+        states = [self._unknown(f"z{s}.{k}.{i}", system.n_z) for i in range(n)]
+        a, forward, backward = self._foot(f"foot{s}.{k}", n)
         rates: list[MX] = []
         for i, (c, stage) in enumerate(zip(STAGES, states, strict=True)):
             rate, force, guard, guard_rate = system.open_flow(t + c * h, stage, 2 * a[i] - 1, p, data)
@@ -195,37 +213,45 @@ class Complementarity:
             np.concatenate([np.full(symbol.numel(), upper) for symbol, _, upper in parts]),
         )
 
-    def _guess(self, state: Array, end: Array, period: float) -> Array:
-        """The straight line from ``state`` to ``end``, the foot at rest."""
+    def _guess(self, starts: Array, ends: Array, period: float) -> Array:
+        """Straight lines from ``starts`` to ``ends``, the foot at rest."""
         times = _times(self._fixed, period)
-        values = {"start": state, "h": np.diff(times), "impact.a": np.array([0.5])}
-        values |= {key: np.array([self._p[self._system.parameters.index(key)]]) for key in self._free}
-        for k in range(ELEMENTS):
-            values[f"foot{k}.a"] = np.full(STAGES.size, 0.5)
-            for i, c in enumerate(STAGES):
-                part = (times[k] + c * values["h"][k]) / period
-                values[f"z{k}.{i}"] = state + part * (end - state)
+        h = np.diff(times)
+        values = {key: np.array([self._p[self._system.parameters.index(key)]]) for key in self._free}
+        for s, (start, end) in enumerate(zip(starts, ends, strict=True)):
+            values |= {f"start{s}": start, f"h{s}": h, f"impact{s}.a": np.array([0.5])}
+            for k in range(ELEMENTS):
+                values[f"foot{s}.{k}.a"] = np.full(STAGES.size, 0.5)
+                for i, c in enumerate(STAGES):
+                    values[f"z{s}.{k}.{i}"] = start + (times[k] + c * h[k]) / period * (end - start)
         parts = [values.get(name, np.zeros(block.symbol.numel())) for name, block in self._blocks.items()]
         return np.concatenate(parts)
 
     def _read(self, w: Array) -> Proposal:
-        """The mode sequence: one mode per element, like neighbours merged."""
-        ends = np.cumsum([block.symbol.numel() for block in self._blocks.values()])
-        values = dict(zip(self._blocks, np.split(w, ends[:-1]), strict=True))
-        impact = _mode(values["impact.a"])
-        modes = [_mode(values[f"foot{k}.a"]) for k in range(ELEMENTS)]
-        if impact.slips:  # a slip too short to be an element is one all the same
-            modes[0] = impact
-        runs = [(mode, sum(h for _, h in run)) for mode, run in groupby(zip(modes, values["h"], strict=True), _first)]
-        state = values["start"]
-        if impact.sticks:
-            state[-1] = 0.0
+        """The mode sequences: one mode per element, like neighbours merged."""
+        sizes = np.cumsum([block.symbol.numel() for block in self._blocks.values()])
+        values = dict(zip(self._blocks, np.split(w, sizes[:-1]), strict=True))
+        impacts = [_mode(values[f"impact{s}.a"]) for s in range(self._n_steps)]
+        states = np.array([values[f"start{s}"] for s in range(self._n_steps)])
+        states[[impact.sticks for impact in impacts], -1] = 0.0
+        runs = [_runs(values, s, impact) for s, impact in enumerate(impacts)]
+        phases, durations = zip(*(zip(*run, strict=True) for run in runs), strict=True)
+        ends = [*impacts[1:], impacts[0]]
         return Proposal(
-            sequence=ModeSequence(phases=tuple(mode for mode, _ in runs), impact=impact),
-            durations=tuple(float(duration) for _, duration in runs),
-            state=state,
+            cycle=Cycle(tuple(map(ModeSequence, phases, ends))),
+            durations=durations,
+            states=states,
             freed={key: float(values[key][0]) for key in self._free},
         )
+
+
+def _runs(values: Mapping[str, Array], s: int, impact: Mode) -> list[tuple[Mode, float]]:
+    """Phases of step ``s``, after an impact, with their durations [s]."""
+    modes = [_mode(values[f"foot{s}.{k}.a"]) for k in range(ELEMENTS)]
+    if impact.slips:  # a slip too short to be an element is one all the same
+        modes[0] = impact
+    pairs = groupby(zip(modes, values[f"h{s}"].tolist(), strict=True), itemgetter(0))
+    return [(mode, sum(h for _, h in run)) for mode, run in pairs]
 
 
 def _segments(breakpoints: Sequence[float], period: float) -> tuple[list[int], dict[int, float]]:
@@ -257,7 +283,3 @@ def _mode(a: Array) -> Mode:
     if np.all(a > 1 - DECIDED):
         return Mode.SLIP_FORWARD
     return Mode.SLIP_BACKWARD if np.all(a < DECIDED) else Mode.STICK
-
-
-def _first(pair: tuple[Mode, float]) -> Mode:
-    return pair[0]

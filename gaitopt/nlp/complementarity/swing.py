@@ -1,4 +1,4 @@
-"""The plainest guess of a step: all joints move at constant rates, and the foot does not slip.
+"""The plainest guess of a cycle: all joints move at constant rates, and the foot does not slip.
 
 Relabelling is affine, s_plus = A s_minus + b, so that the shape just before an impact follows from that just after it.
 """
@@ -9,21 +9,25 @@ from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode
 
 
-def swing(system: HybridSystem, p: Array, shape: Array, period: float) -> tuple[Array, Array]:
-    """States (n_z,) at the two ends of a step without slip in which all joints move at constant rates.
+def swing(system: HybridSystem, p: Array, shapes: Array, period: float) -> tuple[Array, Array]:
+    """States at the two ends of each step of a cycle without slip in which all joints move at constant rates.
 
     Parameters
     ----------
-    shape : ndarray, shape (n_section,) - the coordinates that are free just after an impact.
-    period : [s].
+    shapes : ndarray, shape (n_steps, n_section) - the coordinates that are free, at the start of each step.
+    period : of a step [s].
+
+    Returns
+    -------
+    starts, ends : ndarrays, shape (n_steps, n_z).
     """
     n = system.n_shape
-    start = system.lift_state(np.concatenate([shape, np.zeros(n)]), p)
-    end = start.copy()
-    end[:n] = shapes_before(system, p, start[None, :n])[0]
-    for state in (start, end):
-        state[n + 1 : 2 * n + 1] = (end[:n] - start[:n]) / period
-    return start, end
+    starts = np.array([system.lift_state(np.concatenate([shape, np.zeros(n)]), p) for shape in shapes])
+    ends = starts.copy()
+    ends[:, :n] = shapes_before(system, p, np.roll(starts[:, :n], -1, axis=0))
+    for states in (starts, ends):
+        states[:, n + 1 : 2 * n + 1] = (ends[:, :n] - starts[:, :n]) / period
+    return starts, ends
 
 
 def shapes_before(system: HybridSystem, p: Array, shapes: Array) -> Array:

@@ -198,7 +198,7 @@ class BranchDiagram {
   specialList() {
     const list = html("ul", { class: "specials" });
     for (const special of this.specials) {
-      const words = `${SPECIAL_WORDS[special.type] ?? special.type} at ${shown(special.value)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
+      const words = `${isBound(special) ? "the request ends" : SPECIAL_WORDS[special.type] ?? special.type} at ${shown(special.value)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
       const button = html("button", { type: "button" }, words);
       const nearest = this.nearestTo(special);
       button.disabled = nearest < 0;
