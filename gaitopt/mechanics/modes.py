@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Any, ClassVar
 
@@ -182,7 +183,7 @@ class ModeSequence:
         return f"{in_words(self.phases)}; {self.impact}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Cycle:
     """The steps after which a gait repeats itself; phases are counted through all of them.
 
@@ -210,7 +211,7 @@ class Cycle:
         """The cycle of a gait that repeats itself after every step."""
         return cls((ModeSequence(phases, impact),))
 
-    @property
+    @cached_property
     def phases(self) -> tuple[Mode, ...]:
         """Modes of all phases in order."""
         return tuple(mode for step in self.steps for mode in step.phases)
@@ -225,7 +226,7 @@ class Cycle:
         """The impact that ends the cycle."""
         return self.steps[-1].impact
 
-    @property
+    @cached_property
     def first_phases(self) -> tuple[int, ...]:
         """Index of the first phase of every step."""
         return tuple(accumulate((len(step.phases) for step in self.steps[:-1]), initial=0))
@@ -250,7 +251,7 @@ class Cycle:
         """The impact with which a phase begins, that of the last step before the first; None where nothing jumps."""
         return self.reset_after((phase - 1) % len(self.phases))
 
-    @property
+    @cached_property
     def resets(self) -> tuple[tuple[int, Mode], ...]:
         """Every phase that an impact ends, with that impact."""
         pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
