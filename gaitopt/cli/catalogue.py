@@ -11,21 +11,21 @@ if TYPE_CHECKING:
 
 
 def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
-    """List the named problems; of those whose run is in results/ also period, radius and whether the gait is stable."""
+    """List the named problems by walker; of those whose run is in results/ also period, radius and stability."""
     from gaitopt.cli.console import print_json, results
     from gaitopt.problem import load_problem, problem_names
 
     problems = [load_problem(name) for name in problem_names()]
     if json:
-        print_json({"problems": [{"name": problem.name, "about": problem.about} for problem in problems]})
+        print_json({"problems": [{"name": p.name, "walker": p.walker.model, "about": p.about} for p in problems]})
         return 0
-    from gaitopt.library.tables import listed, print_table
+    from gaitopt.library.tables import listed, section
 
-    rows = [listed(problem, _stored_record(problem)) for problem in problems]
-    columns = ("problem", "model", "control", "friction", "phases; impact", "period", "radius", "", "about")
-    kept = [k for k in range(len(columns)) if k == len(columns) - 1 or any(row[k] for row in rows)]
-    shown = [[row[k] for k in kept] for row in rows]
-    print_table(results(), [columns[k] for k in kept], shown)
+    columns = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
+    for model in sorted({problem.walker.model for problem in problems}):
+        rows = [listed(problem, _stored_record(problem)) for problem in problems if problem.walker.model == model]
+        kept = [k for k in range(len(columns)) if k == len(columns) - 1 or any(row[k] for row in rows)]
+        section(results(), model, [columns[k] for k in kept], [[row[k] for k in kept] for row in rows])
     return 0
 
 

@@ -20,6 +20,7 @@ QUANTITIES = {
     "step_length": Label(words="step length", unit="m"),
     "speed": Label(words="speed", unit="m/s"),
     "work": Label(words="motor work per step", unit="J"),
+    "damping_loss": Label(words="energy that the dampers take", unit="J"),
     "cost_of_transport": Label(words="cost of transport"),
     "absolute_cost_of_transport": Label(words="absolute cost of transport"),
     "torque_squared": Label(words="squared torque per step", unit="N²m²s"),

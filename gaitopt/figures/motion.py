@@ -1,7 +1,7 @@
 """One cycle of a walk with all that is needed to draw it, from a gait, a simulated walk or a stored record."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Any
 
@@ -112,7 +112,7 @@ def resampled(arc: Arc, count: int) -> Arc:
         states = arc.states[0] + s * (arc.states[-1] - arc.states[0])
     else:
         states = np.asarray(chebyshev.chebval(np.linspace(-1, 1, count), curves.coefficients(arc.states)).T)
-    return Arc(mode=arc.mode, segment=arc.segment, times=np.linspace(arc.start, arc.end, count), states=states)
+    return replace(arc, times=np.linspace(arc.start, arc.end, count), states=states)
 
 
 def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:

@@ -1,11 +1,14 @@
 """Names and units of the scalars and states of a result; the one table behind printed tables and data frames."""
 
+from gaitopt.mechanics import registered_walkers
+
 QUANTITIES = {
     "friction": ("friction coefficient", ""),
     "period": ("period", "s"),
     "step_length": ("step length", "m"),
     "speed": ("speed", "m/s"),
     "work": ("motor work", "J"),
+    "damping_loss": ("energy that the dampers take", "J"),
     "cost_of_transport": ("cost of transport", ""),
     "absolute_cost_of_transport": ("absolute cost of transport", ""),
     "torque_squared": ("torque squared, integral", "N^2 m^2 s"),
@@ -22,9 +25,10 @@ CONTACT_FORCES = ("f_t", "f_n")
 
 
 def state_unit(name: str) -> str:
-    """Unit of a state: x is a distance, everything else an angle."""
-    length = name in {"x", "dx"}
-    return ("m" if length else "rad") + ("/s" if name.startswith("d") else "")
+    """Unit of a state: the foot's coordinates and what walkers declare as lengths in metres, all else are angles."""
+    rate = name.startswith("d")
+    lengths = {"x", "y"}.union(*(walker.lengths for walker in registered_walkers().values()))
+    return ("m" if name.removeprefix("d" if rate else "") in lengths else "rad") + ("/s" if rate else "")
 
 
 def column_unit(name: str, actuators: tuple[str, ...] = ()) -> str:

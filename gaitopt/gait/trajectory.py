@@ -26,6 +26,7 @@ class Ending(StrEnum):
     DOUBLE_SUPPORT = "double_support"
     NUMERICAL = "numerical"
     SCUFFING = "scuffing"
+    PUSH_SLIPS = "push_slips"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,12 +39,14 @@ class Arc:
     segment : index of the control's segment.
     times : ndarray, shape (m,) - time since the last impact [s]; Chebyshev points from start to end, or just both.
     states : ndarray, shape (m, n_z) - states there.
+    side : which leg stands, see ``Walker.side``.
     """
 
     mode: Mode
     segment: int
     times: Array
     states: Array
+    side: int = 0
 
     def __repr__(self) -> str:
         return f"<Arc {self.mode}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"
@@ -75,6 +78,7 @@ class ImpactRecord:
     step_length : distance of the new stance foot from where the old one stood after its own impact [m].
     impulse : ndarray, shape (2,) - (F_t, F_n) [N s].
     stick_impulse : ndarray, shape (2,) - what a sticking impact would need, eq. (9) [N s].
+    push_work : work of the push of the other foot just before it [J].
     """
 
     mode: Mode
@@ -82,11 +86,13 @@ class ImpactRecord:
     step_length: float
     impulse: Array
     stick_impulse: Array
+    push_work: float = 0.0
 
     @property
-    def impulse_ratio(self) -> float:
-        """|F_t| / F_n that a sticking impact would need."""
-        return float(abs(self.stick_impulse[0]) / self.stick_impulse[1])
+    def impulse_ratio(self) -> float | None:
+        """|F_t| / F_n that a sticking impact would need; None of a foot that lands without an impulse."""
+        tangential, normal = self.stick_impulse.tolist()
+        return abs(tangential) / normal if normal else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from gaitopt.mechanics.modes import Mode, ModeSequence
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
-GAP = 2
+GAP = 3
 """Columns between two cells."""
 STABILITY = {True: "stable", False: "unstable"}
 
@@ -65,11 +65,11 @@ def _longest_word(text: str) -> int:
 
 
 def listed(problem: Problem, record: Mapping[str, Any]) -> tuple[str, ...]:
-    """A problem's row in the list of problems, with what is known of its gait."""
+    """A problem's row in the list of the problems of its walker, with what is known of its gait."""
     radius = record.get("spectral_radius")
     known = ("", "", "") if radius is None else (number(record["period"]), number(radius), STABILITY[radius < 1])
     kind = problem.control.type if problem.control.type != "none" else ""
-    return problem.name, problem.walker.model, kind, friction(problem), str(problem.modes), *known, problem.about
+    return problem.name, kind, friction(problem), str(problem.modes), *known, problem.about.strip()
 
 
 def print_problem(console: Console, problem: Problem) -> None:

@@ -9,7 +9,8 @@ from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from gaitopt.figures.labels import QUANTITIES, UNITS, label, symbol
+from gaitopt.figures.labels import QUANTITIES, label, symbol
+from gaitopt.gait.quantities import state_unit
 
 Record = Mapping[str, Any]
 
@@ -64,8 +65,3 @@ def numbers(record: Record) -> dict[str, Any]:
 def state_rows(record: Record) -> list[tuple[str, float, str]]:
     """Symbol, value and unit of every state just after the impact."""
     return [(symbol(name), value, state_unit(name)) for name, value in record["state"].items()]
-
-
-def state_unit(name: str) -> str:
-    """Unit of a state: the foot's x in metres, angles in radians."""
-    return UNITS.get(name, "rad/s" if name.startswith("d") else "rad")

@@ -10,7 +10,7 @@ from gaitopt.mechanics.modes import Cycle, Mode
 from gaitopt.mechanics.units import Angle, Number
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
-from gaitopt.problem.scalars import RESULT_SCALARS, TORQUE_SCALARS
+from gaitopt.problem.scalars import PUSH_SCALARS, RESULT_SCALARS, TORQUE_SCALARS
 from gaitopt.problem.sections import (
     AngleRangeSection,
     ControlSpec,
@@ -42,7 +42,8 @@ class Asked:
         """Why ``name`` cannot be asked for, if so."""
         if name not in self.names:
             return f"is no scalar of a gait and no freed parameter{near_miss(name, self.names)}"
-        if name in TORQUE_SCALARS and isinstance(self.control, NoControlSpec):
+        pushed = self.walker.pushes and name in PUSH_SCALARS
+        if name in TORQUE_SCALARS and isinstance(self.control, NoControlSpec) and not pushed:
             return (
                 "is a quantity of the motors, and this walker is passive: give it a control, or ask for another scalar"
             )

@@ -17,6 +17,7 @@ from pydantic_core import ErrorDetails
 
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.units import LARGEST, SMALLEST
+from gaitopt.problem.beyond import beyond
 
 Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""
@@ -131,9 +132,13 @@ def shown(value: object) -> str:
 
 
 def near_miss(word: object, allowed: Sequence[str]) -> str:
-    """``; did you mean mass?`` if one of the allowed words is close, and the allowed words otherwise."""
-    close = difflib.get_close_matches(str(word)[:LONGEST_SHOWN], allowed, n=2)
-    return f"; did you mean {' or '.join(close)}?" if close else f"; allowed: {', '.join(allowed) or 'none'}"
+    """``; did you mean mass?`` if one of the allowed words is close; else those, and what is known of the word."""
+    text = str(word)[:LONGEST_SHOWN]
+    close = difflib.get_close_matches(text, allowed, n=2)
+    if close:
+        return f"; did you mean {' or '.join(close)}?"
+    remark = beyond(text) if isinstance(word, str) else ""
+    return f"; allowed: {', '.join(allowed) or 'none'}{remark and f'; {remark}'}"
 
 
 def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:

@@ -50,5 +50,7 @@ SCALARS: Mapping[str, Scalar] = {
 """By the names of the result."""
 RESULT_SCALARS = tuple(SCALARS)
 TORQUE_SCALARS = ("work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque")
+PUSH_SCALARS = TORQUE_SCALARS[:3]
+"""Of motors, and of a push-off."""
 SLIPLESS_STEP = Within(unit="length", possible=symmetric(2))
 """Of the step length where the foot never slips."""

@@ -113,6 +113,12 @@ def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: s
     system = gait.system
     if system.walker.stops:
         raise SolveError(f"{gait.problem.name}: the impact of a stop cannot be proved yet")
+    if system.walker.flies or system.walker.switches:
+        raise SolveError(f"{gait.problem.name}: flight and switches cannot be proved yet")
+    if system.walker.pushes:
+        raise SolveError(f"{gait.problem.name}: a push-off cannot be proved yet")
+    if system.walker.exchanged:
+        raise SolveError(f"{gait.problem.name}: the gait of a walker whose legs differ cannot be proved yet")
     arcs = arcs_of(gait)
     scalars = {name: float(gait.p[system.parameters.index(f"control.{name}")]) for name in system.control.parameters}
     return {

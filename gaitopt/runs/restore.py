@@ -69,7 +69,8 @@ def _steps(system: HybridSystem, cycle: Cycle, p: Array, table: Table, periods: 
     arcs = list(table_arcs(system, table, began))
     for step, impact in enumerate(cycle.impacts):
         own = tuple(arc for index, arc in arcs if index == step)
-        yield Step(arcs=own, impact=impact_record(system, impact, own[-1].states[-1], p))
+        standing = system.walker.standing(p, system.walker.side(step))
+        yield Step(arcs=own, impact=impact_record(system, impact, own[-1].states[-1], standing))
 
 
 def table_arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> Iterator[tuple[int, Arc]]:
@@ -90,5 +91,6 @@ def table_arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> It
                 segment=bisect_right(system.control.breakpoints, (times[0] + times[-1]) / 2),
                 times=times,
                 states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
+                side=system.walker.side(step),
             ),
         )

@@ -44,10 +44,16 @@ class ScipyStepper:
     """
 
     def __init__(self, system: HybridSystem, p: Array, *, rtol: float = RTOL, atol: float = ATOL) -> None:
+        self._system = system
         self._natural, self._units = natural_system(system), units(system, p)
         self._tolerances = rtol, atol
         self._fields: dict[Mode, _Field] = {}
         self._variations: dict[tuple[Mode, int], tuple[CompiledStep, BufferedFunction]] = {}
+
+    def at(self, p: Array) -> "ScipyStepper":
+        """The same tolerances at other parameters; see ``Stepper``."""
+        rtol, atol = self._tolerances
+        return ScipyStepper(self._system, p, rtol=rtol, atol=atol)
 
     @np.errstate(all="ignore")  # a motion that blows up is told by the step size that vanishes
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:

@@ -41,6 +41,9 @@ class Arrival:
 class Stepper(Protocol):
     """An integrator of one system at fixed parameters."""
 
+    def at(self, p: Array) -> "Stepper":
+        """The same integrator at other parameters, shape (n_p,)."""
+
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``.
 

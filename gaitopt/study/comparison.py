@@ -64,7 +64,7 @@ def _states(step: Step, ours: Arc) -> Array:
     Arcs are found by time, among those with the same stops locked: where a switch falls on a breakpoint of the control,
     rounding decides which comes first.
     """
-    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked]
+    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked and arc.mode.flies == ours.mode.flies]
     times = ours.times
     index = np.searchsorted([arc.end for arc in arcs[:-1]], times)
     states = np.empty((times.size, ours.states.shape[1]))

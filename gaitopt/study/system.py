@@ -1,7 +1,7 @@
 """From a problem to its hybrid system; the reference of a PD law is solved first, from its own file."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -180,5 +180,6 @@ def _flow_on(gait: Gait, arc: Arc, duration: float) -> Arc:
     """The motion of an arc's mode for a while after its end."""
     times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
     data = gait.system.control.data(arc.segment)
-    states = integrate_to(gait.system, arc.mode, arc.states[-1], times, gait.p, data)
-    return Arc(mode=arc.mode, segment=arc.segment, times=times, states=states)
+    p = gait.system.walker.standing(gait.p, arc.side)
+    states = integrate_to(gait.system, arc.mode, arc.states[-1], times, p, data)
+    return replace(arc, times=times, states=states)

@@ -62,6 +62,10 @@ class HeyokaStepper:
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
         self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
 
+    def at(self, p: Array) -> "HeyokaStepper":
+        """The same precision at other parameters; see ``Stepper``."""
+        return HeyokaStepper(self._system, p, precision=self._precision)
+
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
         unit, names = self._units, margin_names(mode)
