@@ -15,9 +15,8 @@ from typing import Annotated, Any
 from casadi import SX, sqrt, vertcat
 from pydantic import Field
 
-from gaitopt.mechanics.drawing import spring
 from gaitopt.mechanics.units import Positive
-from gaitopt.mechanics.walker import Body, Mechanism, Walker
+from gaitopt.mechanics.walker import Body, Mechanism, Walker, coil
 
 
 class Hopper(Walker):
@@ -65,7 +64,7 @@ class Hopper(Walker):
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
         """The spring from the foot to the body."""
         foot = vertcat(q.x, q.y)
-        return (spring(foot, foot + vertcat(0, p.leg_length - q.shortening), p.leg_length),)
+        return (coil(foot, foot + vertcat(0, p.leg_length - q.shortening), 0.08 * p.leg_length),)
 
     @classmethod
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:

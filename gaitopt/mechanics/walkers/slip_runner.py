@@ -12,9 +12,8 @@ from typing import Annotated, Any
 from casadi import SX, cos, if_else, pi, sin, sqrt, vertcat
 from pydantic import Field
 
-from gaitopt.mechanics.drawing import spring
 from gaitopt.mechanics.units import Angle, Positive
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Body, Mechanism, Walker, coil, polar
 
 
 class SlipRunner(Walker):
@@ -57,7 +56,7 @@ class SlipRunner(Walker):
         body = vertcat(q.x, q.y) + polar(p.leg_length - q.shortening, q.theta)
         held = body - polar(p.leg_length, p.attack - pi / 2)
         on_ground = if_else(q.shortening > 0, vertcat(q.x, q.y), held)
-        return (spring(on_ground, body, p.leg_length),)
+        return (coil(on_ground, body, 0.08 * p.leg_length),)
 
     @classmethod
     def landing(

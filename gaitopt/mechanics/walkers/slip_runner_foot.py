@@ -11,9 +11,8 @@ from typing import Annotated, Any
 from casadi import SX, cos, pi, sin, vertcat
 from pydantic import Field
 
-from gaitopt.mechanics.drawing import spring
 from gaitopt.mechanics.units import Angle, Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Body, Mechanism, Walker, coil, polar
 
 
 class SlipRunnerFoot(Walker):
@@ -59,7 +58,7 @@ class SlipRunnerFoot(Walker):
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
         """The spring from the foot to the body."""
         foot = vertcat(q.x, q.y)
-        return (spring(foot, foot + polar(p.leg_length - q.shortening, q.theta), p.leg_length),)
+        return (coil(foot, foot + polar(p.leg_length - q.shortening, q.theta), 0.08 * p.leg_length),)
 
     @classmethod
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
