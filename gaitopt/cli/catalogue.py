@@ -47,15 +47,15 @@ def show(
 ) -> int:
     """Show a problem, complete and in SI."""
     from gaitopt.cli.console import print_json, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
 
-    found = asked(problem, changes)
+    loaded = load(problem, changes)
     if json:
-        print_json({**found.resolved(), "hash": found.digest})
+        print_json({**loaded.resolved(), "hash": loaded.digest})
         return 0
     from gaitopt.library.tables import print_problem
 
-    print_problem(results(), found)
+    print_problem(results(), loaded)
     return 0
 
 
@@ -64,13 +64,13 @@ def validate(
 ) -> int:
     """Check a problem and name all of its faults."""
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
 
-    found = asked(problem, changes, narration(quiet=False))
+    loaded = load(problem, changes, narration(quiet=False))
     if json:
-        print_json({"problem": found.name, "valid": True, "hash": found.digest})
+        print_json({"problem": loaded.name, "valid": True, "hash": loaded.digest})
     else:
-        results().print(f"{problem}: valid ({found.name}, hash {found.hash8})")
+        results().print(f"{problem}: valid ({loaded.name}, hash {loaded.hash8})")
     return 0
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey, MonitorValue
@@ -23,8 +23,6 @@ from gaitopt.nlp.rollout import after_impact, roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.verify import confirm
-
-Array = NDArray[np.float64]
 
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
 """Distances past the event at which a successor is looked for, in scales of the parameter."""

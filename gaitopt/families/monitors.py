@@ -15,13 +15,11 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, curves
 from gaitopt.mechanics import Mode, ending_margin, margin, margin_names, margin_scales, margin_unit
 from gaitopt.mechanics.buffered import buffered, buffered_map
-
-Array = NDArray[np.float64]
 
 SHORT = 1e-4
 """Phases shorter than this part of the period are judged by their duration alone: the rest is rounding."""

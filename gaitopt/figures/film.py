@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion, running
 from gaitopt.figures.packing import pack
 from gaitopt.figures.skeleton import Skeleton, skeleton, slope
 from gaitopt.gait import Arc, curves
-
-Array = NDArray[np.float64]
 
 FRAMES = 72
 """Most frames of a cycle; a page draws smooth curves through them."""

@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.labels import Label, label
 from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.runs.recorded import POINTS, recorded_steps
 from gaitopt.study.simulate import Walk
-
-Array = NDArray[np.float64]
 
 SMOOTH = 120
 """Points of an arc that is drawn."""
@@ -70,8 +68,7 @@ class Motion:
 
 def motion_of(gait: Gait, name: str = "") -> Motion:
     """The steps of a converged gait."""
-    assert gait.steps, "a failed attempt has no step to draw"
-    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.steps)
+    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.motion)
 
 
 def motion_of_walk(walk: Walk) -> Motion:

@@ -13,13 +13,11 @@ from types import SimpleNamespace
 
 import numpy as np
 from casadi import SX, Function, horzcat, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion
 from gaitopt.mechanics import CompassBiped, RimlessWheel, Walker
 from gaitopt.mechanics.lagrangian import parameter_namespace
-
-Array = NDArray[np.float64]
 
 RIGID = 1e-9
 """Relative change of a distance below which two points belong to one rigid part."""

@@ -7,31 +7,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import HybridSystem, Scales
 from gaitopt.mechanics.buffered import buffered_map
+from gaitopt.problem.scalars import SCALARS
 
-Array = NDArray[np.float64]
-
-MEASURES = (
-    "period",
-    "step_length",
-    "speed",
-    "work",
-    "damping_loss",
-    "cost_of_transport",
-    "absolute_cost_of_transport",
-    "torque_squared",
-    "peak_torque",
-    "slip_distance",
-    "foot_clearance",
-    "required_friction",
-    "impulse_ratio",
-    "min_normal_force",
-)
+MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
 """Names of what ``measure`` finds, in order."""
 
 
@@ -89,8 +73,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     ----------
     Gamus & Or (2013), eq. (22) for the cost of transport.
     """
-    impacts = [step.impact for step in steps if step.impact is not None]
-    assert len(impacts) == len(steps), "only a complete step has a step length"
+    impacts = [step.final_impact for step in steps]
     by_step = [[(arc, observe(system, p, arc)) for arc in step.arcs] for step in steps]
     observed = [pair for pairs in by_step for pair in pairs]
     pushed = sum(impact.push_work for impact in impacts)
@@ -122,15 +105,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
 
 def measure_scales(scales: Scales) -> dict[str, float]:
     """Natural unit of every measure by its name; one where it is a ratio."""
-    lengths = dict.fromkeys(("step_length", "slip_distance", "foot_clearance"), scales.length)
-    energies = dict.fromkeys(("work", "damping_loss", "peak_torque"), scales.energy)
-    others = {
-        "period": scales.time,
-        "speed": scales.speed,
-        "torque_squared": scales.energy**2 * scales.time,
-        "min_normal_force": scales.force,
-    }
-    return dict.fromkeys(MEASURES, 1.0) | lengths | energies | others
+    return {name: SCALARS[name].within.size(scales) for name in MEASURES}
 
 
 def friction_ratio(force: Array) -> Array:

@@ -5,11 +5,9 @@ from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.mechanics import Mode
-
-Array = NDArray[np.float64]
 
 
 class Ending(StrEnum):
@@ -30,7 +28,7 @@ class Ending(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Arc:
+class Arc(ReadOnlyArrays):
     """A smooth piece of motion: one mode on one segment of the control.
 
     Attributes
@@ -68,7 +66,7 @@ class Arc:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ImpactRecord:
+class ImpactRecord(ReadOnlyArrays):
     """One impact.
 
     Attributes
@@ -124,13 +122,26 @@ class Step:
         return tuple(int(k) for k in np.cumsum([0, *new]))
 
     @property
+    def final_impact(self) -> ImpactRecord:
+        """The impact that ends the step.
+
+        Raises
+        ------
+        ValueError
+            If the motion ended before.
+        """
+        if self.impact is None:
+            raise ValueError("the motion ended before the impact of its last step")
+        return self.impact
+
+    @property
     def period(self) -> float:
         """Time from impact to impact [s]."""
         return self.arcs[-1].end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trajectory:
+class Trajectory(ReadOnlyArrays):
     """Steps of a simulated motion, and why it ended.
 
     Attributes

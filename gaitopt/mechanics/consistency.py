@@ -16,14 +16,12 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.posture import Posture, posture, section_posture
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.walker import Walker
-
-Array = NDArray[np.float64]
 
 SAMPLES = 4
 """Random touchdowns; what holds at one of them by chance does not hold at all."""

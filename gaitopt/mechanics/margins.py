@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.modes import Mode
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.walker import Walker
@@ -223,7 +223,7 @@ def impact_margin_names(mode: Mode, walker: type[Walker], *, two_coefficients: b
     return (*common, "impact_slip_velocity", "impact_painleve", *(("impact_onset",) if two_coefficients else ()))
 
 
-def margin_scales(mode: Mode, scales: Scales) -> NDArray[np.float64]:
+def margin_scales(mode: Mode, scales: Scales) -> Array:
     """Natural unit of every margin of a mode, in the order of ``margin_names``."""
     return np.array([margin_unit(name, scales) for name in margin_names(mode)])
 

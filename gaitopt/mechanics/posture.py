@@ -6,13 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 from casadi import SX, Function, horzcat, jacobian, jtimes, norm_2, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.lagrangian import check_structure, parameter_namespace
 from gaitopt.mechanics.walker import Walker
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,6 +17,7 @@ import numpy as np
 from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.contact import Motion, flight, motion
 from gaitopt.mechanics.control.law import Control
@@ -77,7 +78,7 @@ class HybridSystem:
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[Mode, Impact] = {}
         self._functions: dict[str, Function] = {}
-        self._data: dict[int, NDArray[np.float64]] = {}
+        self._data: dict[int, Array] = {}
 
     def flow(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt."""
@@ -204,12 +205,12 @@ class HybridSystem:
         """p -> total weight [N]."""
         return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
 
-    def scales(self, p: NDArray[np.float64]) -> Scales:
+    def scales(self, p: Array) -> Scales:
         """Natural units of the walker at parameters ``p`` of shape (n_p,)."""
         length, gravity, mass = (float(value[0]) for value in buffered(self._scale_function)(p))
         return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
 
-    def state_scales(self, scales: Scales) -> NDArray[np.float64]:
+    def state_scales(self, scales: Scales) -> Array:
         """Natural unit of every entry of ``z``, shape (n_z,): angles 1, rates 1 / time, lengths by the leg's."""
         lengths = {*self.walker.lengths, "x", "y"}
         units = np.array([scales.length if name in lengths else 1.0 for name in self.walker.coordinates()])
@@ -242,18 +243,18 @@ class HybridSystem:
         names = self.walker.section_names(slipping=impact_mode.slips)
         return np.array([self.state_names.index(name) for name in names])
 
-    def lift_state(self, xi: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def lift_state(self, xi: Array, p: Array) -> Array:
         """State just after an impact from section coordinates, with or without dx; shape (n_z,)."""
         full = np.zeros(len(self.walker.section_names(slipping=True)))
         full[: xi.size] = xi
         return buffered(self.lift)(full, p)[0].copy()
 
-    def values(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
+    def values(self, parameters: Mapping[str, float]) -> Array:
         """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
         known = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
         return np.array([float(known[name]) for name in self.parameters])
 
-    def data(self, segment: int) -> NDArray[np.float64]:
+    def data(self, segment: int) -> Array:
         """Segment data of the control, shape (n_r,); not to be written to."""
         if segment not in self._data:
             self._data[segment] = self.control.data(segment)
@@ -267,7 +268,7 @@ class HybridSystem:
         """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
         return self.friction.kinetic(p[self._friction_entries])
 
-    def friction_drops(self, p: NDArray[np.float64]) -> bool:
+    def friction_drops(self, p: Array) -> bool:
         """Whether friction drops when a foot begins to slip: static above kinetic at parameters ``p``."""
         return bool(self.static_friction(p) > self.kinetic_friction(p))
 

@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin
 from gaitopt.mechanics.buffered import buffered
@@ -12,8 +10,6 @@ from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
 
 COUNTS = (33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved."""
@@ -32,7 +28,7 @@ def assemble_gait(
 
     Parameters
     ----------
-    problem : what was asked.
+    problem : the one that was solved.
     at : the equalities at the solution.
     errors : ndarray, shape (n_phases,) - estimated integration error.
     """

@@ -4,17 +4,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause
 from gaitopt.mechanics import Cycle, ending_margin, margin
 from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.mechanics.margins import PUSH
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
-
-Array = NDArray[np.float64]
-
 
 SAMPLES = 33
 """Points of an arc on which an early touchdown is looked for."""
@@ -34,10 +31,10 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     """
     if (margins >= 0).all() and (problem.unpack(w)[1] >= 0).all():
         return []
-    found = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
-    found = found or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
+    present = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
+    present = present or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
     worst: dict[tuple[int | None, int], Cause] = {}
-    for violation in sorted(found, key=lambda c: c.severity):
+    for violation in sorted(present, key=lambda c: c.severity):
         if violation.severity > tolerance:
             worst[violation.phase, violation.step] = violation
     return sorted(worst.values(), key=lambda c: -c.severity)

@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import brentq
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.nlp.layout import Layout
 from gaitopt.nlp.trial import overflow_allowed
-
-Array = NDArray[np.float64]
 
 RTOL, ATOL = 1e-8, 1e-10
 """A guess needs no more; the absolute one in natural units."""

@@ -11,16 +11,14 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.sparse import csc_matrix
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import with_data
-
-Array = NDArray[np.float64]
 
 N_STAGES = DOP853.n_stages
 
@@ -134,7 +132,7 @@ class ShootingJacobian:
         """Rates (12, K, n_z), their derivatives (12, K, n_z, n_z + 1 + n_free) and lengths (K,) of all intervals."""
         t, n_z = self._t, self._n_z
         nodes, durations, freed = t.unpack(w)
-        lengths, found = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
+        lengths, values = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
         starts = t.layout.start_nodes
         for arc, at, (start, end) in zip(t.layout.arcs, self._intervals, t.layout.arc_times(durations), strict=True):
             m = arc.intervals
@@ -142,8 +140,8 @@ class ShootingJacobian:
             times: Array = start + lengths[at] * np.arange(m)
             data = t.system.data(arc.segment)
             own, free = t.standing_values(p, freed, arc.phase), t.standing_names(arc.phase)
-            found[at] = _stage_values(t.system, arc.mode, free, nodes.T[starts[at]], times, lengths[at], own, data)
-        stages = np.ascontiguousarray(found.transpose(2, 0, 1, 3))
+            values[at] = _stage_values(t.system, arc.mode, free, nodes.T[starts[at]], times, lengths[at], own, data)
+        stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
         return stages[..., 0], stages[..., 1:], lengths
 
 

@@ -16,17 +16,14 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import MX, Function, horzcat, repmat, vec, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait.curves import points
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.units import Label, Units
-
-Array = NDArray[np.float64]
-
 
 GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
 """Margins that are zero where the spring of a massless leg has its full length: at landing and take-off."""

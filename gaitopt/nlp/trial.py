@@ -7,9 +7,10 @@ that computes them.
 from copy import copy
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
+
+from gaitopt.arrays import Array
 
 
 def overflow_allowed() -> np.errstate:
@@ -17,7 +18,7 @@ def overflow_allowed() -> np.errstate:
     return np.errstate(over="ignore", invalid="ignore")
 
 
-def with_data(pattern: csc_matrix, data: NDArray[np.float64]) -> csc_matrix:
+def with_data(pattern: csc_matrix, data: Array) -> csc_matrix:
     """The sparse matrix with other values in the same places; scipy's constructor would check the places again."""
     matrix = copy(pattern)
     matrix.data = data

@@ -10,15 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from casadi import Function
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.mechanics.saltation import projection, saltation
 from gaitopt.simulation import Stepper
-
-Array = NDArray[np.float64]
 
 
 class StepSensitivity:
@@ -66,8 +64,7 @@ class StepSensitivity:
             deviations = stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
             if after is None or after.segment == arc.segment:
                 deviations = self._event(arc, after, data, p) @ deviations
-        assert step.impact is not None, "only a complete step returns to the section"
-        reset = self._matrix(system.impact_jacobian(step.impact.mode), step.arcs[-1].states[-1], p)
+        reset = self._matrix(system.impact_jacobian(step.final_impact.mode), step.arcs[-1].states[-1], p)
         after_impact = reset @ deviations
         after_impact[system.n_shape] = 0.0  # x is counted from the new stance foot
         return np.asarray(after_impact)

@@ -10,6 +10,7 @@ BEYOND: Mapping[str, str] = {
     "torso|trunk": "torso_walker has a torso",
     "telescop|retract": "telescopic_compass has telescopic legs",
     "push": "push_off_compass pushes off with its stance foot",
+    "hop|jump|fly|airborne|running": "hopper and slip_runner leave the ground, in phases called flight",
     "limp|other_leg": "the legs of unequal_compass may differ",
     "support|both_feet": "both feet are on the ground in the instant of an impact alone",
     "bounc|rebound|restitution|elastic": "impacts are plastic, and nothing bounces",

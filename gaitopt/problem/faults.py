@@ -1,7 +1,7 @@
 """What is wrong with a problem, and where: all faults at once, each with its place, the allowed values and a remedy.
 
-A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into
-``--set walker.leg_mass``.
+A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into the key that
+was overridden, with the words of whoever did it.
 """
 
 import difflib
@@ -61,6 +61,7 @@ class OverridePlace:
     """Overrides by dotted key; a consequence elsewhere is reported under the override that caused it."""
 
     keys: Mapping[str, Key]
+    label: str = ""
 
     def related(self, path: Key) -> list[str]:
         """The overrides that set ``path`` or a section around it, or else a part of it."""
@@ -68,10 +69,10 @@ class OverridePlace:
         return around or [key for key, target in self.keys.items() if target[: len(path)] == path]
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
-        """``--set walker.leg_mass``."""
+        """``walker.leg_mass`` after the label."""
         keys = self.related(path) or list(self.keys)
-        label = f"--set {', '.join(map(plain, keys))}"
-        return (list(self.keys).index(keys[0]), 0), label if keys == [dotted(path)] else f"{label}: {dotted(path)}"
+        words = f"{self.label}{', '.join(map(plain, keys))}"
+        return (list(self.keys).index(keys[0]), 0), words if keys == [dotted(path)] else f"{words}: {dotted(path)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,7 @@ class ChangedPlace:
     overrides: OverridePlace
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
-        """``--set walker.leg_mass``, or where it was before."""
+        """``walker.leg_mass`` after the label, or where it was before."""
         return (self.overrides if self.overrides.related(path) else self.before).locate(path)
 
 
@@ -102,8 +103,8 @@ def fault_lines(faults: Iterable[Fault], place: Place) -> list[str]:
 def read_section(model: type[Model], data: object, path: Key, faults: list[Fault]) -> Model | None:
     """``data`` as a model whose fields are the keys of one mapping; faults are added, and then there is no model."""
     if not isinstance(data, Mapping):
-        found = f"{shown(data)} stands where a mapping belongs"
-        faults.append(Fault(path, f"{found}; keys: {', '.join(model.model_fields)}"))
+        words = f"{shown(data)} stands where a mapping belongs"
+        faults.append(Fault(path, f"{words}; keys: {', '.join(model.model_fields)}"))
         return None
     try:
         return model.model_validate(dict(data))

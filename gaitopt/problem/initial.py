@@ -63,8 +63,9 @@ def _read_open(
     gait = read_section(OpenGaitSection, data, ("gait",), faults)
     if gait is None:
         return None, None
-    sequence = OpenSequence(impact=gait.impact, steps=gait.steps)
-    if model is not None and gait.steps < model.n_sides():
+    sides = 1 if model is None else model.n_sides()
+    sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, sides))
+    if "steps" in gait.model_fields_set and gait.steps < sides:
         faults.append(Fault(("gait", "steps"), UNEVEN.format(gait.steps)))
     guess = None if gait.guess is None else read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
     if guess is None or model is None:

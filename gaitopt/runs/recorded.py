@@ -5,14 +5,12 @@ from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.nlp import integrate_to
 from gaitopt.nlp.assembly import impact_record
-
-Array = NDArray[np.float64]
 
 POINTS = 33
 """Chebyshev points of a phase; they resolve a phase of walking."""

@@ -7,8 +7,8 @@ from itertools import accumulate, groupby, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Arc, Gait, Status, Step, measure
 from gaitopt.mechanics import Cycle, HybridSystem, Mode
@@ -17,8 +17,6 @@ from gaitopt.search.distinct import closed
 from gaitopt.store import Run, Table
 from gaitopt.store.run import restored_problem
 from gaitopt.study.system import build_system
-
-Array = NDArray[np.float64]
 
 SAME_TIME = 1e-14
 """Of the period: the end of one arc and the start of the next may differ by rounding, points inside an arc do not."""

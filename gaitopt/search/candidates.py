@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Status, Step
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.nlp import free_parameters
@@ -23,7 +23,6 @@ from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
 from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.study.return_map import step_map
 
-Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3

@@ -21,15 +21,13 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import ONSETS, HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import natural_system, units
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

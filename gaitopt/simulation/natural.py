@@ -12,11 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, repmat, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names, margin_scales
-
-Array = NDArray[np.float64]
 
 PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")
 """Its place among the margins of every slip."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import ONSETS, PHASE_MARGINS, HybridSystem, Mode
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
@@ -19,8 +19,6 @@ from gaitopt.simulation.natural import units
 from gaitopt.simulation.sampling import sample
 from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
 from gaitopt.simulation.stepper import Arrival, Stepper
-
-Array = NDArray[np.float64]
 
 MAX_STEP_TIME = 50.0
 """A walker that has not touched down by then, in units of sqrt(l / g), no longer walks: 20 s for legs of 1.6 m."""

@@ -4,13 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, ImpactRecord, Step, curves, measure, measure_scales
 from gaitopt.mechanics import Scales
 from gaitopt.study.claims import Claim, claim
-
-Array = NDArray[np.float64]
 
 AGREEMENT = 1e-9
 """Period, switching times and states just after the impact."""

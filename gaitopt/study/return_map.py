@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.gait import Gait
 from gaitopt.mechanics import CONTACTS, HybridSystem, Mode
 from gaitopt.problem import Problem
@@ -20,7 +21,6 @@ from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 if TYPE_CHECKING:
     from gaitopt.simulation.batch.simulator import BatchSimulator
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 CHUNK = 4096
@@ -28,7 +28,7 @@ CHUNK = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Returns:
+class Returns(ReadOnlyArrays):
     """One return to the section of each of n states: a step, or where the legs differ one with either of them.
 
     Attributes

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Ending, Gait, Trajectory, curves, observe
@@ -14,8 +13,6 @@ from gaitopt.simulation import Engine, Simulator, make_stepper
 from gaitopt.study.claims import Claim, Verification, claim, failed_claim
 from gaitopt.study.comparison import AGREEMENT, motion_claims, record_claims
 from gaitopt.study.perturbation import return_map_claims
-
-Array = NDArray[np.float64]
 
 FORCE_SLACK = 1e-8
 """Excess over the friction coefficient that rounding at the edge of the cone can cause."""

@@ -168,11 +168,19 @@ def test_batches_return_after_a_step_with_either_leg():
     assert scipy.times[row] == pytest.approx(sum(step.period for step in walked.steps), abs=1e-12)
 
 
+@pytest.mark.slow
+def test_gaits_of_legs_that_differ_are_found_and_explained():
+    problem = named("compass-unequal").problem.replace({"friction": 0.19})
+    (gait,) = go.find(problem.replace({"gait": {"phases": "auto"}}), workers=1)
+    assert sorted(step.impact.mode for step in gait.steps) == ["slip_forward", "stick"]
+    assert not go.explain(problem, workers=1).exists
+
+
 @pytest.mark.parametrize(
     "gait",
     [
         {"phases": ["stick"], "impact": "stick", "guess": {"state": {"theta1": -0.1, "dtheta1": 0.7, "dtheta2": -0.5}}},
-        {"phases": "auto"},
+        {"phases": "auto", "steps": 1},
     ],
 )
 def test_a_cycle_of_an_odd_number_of_steps_is_refused(gait):

@@ -396,6 +396,7 @@ def test_a_fault_is_one_printable_line_whatever_the_file_says():
         ({"gait.phases": ["knee"]}, r"\{mode: stick, knee: free\}"),
         ({"gait.phases": ["roll"]}, "round_feet_compass"),
         ({"gait.phases": ["double_support"]}, "in the instant of an impact alone"),
+        ({"gait.phases": ["jump"]}, "phases called flight"),
         ({"gait.impact": "bounce"}, "impacts are plastic"),
         ({"walker.hip_damping": 1.0}, "torso_walker"),
         ({"walker.restitution": 0.5}, "nothing bounces"),

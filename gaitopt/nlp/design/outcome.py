@@ -11,13 +11,11 @@ from functools import cached_property
 
 import numpy as np
 from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.integrator import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.nlp.transcription import Transcription
-
-Array = NDArray[np.float64]
 
 RADIUS = "spectral_radius"
 EXTREMA = {

@@ -11,14 +11,13 @@ from itertools import chain
 
 import numpy as np
 from casadi import MX, Function, jacobian, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.mechanics import Mode, margin_scales
 from gaitopt.nlp.design.sensitivity import ArcCurves, Curve, Sensitivity
 from gaitopt.nlp.transcription import Transcription
 
-Array = NDArray[np.float64]
 Valued = tuple[float, Array]
 """A number and its derivatives in the freed parameters, shape (n_free,)."""
 

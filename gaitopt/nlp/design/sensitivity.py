@@ -13,8 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, jacobian, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.nlp.assembly import assemble_steps
@@ -22,9 +22,6 @@ from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.shooting_jacobian import step_derivatives
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise
-
-Array = NDArray[np.float64]
-
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved; every point costs a step."""

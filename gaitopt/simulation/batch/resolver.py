@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import ImpactRecord
 from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode
 from gaitopt.simulation.batch.steps import ENDINGS, NONE
@@ -17,12 +18,11 @@ from gaitopt.simulation.events import EDGE, INSTANT
 from gaitopt.simulation.heyoka.functions import HeyokaRowMap
 from gaitopt.simulation.natural import natural_system, units
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Codes = NDArray[np.int64]
 
 CONE_EDGE = 1e-9
-"""Relative distance from the edge of the cone within which an impact is looked at by itself."""
+"""Relative distance from the edge of the cone within which an impact is resolved by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

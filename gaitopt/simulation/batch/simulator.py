@@ -7,16 +7,17 @@ all with the same event through what follows, until every step has ended.
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending
 from gaitopt.mechanics import CONTACTS, ONSETS, HybridSystem, Mode, margin_names
 from gaitopt.simulation.batch.resolver import BatchResolver, Landing
-from gaitopt.simulation.batch.stepper import Arrivals, HeyokaBatch
+from gaitopt.simulation.batch.stepper import HeyokaBatch
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, base, max_phases
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES
+from gaitopt.simulation.stepper import Arrivals
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 Indices = NDArray[np.intp]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending
 from gaitopt.mechanics import CONTACTS, Mode
 from gaitopt.simulation.simulator import StepOutcome
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 ENDINGS = tuple(Ending)

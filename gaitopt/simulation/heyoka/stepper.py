@@ -10,8 +10,8 @@ from typing import Any
 
 import heyoka as hy
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import (
@@ -35,8 +35,6 @@ from gaitopt.simulation.heyoka.integrators import (
 )
 from gaitopt.simulation.natural import natural_system, units
 from gaitopt.simulation.stepper import Arrival
-
-Array = NDArray[np.float64]
 
 MAX_TAYLOR_STEPS = 20_000
 """Bound on the work for one arc: walking takes ten, only a very stiff control law takes more."""
