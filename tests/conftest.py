@@ -1,13 +1,16 @@
 """Settings of the whole test suite: generated examples are the same in every run; and what tests of commands share."""
 
+import gc
 import os
 import signal
+import sys
 
 # before numpy is imported: the processes of the suite share the cores, and threads would fight over them
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("COLUMNS", None)  # of the terminal that the suite runs in; what is printed here goes to pipes
 
+import dask
 import pytest
 from hypothesis import settings
 
@@ -18,6 +21,20 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of
 
 settings.register_profile("reproducible", derandomize=True, deadline=None)
 settings.load_profile("reproducible")
+
+
+def pytest_collection_finish():
+    """Modules and tests stay until the end: the garbage collector need not look at them again and again."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def forked_workers():
+    """Workers are forked from a process that has imported Dask, within a tenth of a second; commands spawn theirs."""
+    method = "forkserver" if sys.platform == "linux" else "spawn"
+    with dask.config.set({"distributed.worker.multiprocessing-method": method}):
+        yield
 
 
 @pytest.fixture

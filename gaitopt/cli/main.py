@@ -3,7 +3,8 @@
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated
+from functools import cache
+from typing import Annotated, Any
 
 import typer
 
@@ -119,14 +120,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     if COMPLETION in os.environ:
         app(prog_name="gaitopt")
-    group = typer.main.get_command(app)
     try:
-        with group.make_context("gaitopt", list(arguments)) as context:
-            code = group.invoke(context)
+        with _commands().make_context("gaitopt", list(arguments)) as context:
+            code = context.command.invoke(context)
         sys.stdout.flush()
     except typer.Exit as ending:  # --help, --version
         return ending.exit_code
     return int(code)
+
+
+@cache
+def _commands() -> Any:
+    """The parser of all commands, which takes a while to build."""
+    return typer.main.get_command(app)
 
 
 def _say(message: str, code: int, arguments: list[str]) -> int:

@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from itertools import accumulate, pairwise
 from typing import Any, ClassVar
 
@@ -234,7 +235,7 @@ class Cycle:
     @property
     def phases(self) -> tuple[Mode, ...]:
         """Modes of all phases in order."""
-        return tuple(mode for step in self.steps for mode in step.phases)
+        return _phases(self.steps)
 
     @property
     def impacts(self) -> tuple[Mode, ...]:
@@ -249,7 +250,7 @@ class Cycle:
     @property
     def first_phases(self) -> tuple[int, ...]:
         """Index of the first phase of every step."""
-        return tuple(accumulate((len(step.phases) for step in self.steps[:-1]), initial=0))
+        return _first_phases(self.steps)
 
     def step_of(self, phase: int) -> int:
         """Index of the step to which a phase belongs."""
@@ -274,8 +275,7 @@ class Cycle:
     @property
     def resets(self) -> tuple[tuple[int, Mode], ...]:
         """Every phase that an impact ends, with that impact."""
-        pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
-        return tuple((phase, reset) for phase, reset in pairs if reset is not None)
+        return _resets(self)
 
     def phase_words(self, phase: int) -> str:
         """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
@@ -301,3 +301,19 @@ class Cycle:
 
     def __str__(self) -> str:
         return " | ".join(map(str, self.steps))
+
+
+@lru_cache(maxsize=256)
+def _phases(steps: tuple[ModeSequence, ...]) -> tuple[Mode, ...]:
+    return tuple(mode for step in steps for mode in step.phases)
+
+
+@lru_cache(maxsize=256)
+def _first_phases(steps: tuple[ModeSequence, ...]) -> tuple[int, ...]:
+    return tuple(accumulate((len(step.phases) for step in steps[:-1]), initial=0))
+
+
+@lru_cache(maxsize=256)
+def _resets(cycle: Cycle) -> tuple[tuple[int, Mode], ...]:
+    pairs = ((phase, cycle.reset_after(phase)) for phase in range(len(cycle.phases)))
+    return tuple((phase, reset) for phase, reset in pairs if reset is not None)

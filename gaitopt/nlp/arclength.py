@@ -15,7 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_matrix, vstack
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 
 from gaitopt.arrays import Array
 from gaitopt.iteration import NO_CONTRACTION, iterate
@@ -194,10 +195,17 @@ class Curve:
         return None if factor is None else CurvePoint(at=at, tangent=tangent, factor=factor, iterations=iterations)
 
     def _factor(self, at: Linearisation, normal: Array) -> ScaledFactor | None:
-        values = normal / self.scales
-        row = csc_matrix((values, (np.zeros(values.size, dtype=int), self._indices)), shape=(1, at.w.size))
         try:
-            matrix = vstack([at.jacobian, row], format="csc")
+            matrix = _with_row(at.jacobian, self._indices, normal / self.scales)
             return ScaledFactor(matrix, np.append(self._units.equalities, 1.0), self._columns)
         except RuntimeError:  # exactly singular
             return None
+
+
+def _with_row(matrix: csc_matrix, columns: NDArray[np.intp], values: Array) -> csc_matrix:
+    """The matrix with one more row, whose entries in the ascending ``columns`` are ``values``."""
+    rows, size = matrix.shape
+    ends = matrix.indptr[columns + 1]
+    pointers = matrix.indptr + np.searchsorted(columns, np.arange(size + 1))
+    data, indices = np.insert(matrix.data, ends, values), np.insert(matrix.indices, ends, rows)
+    return csc_matrix((data, indices, pointers), shape=(rows + 1, size))

@@ -7,6 +7,7 @@ two impacts, of the foot or of a stop, there is one node more than intervals: ju
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -39,7 +40,7 @@ class ArcLayout:
     intervals: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Layout:
     """All arcs of a cycle in order."""
 
@@ -56,7 +57,7 @@ class Layout:
         """Number of nodes: one more than intervals for every impact."""
         return self.intervals + len(self.cycle.resets)
 
-    @property
+    @cached_property
     def first_nodes(self) -> tuple[int, ...]:
         """Index of the first node of every arc."""
         ends = np.cumsum([0, *(arc.intervals for arc in self.arcs[:-1])])
@@ -70,7 +71,7 @@ class Layout:
             [f + np.arange(arc.intervals) for f, arc in zip(self.first_nodes, self.arcs, strict=True)]
         )
 
-    @property
+    @cached_property
     def last_nodes(self) -> tuple[int, ...]:
         """Index of the last node of every phase."""
         ends = {arc.phase: first + arc.intervals for arc, first in zip(self.arcs, self.first_nodes, strict=True)}

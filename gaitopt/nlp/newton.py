@@ -18,7 +18,7 @@ from gaitopt.mechanics import Mode
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import factorise, overflow_allowed
+from gaitopt.nlp.trial import factorise, overflow_allowed, with_data
 from gaitopt.nlp.units import Units
 
 NEWTON_TOLERANCE = 3e-15
@@ -44,7 +44,7 @@ class ScaledFactor:
     def __init__(self, matrix: csc_matrix, rows: Array, columns: Array) -> None:
         self._rows, self._columns = rows, columns
         data = matrix.data * np.repeat(columns, np.diff(matrix.indptr)) / rows[matrix.indices]
-        self._lu = factorise(csc_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape))
+        self._lu = factorise(with_data(matrix, data))
 
     def solve(self, right: Array) -> Array:
         """x of matrix x = right; shape (n,) or (n, m)."""
@@ -73,10 +73,10 @@ class Linearisation:
     jacobian: csc_matrix
     units: Units
 
-    @property
+    @cached_property
     def square(self) -> csc_matrix:
         """Jacobian in nodes and durations alone; shape (n, n)."""
-        return self.jacobian[:, : self.residual.size]
+        return self.jacobian if self.jacobian.shape[1] == self.residual.size else self.jacobian[:, : self.residual.size]
 
     @property
     def size(self) -> float:

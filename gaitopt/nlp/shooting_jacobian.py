@@ -18,6 +18,7 @@ from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.trial import with_data
 
 N_STAGES = DOP853.n_stages
 
@@ -62,7 +63,7 @@ class ShootingJacobian:
         """d equalities / d w."""
         (tail,) = self._tail_nonzeros(w, p)
         data = np.concatenate([np.ones(self._n * self._n_z), *self._steps(w, p), tail])
-        return csc_matrix((data[self._order], self._rows, self._pointers), shape=self._shape)
+        return with_data(self._pattern, data[self._order])
 
     @cached_property
     def _tail(self) -> Function:
@@ -109,9 +110,9 @@ class ShootingJacobian:
         rows = np.concatenate([row, own[0].ravel(), rest[0].ravel(), n * n_z + np.array(sparsity.row(), dtype=int)])
         columns = np.concatenate([after, own[1].ravel(), rest[1].ravel(), np.array(sparsity.get_col(), dtype=int)])
         self._order = np.lexsort((rows, columns))
-        self._rows = rows[self._order]
-        self._pointers = np.searchsorted(columns[self._order], np.arange(n_w + 1))
-        self._shape = (t.equalities.numel(), n_w)
+        pointers = np.searchsorted(columns[self._order], np.arange(n_w + 1))
+        places = (np.zeros(rows.size), rows[self._order], pointers)
+        self._pattern = csc_matrix(places, shape=(t.equalities.numel(), n_w))
 
     def _steps(self, w: Array, p: Array) -> tuple[Array, Array]:
         """Minus the derivatives of all steps by their own nodes, and by durations and freed parameters."""

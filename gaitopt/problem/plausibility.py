@@ -15,6 +15,7 @@ from casadi import SX, Function
 from pydantic import BaseModel
 
 from gaitopt.mechanics import HybridSystem, Mode, NoControl, Scales, Walker
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.lagrangian import parameter_namespace
 from gaitopt.mechanics.ranges import Within, symmetric
 from gaitopt.problem.faults import Fault, Key
@@ -173,8 +174,8 @@ def _geometry_at_guess(problem: "Problem") -> tuple[Any, float, Any]:
     Without a guess all angles are zero.
     """
     shape = [0.0 if problem.start is None else problem.start.state[name] for name in problem.walker.shape]
-    foot, upright, gravity = _geometry(type(problem.walker))(shape, _values(problem.walker))
-    return np.asarray(foot).ravel(), float(upright), np.asarray(gravity).ravel()
+    foot, upright, gravity = buffered(_geometry(type(problem.walker)))(shape, _values(problem.walker))
+    return foot.copy(), float(upright[0]), gravity.copy()
 
 
 def _pushes(walker: Walker) -> bool:

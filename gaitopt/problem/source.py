@@ -5,7 +5,9 @@ depth and number of values are bounded, so that no text takes long. Only mapping
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +94,13 @@ def parse_source(text: str, name: str) -> Source:
     """
     if len(text) > MAX_BYTES:
         raise _refusal(name, f"is larger than {MAX_BYTES // 1024} kB: a problem file holds one gait, some 30 lines")
+    source = _parse(text, name)
+    return replace(source, data=deepcopy(source.data))
+
+
+@lru_cache(maxsize=64)
+def _parse(text: str, name: str) -> Source:
+    """The same, kept, as the parser takes ten milliseconds for a file; nobody may change its data."""
     yaml = YAML(typ="safe", pure=True)
     reader = _Reader(yaml, name)
     try:

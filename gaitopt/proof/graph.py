@@ -4,6 +4,7 @@ The values may be real balls or truncated power series of real balls (``arb``, `
 result encloses the exact one, and is not finite where the function may not be defined.
 """
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from math import pi
@@ -34,7 +35,7 @@ def _power(a: Any, b: Any) -> Any:
 
 UNARY: Mapping[int, Callable[[Any], Any]] = {
     ca.OP_ASSIGN: lambda a: a,
-    ca.OP_NEG: lambda a: -a,
+    ca.OP_NEG: operator.neg,
     ca.OP_SQ: lambda a: a * a,
     ca.OP_TWICE: lambda a: a + a,
     ca.OP_INV: lambda a: 1 / a,
@@ -58,10 +59,10 @@ UNARY: Mapping[int, Callable[[Any], Any]] = {
 }
 """Instructions of one operand; those with a kink (fabs, sign, floor) are not analytic and are refused."""
 BINARY: Mapping[int, Callable[[Any, Any], Any]] = {
-    ca.OP_ADD: lambda a, b: a + b,
-    ca.OP_SUB: lambda a, b: a - b,
-    ca.OP_MUL: lambda a, b: a * b,
-    ca.OP_DIV: lambda a, b: a / b,
+    ca.OP_ADD: operator.add,
+    ca.OP_SUB: operator.sub,
+    ca.OP_MUL: operator.mul,
+    ca.OP_DIV: operator.truediv,
     ca.OP_POW: _power,
     ca.OP_CONSTPOW: _power,
     ca.OP_HYPOT: lambda a, b: (a * a + b * b).sqrt(),
@@ -95,7 +96,7 @@ class Graph:
         self._name = function.name()
         self._sizes = [function.numel_out(k) for k in range(function.n_out())]
         self._values: list[Any] = []
-        self._steps: list[tuple[int, Callable[..., Any], tuple[int, ...]]] = []
+        self._steps: list[tuple[int, Callable[..., Any], int, int | None]] = []
         self._inputs: list[tuple[int, int]] = []
         self._outputs: list[tuple[int, int, int]] = []
         place: dict[int, int] = {}
@@ -125,7 +126,7 @@ class Graph:
                     self._values[-1] = apply(*(self._values[i] for i in places))
                 else:
                     variable.add(place_of_result)
-                    self._steps.append((place_of_result, apply, places))
+                    self._steps.append((place_of_result, apply, places[0], places[1] if len(places) > 1 else None))
             place[results[0]] = place_of_result
 
     def __call__(self, variable: Sequence[Any]) -> list[list[Any]]:
@@ -140,8 +141,8 @@ class Graph:
         for place, entry in self._inputs:
             values[place] = variable[entry]
         try:
-            for place, apply, operands in self._steps:
-                values[place] = apply(*(values[i] for i in operands))
+            for place, apply, a, b in self._steps:
+                values[place] = apply(values[a]) if b is None else apply(values[a], values[b])
         except (ZeroDivisionError, ValueError) as failure:  # of a number, of a series
             raise NotProved(f"{self._name}: a quotient by what may be zero") from failure
         outputs: list[list[Any]] = [[arb(0)] * size for size in self._sizes]

@@ -33,7 +33,10 @@ def figures():
 
 @pytest.fixture(scope="module")
 def drawn():
-    return figures()
+    every = figures()
+    for figure in every.values():
+        figure.canvas.draw()
+    return every
 
 
 def curves(axes, style):
@@ -51,7 +54,6 @@ def test_every_axis_says_what_it_shows_and_in_which_unit(drawn):
 
 def test_no_legend_covers_the_picture_or_leaves_it(drawn):
     for name, figure in drawn.items():
-        figure.canvas.draw()
         renderer = figure.canvas.get_renderer()
         (legend,) = figure.legends
         box = legend.get_window_extent(renderer)
@@ -251,7 +253,6 @@ def test_requests_without_a_design_are_ticks_with_their_reason():
 
 def test_labels_lie_inside_the_canvas(drawn):
     for name, figure in drawn.items():
-        figure.canvas.draw()
         box = figure.get_tightbbox(figure.canvas.get_renderer())
         assert box.x0 > -0.02, name
         assert box.y0 > -0.02, name

@@ -122,7 +122,7 @@ def test_a_phase_of_the_guess_that_does_not_end_is_told_with_what_it_waits_for()
     assert words[2].endswith("phase 3 (slip_backward) has no end: from the guess, " + MARGINS["touchdown"].absent)
 
 
-@pytest.mark.parametrize("name", ["compass-passive-stick", "compass-passive-a"])
+@pytest.mark.parametrize("name", ["compass-passive-stick", pytest.param("compass-passive-a", marks=pytest.mark.slow)])
 def test_a_guess_that_stands_still_is_a_failure_and_no_error(name):
     gait = go.solve(go.load_problem(name).replace({"gait.guess.state.theta1": -1e-5}))
     assert gait.status in (go.Status.INFEASIBLE, go.Status.NOT_CONVERGED, go.Status.CONVERGED)

@@ -279,7 +279,7 @@ def test_gait_that_tracks_itself_passes_though_its_switches_lie_on_the_breakpoin
     assert gait.measures["peak_torque"] < 1e-9
 
 
-@pytest.mark.parametrize("beyond_end", ["linear", "off"])
+@pytest.mark.parametrize("beyond_end", ["linear", pytest.param("off", marks=pytest.mark.slow)])
 def test_step_that_outlasts_its_reference_unlike_its_guess_is_solved_with_what_comes_after(beyond_end: str) -> None:
     """The guess, which is the reference's own gait, touches down before the last breakpoint; the gait does not."""
     tracking = go.load_problem("compass-pd-impact-slip").replace(

@@ -12,6 +12,7 @@ import dask
 import pytest
 from distributed import Client, LocalCluster
 from distributed.security import Security
+from worker_tasks import slow_square, square
 
 from gaitopt.errors import UnknownNameError
 from gaitopt.workers import cluster
@@ -40,15 +41,6 @@ for scheme in ("tcp", "tls"):
     except (OSError, TimeoutError) as error:
         print("refused", scheme, type(error).__name__)
 """
-
-
-def square(argument, _):
-    return argument**2
-
-
-def slow_square(argument, _):
-    time.sleep(0.2)
-    return argument**2
 
 
 def intrusion(address):

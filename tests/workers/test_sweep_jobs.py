@@ -8,10 +8,10 @@ import sys
 import threading
 import time
 from collections import Counter
-from pathlib import Path
 
 import psutil
 import pytest
+from worker_tasks import refuse, work
 
 from gaitopt.errors import UnknownNameError
 from gaitopt.problem import load_problem
@@ -24,22 +24,6 @@ from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kills processes by signals")
-
-
-def work(argument, parent):
-    """Say who is at it, take a moment, and give the square; a deadly job kills its worker instead."""
-    number, diary, deadly = argument
-    with Path(diary).open("a", encoding="utf-8") as file:
-        file.write(f"{number} {os.getpid()}\n")
-    if deadly:
-        os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(0.01)
-    return number**2 + (parent or 0)
-
-
-def refuse(argument, parent):
-    """Fail."""
-    raise ArithmeticError(f"no root of {argument}")
 
 
 def diary_entries(diary):
