@@ -23,8 +23,8 @@ from gaitopt.problem import Problem
 Array = NDArray[np.float64]
 
 
-ERROR_TOLERANCE = 4e-12
-"""Integration error on a branch: a tenth of a gait's, as special points are located to nine digits of the parameter."""
+REMESHED = 4e-12
+"""Integration error on a branch beyond which its mesh is refined: special points are located to nine digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,9 +151,9 @@ class Segment:
 
     def remeshed(self, point: Point) -> Point | None:
         """The same gait on a finer mesh where its integration error asks for one; None if that fails."""
-        if phase_errors(self.transcription, point.curve_point.at).max() < ERROR_TOLERANCE:
+        if phase_errors(self.transcription, point.curve_point.at).max() < REMESHED:
             return point
-        refined = refine(self.transcription, point.curve_point.at, ERROR_TOLERANCE)
+        refined = refine(self.transcription, point.curve_point.at)
         forward = resized(point.curve_point.tangent, self.transcription, refined.transcription)
         self._use(refined.transcription)
         curve_point = self.curve.start(refined.at.w, forward)
