@@ -15,16 +15,12 @@ from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Linearisation, linearise
-from gaitopt.nlp.refinement import phase_errors, refine
+from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.problem import Problem
 
 Array = NDArray[np.float64]
-
-
-REMESHED = 4e-12
-"""Integration error on a branch beyond which its mesh is refined: special points are located to nine digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +147,7 @@ class Segment:
 
     def remeshed(self, point: Point) -> Point | None:
         """The same gait on a finer mesh where its integration error asks for one; None if that fails."""
-        if phase_errors(self.transcription, point.curve_point.at).max() < REMESHED:
+        if phase_errors(self.transcription, point.curve_point.at).max() < ERROR_TOLERANCE:
             return point
         refined = refine(self.transcription, point.curve_point.at)
         forward = resized(point.curve_point.tangent, self.transcription, refined.transcription)

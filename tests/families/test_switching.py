@@ -116,7 +116,7 @@ def test_special_points_without_other_branches_are_refused() -> None:
 
 def with_doubled_family(done: list[dict[str, object]]) -> list[dict[str, object]]:
     """Records of a family and of its doubled family that are not ``done``."""
-    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=4, verify_every=0, doublings=1)
+    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0, doublings=1)
     records = follow_family(stick()[0].gait, request, done=done)
     return [json.loads(json.dumps(record.to_record())) for record in records]
 
