@@ -8,9 +8,9 @@ from typing import Any
 
 from flint import ctx
 
-from gaitopt.errors import SolveError, UnknownNameError
+from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Gait
-from gaitopt.proof.check import EXISTENCE, silent, theorem
+from gaitopt.proof.check import EXISTENCE, STATEMENT, silent, theorem
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.control import control_record
 from gaitopt.proof.cover import cover, tight_box
@@ -87,7 +87,10 @@ def _prove(
     """The proof with the boxes that a search has found, or without any."""
     header = _header(gait, texts, varied, special)
     with ctx.workprec(PRECISION):
-        statement = restore_statement(header)
+        try:
+            statement = restore_statement(header)
+        except NotProved as failure:
+            return Proof(gait.problem.name, (Claim(STATEMENT, proved=False, words=str(failure)),), header)
         try:
             boxes = tight_box(statement, gait) if varied is None else cover(statement, gait, progress)
         except NotProved as failure:
@@ -111,8 +114,6 @@ def _texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
 def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: str | None) -> dict[str, Any]:
     """Everything that a proof is checked from, except its boxes."""
     system = gait.system
-    if system.walker.stops:
-        raise SolveError(f"{gait.problem.name}: the impact of a stop cannot be proved yet")
     arcs = arcs_of(gait)
     scalars = {name: float(gait.p[system.parameters.index(f"control.{name}")]) for name in system.control.parameters}
     return {
