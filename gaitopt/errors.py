@@ -3,11 +3,20 @@
 A numerical failure is not an error: it is a status on the result.
 """
 
+from typing import Self
+
 
 class GaitoptError(Exception):
     """Base of every error meant for the user: its message names place, value, allowed range and remedy."""
 
     exit_code = 1
+    argument = ""
+    """The argument of the call that it is about, where another value of it is the remedy; a caller may say how to."""
+
+    def about(self, argument: str) -> Self:
+        """The same error, about an argument."""
+        self.argument = argument
+        return self
 
 
 class GaitoptWarning(UserWarning):

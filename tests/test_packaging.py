@@ -34,6 +34,7 @@ def test_importing_the_package_imports_nothing_else():
 
 def test_the_version_is_stated_alike_everywhere():
     assert f"\nversion: {gaitopt.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"\n## [{gaitopt.__version__}]\n" in (ROOT / "CHANGELOG.md").read_text()
 
 
 def test_the_built_in_walkers_are_registered():

@@ -54,13 +54,11 @@ def basin(
         console.print(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")
     with writing(folder, plan.problem):
         with interruptible() as interrupted, job_progress(console, "tiles") as progress:
-            found = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
-        if found is None:
-            raise KeyboardInterrupt
-        record = {**found.to_record(), "run": str(plan.place)}
+            result = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
+        record = {**result.to_record(), "run": str(plan.place)}
         if len(points.axes) == 2:
             with adding(folder, plan.place) as figures:
-                figures += draw_basin(found, DEFAULT_FORMATS, plan.place)
+                figures += draw_basin(result, DEFAULT_FORMATS, plan.place)
             record["figures"] = [str(path) for path in figures]
     if json:
         print_json(record)

@@ -11,21 +11,21 @@ if TYPE_CHECKING:
 
 
 def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
-    """List the named problems; of those whose run is in results/ also period, radius and whether the gait is stable."""
+    """List the named problems by walker; of those whose run is in results/ also period, radius and stability."""
     from gaitopt.cli.console import print_json, results
     from gaitopt.problem import load_problem, problem_names
 
     problems = [load_problem(name) for name in problem_names()]
     if json:
-        print_json({"problems": [{"name": problem.name, "about": problem.about} for problem in problems]})
+        print_json({"problems": [{"name": p.name, "walker": p.walker.model, "about": p.about} for p in problems]})
         return 0
-    from gaitopt.library.tables import listed, print_table
+    from gaitopt.library.tables import listed, section
 
-    rows = [listed(problem, _stored_record(problem)) for problem in problems]
-    columns = ("problem", "model", "control", "friction", "phases; impact", "period", "radius", "", "about")
-    kept = [k for k in range(len(columns)) if k == len(columns) - 1 or any(row[k] for row in rows)]
-    shown = [[row[k] for k in kept] for row in rows]
-    print_table(results(), [columns[k] for k in kept], shown)
+    columns = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
+    for model in sorted({problem.walker.model for problem in problems}):
+        rows = [listed(problem, _stored_record(problem)) for problem in problems if problem.walker.model == model]
+        kept = [k for k in range(len(columns)) if k == len(columns) - 1 or any(row[k] for row in rows)]
+        section(results(), model, [columns[k] for k in kept], [[row[k] for k in kept] for row in rows])
     return 0
 
 
@@ -47,15 +47,15 @@ def show(
 ) -> int:
     """Show a problem, complete and in SI."""
     from gaitopt.cli.console import print_json, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
 
-    found = asked(problem, changes)
+    loaded = load(problem, changes)
     if json:
-        print_json({**found.resolved(), "hash": found.digest})
+        print_json({**loaded.resolved(), "hash": loaded.digest})
         return 0
     from gaitopt.library.tables import print_problem
 
-    print_problem(results(), found)
+    print_problem(results(), loaded)
     return 0
 
 
@@ -64,13 +64,13 @@ def validate(
 ) -> int:
     """Check a problem and name all of its faults."""
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
 
-    found = asked(problem, changes, narration(quiet=False))
+    loaded = load(problem, changes, narration(quiet=False))
     if json:
-        print_json({"problem": found.name, "valid": True, "hash": found.digest})
+        print_json({"problem": loaded.name, "valid": True, "hash": loaded.digest})
     else:
-        results().print(f"{problem}: valid ({found.name}, hash {found.hash8})")
+        results().print(f"{problem}: valid ({loaded.name}, hash {loaded.hash8})")
     return 0
 
 

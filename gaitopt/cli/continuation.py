@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,9 +14,8 @@ from gaitopt.cli.options import DebugOption, OutOption, QuietOption, SetOption
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from gaitopt.families import Request
     from gaitopt.gait import Gait, SpecialPoint
-    from gaitopt.problem import Problem
+    from gaitopt.runs.branch_run import BranchRun
 
 NOT_A_GAIT = 4
 DISAGREES = 5
@@ -76,7 +76,8 @@ def continue_(
     from gaitopt.cli.solve import report
     from gaitopt.families import Request, check_request
     from gaitopt.gait import SpecialPoint
-    from gaitopt.store import branch_folder, writing
+    from gaitopt.runs.branch_run import BranchRun
+    from gaitopt.store import writing
 
     request = Request(
         parameter=param,
@@ -96,13 +97,13 @@ def continue_(
         report(gait, None, json=json)
         return NOT_A_GAIT
     check_request(gait, request)
-    record = request.to_record() | ({"start": start.type} if isinstance(start, SpecialPoint) else {})
-    folder = output or branch_folder(gait.problem, record)
-    with writing(folder, gait.problem):
-        records = _walk(start, gait.problem, request, record, folder, console, print_json if json else None)
+    kind = start.type if isinstance(start, SpecialPoint) else ""
+    run = BranchRun(problem=gait.problem, request=request, start_type=kind, output=output)
+    with writing(run.folder, run.problem):
+        records = _walk(run, start, console, print_json if json else None)
     if not json:
-        _print_summary(records, folder)
-    return DISAGREES if any("the simulator disagrees" in record.get("reason", "") for record in records) else 0
+        _print_summary(records, run.folder)
+    return DISAGREES if any(record["refuted"] for record in records) else 0
 
 
 def _start(problem: str, changes: list[str] | None, console: "Console") -> "Gait | SpecialPoint":
@@ -154,48 +155,25 @@ def _number(text: str, option: str) -> float:
 
 
 def _walk(
+    run: "BranchRun",
     start: "Gait | SpecialPoint",
-    problem: "Problem",
-    request: "Request",
-    head: Mapping[str, Any],
-    folder: Path,
     console: "Console",
     emit: Callable[[Mapping[str, Any]], None] | None,
 ) -> list[dict[str, Any]]:
-    """Walk along the family, each record on the disk before it is shown; returns all of them, in short.
-
-    ``head`` is the first line of the file: the request, and the kind of special point that it starts from.
-    """
+    """Walk along the family and show each record; returns all of them, in short."""
     from gaitopt.cli.signals import interruptible
-    from gaitopt.families import follow_family, resumable
-    from gaitopt.gait import branch_header, branch_rows
-    from gaitopt.store import BRANCH_FILE, begin_branch, growing, stored_lines, stored_records, write_branch_table
 
-    done = resumable(stored_records(folder, problem, head))
-    begin_branch(folder, problem, head, done)
-    if done:
-        console.print(f"taken up from {folder} after {len(done)} records", soft_wrap=True)
-    summary = [_short(record) for record in done]
-    if emit:
-        for stored in done:
-            emit(stored)
-    with (
-        interruptible() as interrupted,
-        growing(folder, BRANCH_FILE) as lines,
-        _live(console, request.parameter) as show,
-    ):
-        for found in follow_family(start, request, done=done, should_stop=interrupted):
-            record = found.to_record()
-            lines.append(record)
+    with interruptible() as interrupted, _live(console, run.request.parameter) as show:
+        done, to_come = run.walk(start, should_stop=interrupted)
+        if done:
+            console.print(f"taken up from {run.folder} after {len(done)} records", soft_wrap=True)
+        summary = list[dict[str, Any]]()
+        for record in chain(done, to_come):
+            if len(summary) >= len(done):
+                show(record)
             summary.append(_short(record))
-            show(record)
             if emit:
                 emit(record)
-    if interrupted():
-        raise KeyboardInterrupt
-    records = [record for record in stored_lines(folder, BRANCH_FILE) if record["record"] != "continuation"]
-    header = branch_header(records)
-    write_branch_table(folder, header, branch_rows(records, header))
     return summary
 
 
@@ -215,7 +193,8 @@ def _short(record: Mapping[str, Any]) -> dict[str, Any]:
         "to",
         "spectral_radius",
     )
-    short = {key: record[key] for key in keys if key in record}
+    checked = record.get("type") == "end" and record["gait"].get("verification")
+    short = {key: record[key] for key in keys if key in record} | {"refuted": bool(checked and not checked["passed"])}
     return short | {"sequence": _sequence(record)} if record["record"] == "point" else short
 
 
@@ -230,18 +209,18 @@ def _sequence(record: Mapping[str, Any]) -> str:
 
 
 @contextmanager
-def _live(console: "Console", parameter: str) -> Iterator[Callable[[dict[str, Any]], None]]:
+def _live(console: "Console", parameter: str) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """A line that follows the walk: a live one on a terminal, one per record elsewhere."""
     began, points = time.monotonic(), 0
 
-    def words(record: dict[str, Any]) -> str:
+    def words(record: Mapping[str, Any]) -> str:
         rate = points / max(time.monotonic() - began, 1e-9)
         radius = record["spectral_radius"]
         return (
             f"{parameter} = {record['value']:.6g}  |multiplier| {radius:.4f}  {_sequence(record)}  {rate:.0f} gaits/s"
         )
 
-    def show(record: dict[str, Any]) -> None:
+    def show(record: Mapping[str, Any]) -> None:
         nonlocal points
         if record["record"] == "special":
             console.print(f"  {parameter} = {record['value']:.9g}: {_event(record)}")
@@ -256,7 +235,7 @@ def _live(console: "Console", parameter: str) -> Iterator[Callable[[dict[str, An
         yield show
 
 
-def _event(record: dict[str, Any]) -> str:
+def _event(record: Mapping[str, Any]) -> str:
     name = record["type"].replace("_", " ")
     return name if not record.get("reason") else f"{name}: {record['reason']}"
 

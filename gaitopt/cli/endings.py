@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from gaitopt.errors import GaitoptWarning, StorageError
+from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError
 
 
 def check_working_folder() -> None:
@@ -40,6 +40,17 @@ def shown_warnings() -> Iterator[None]:
         warnings.showwarning = show
         warnings.simplefilter("always", GaitoptWarning)
         yield
+
+
+PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to "}
+"""Options by the argument of the library's call that an error is about."""
+SUFFIXES = {"output": " with -o"}
+
+
+def error_words(error: GaitoptError) -> str:
+    """What an error says, with the option that is the remedy."""
+    prefix, suffix = PREFIXES.get(error.argument, ""), SUFFIXES.get(error.argument, "")
+    return "\n".join(prefix + line for line in str(error).splitlines()) + suffix
 
 
 def internal_error(error: Exception) -> str:

@@ -25,15 +25,15 @@ def explain(
 ) -> int:
     """Say why a problem has no gait: the conditions that it violates, the gaits that there are, the nearest values."""
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
     from gaitopt.cli.signals import interruptible
     from gaitopt.search.explain import explain as explained
     from gaitopt.workers.jobs import make_workers
 
-    console, found = narration(quiet=quiet), asked(problem, changes)
+    console, loaded = narration(quiet=quiet), load(problem, changes)
     with interruptible() as interrupted:
         explanation = explained(
-            found,
+            loaded,
             starts=starts,
             seed=seed,
             workers=make_workers(workers, None).count,

@@ -51,7 +51,7 @@ def find(
     stable ones first. What is done is kept; the same command goes on where it was.
     """
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
     from gaitopt.cli.signals import interruptible
     from gaitopt.library.progress import job_progress
     from gaitopt.runs.find_run import find_durably
@@ -59,18 +59,18 @@ def find(
     from gaitopt.store import begin_run, run_folder, writing
     from gaitopt.workers.jobs import make_workers
 
-    console, found = narration(quiet=quiet), opened(asked(problem, changes))
-    found = found if steps is None else found.replace({"gait.steps": steps})
-    folder = output or run_folder(found)
+    console, loaded = narration(quiet=quiet), opened(load(problem, changes))
+    loaded = loaded if steps is None else loaded.replace({"gait.steps": steps})
+    folder = output or run_folder(loaded)
     spans, jobs_at = ranges(within), make_workers(workers, scheduler)
     with (
-        writing(folder, found),
+        writing(folder, loaded),
         interruptible() as interrupted,
         job_progress(console, "parts of the search") as progress,
     ):
-        begin_run(folder, found)
+        begin_run(folder, loaded)
         gaits = find_durably(
-            found,
+            loaded,
             folder,
             jobs_at,
             starts=starts,

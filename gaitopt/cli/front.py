@@ -34,31 +34,29 @@ def front(
     Every design is kept as soon as it is found; the same command goes on where it was.
     """
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
     from gaitopt.cli.signals import interruptible
     from gaitopt.library.progress import job_progress
     from gaitopt.runs.front import check_front, design_front
     from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
 
     console = narration(quiet=quiet)
-    axes, found = grid(over).axes, asked(problem, changes, console)
+    axes, loaded = grid(over).axes, load(problem, changes, console)
     if len(axes) != 1:
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
-    folder = output or run_folder(found)
-    check_folder(folder, found)
-    check_front(found, axes[0], folder)
+    folder = output or run_folder(loaded)
+    check_folder(folder, loaded)
+    check_front(loaded, axes[0], folder)
     path = folder / f"front-{axes[0].key}.json"
-    with writing(folder, found):
+    with writing(folder, loaded):
         with interruptible() as interrupted, job_progress(console, "designs") as progress:
-            points = design_front(found, axes[0], folder, progress=progress, should_stop=interrupted)
-        if points is None:
-            raise KeyboardInterrupt
+            points = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
         records = [point.to_record() for point in points]
-        record = {"problem": found.name, "over": str(axes[0]), "points": records}
+        record = {"problem": loaded.name, "over": str(axes[0]), "points": records}
         with replacing(folder, path.name):
             write_whole(path, json_text(record) + "\n")
         with adding(folder, folder) as figures:
-            figures += _draw(found, axes[0].key, records, path.with_suffix(""))
+            figures += _draw(loaded, axes[0].key, records, path.with_suffix(""))
     if json:
         print_json({**record, "file": str(path), "figures": [str(path) for path in figures]})
     else:
@@ -77,7 +75,7 @@ def _exit_code(points: "list[FrontPoint]") -> int:
     verifications = [point.gait["verification"] for point in points if point.converged]
     if not verifications:
         return NOT_A_GAIT
-    return 0 if all(found["passed"] for found in verifications) else NOT_VERIFIED
+    return 0 if all(entry["passed"] for entry in verifications) else NOT_VERIFIED
 
 
 def _print(console: "Console", key: str, points: "list[FrontPoint]", path: str) -> None:

@@ -11,7 +11,7 @@ from gaitopt import __version__
 from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
 from gaitopt.cli.continuation import continue_
-from gaitopt.cli.endings import check_working_folder, internal_error, shown_warnings
+from gaitopt.cli.endings import check_working_folder, error_words, internal_error, shown_warnings
 from gaitopt.cli.explain import explain
 from gaitopt.cli.find import find
 from gaitopt.cli.front import front
@@ -37,9 +37,9 @@ COMPLETION = "_GAITOPT_COMPLETE"
 """Variable through which a shell that completes a command line asks for words; see ``--show-completion``."""
 
 
-def print_version(asked: bool) -> None:
+def print_version(requested: bool) -> None:
     """Print the version and end, if ``--version`` is given."""
-    if asked:
+    if requested:
         sys.stdout.write(f"gaitopt {__version__}\n")
         raise typer.Exit
 
@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             with shown_warnings():
                 return _run(arguments)
         except GaitoptError as error:
-            return _say(str(error), error.exit_code, arguments)
+            return _say(error_words(error), error.exit_code, arguments)
         except typer.TyperException as error:
             command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
             return _say(f"{error.format_message()} (see {command} --help)", error.exit_code, arguments)

@@ -29,21 +29,21 @@ class Format(StrEnum):
 DEFAULT_FORMATS = (Format.SVG, Format.PNG)
 
 
-def draw_basin(found: "Basin", formats: "Sequence[str]", folder: Path) -> list[Path]:
+def draw_basin(result: "Basin", formats: "Sequence[str]", folder: Path) -> list[Path]:
     """Draw a basin over two coordinates into a folder; the files."""
     from gaitopt.figures.basin import basin
     from gaitopt.figures.style import save
 
-    return save(basin(found), folder / BASIN, formats)
+    return save(basin(result), folder / BASIN, formats)
 
 
-def draw_sweep(found: "Sweep", scalars: "Sequence[str]", formats: "Sequence[str]", folder: Path) -> list[Path]:
+def draw_sweep(result: "Sweep", scalars: "Sequence[str]", formats: "Sequence[str]", folder: Path) -> list[Path]:
     """Draw scalars of a sweep over one or two parameters into a folder; the files."""
     from gaitopt.figures.style import save
     from gaitopt.figures.sweep import sweep
 
     drawn = [
-        save(sweep(found.grid, found.records, scalar, searched=found.problem.is_open), folder / scalar, formats)
+        save(sweep(result.grid, result.records, scalar, searched=result.problem.is_open), folder / scalar, formats)
         for scalar in scalars
     ]
     return [path for paths in drawn for path in paths]
@@ -69,18 +69,19 @@ def draw_again(kind: str, folder: Path, what: list[str] | None, formats: "Sequen
     typer.BadParameter
         If it has no such figure.
     """
+    from gaitopt.problem import SCALARS
     from gaitopt.runs.basin_tiles import read_basin
-    from gaitopt.runs.sweep_table import SCALARS, read_sweep
+    from gaitopt.runs.sweep_table import read_sweep
 
     if kind == BASIN:
         check_words(what or [], (BASIN,))
         basin = read_basin(folder)
         _check_axes(basin.grid, folder, (2,))
         return draw_basin(basin, formats, output)
-    check_words(what or [], SCALARS)
-    found = read_sweep(folder)
-    _check_axes(found.grid, folder, (1, 2))
-    return draw_sweep(found, what or [USUAL_SCALAR], formats, output)
+    check_words(what or [], tuple(SCALARS))
+    result = read_sweep(folder)
+    _check_axes(result.grid, folder, (1, 2))
+    return draw_sweep(result, what or [USUAL_SCALAR], formats, output)
 
 
 def check_words(words: list[str], known: "Sequence[str]") -> None:

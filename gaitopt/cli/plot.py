@@ -87,12 +87,12 @@ def plot(
 
 def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
     from gaitopt.figures.animation import animation_page
-    from gaitopt.figures.catalogue import GAIT_FIGURES, telling
+    from gaitopt.figures.catalogue import GAIT_FIGURES, informative
     from gaitopt.figures.motion import motion_of
     from gaitopt.figures.style import save
     from gaitopt.store import write_whole
 
-    words = what or [*telling(gaits), *([ANIMATION] if len(gaits) == 1 else [])]
+    words = what or [*informative(gaits), *([ANIMATION] if len(gaits) == 1 else [])]
     check_words(words, (*GAIT_FIGURES, ANIMATION))
     alone = [word for word in words if word in ("roads", ANIMATION) and len(gaits) > 1]
     if alone:

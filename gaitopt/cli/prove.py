@@ -169,6 +169,7 @@ def _report(proof: "Proof", file: Path, *, json: bool) -> int:
 
 def _print(console: "Console", record: dict[str, Any]) -> None:
     from gaitopt.library.tables import section
+    from gaitopt.problem import SCALARS
 
     verdict = "proved" if record["proved"] else "NOT PROVED"
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
@@ -183,14 +184,3 @@ def _print(console: "Console", record: dict[str, Any]) -> None:
     parts = ((str(k + 1), *m["re"], *m["im"]) for k, m in enumerate(record["multipliers"]))
     section(console, "multipliers", ("", "re from", "to", "im from", "to"), parts, numbers=(1, 2, 3, 4))
     console.print(f"certificate: {record['certificate']}", soft_wrap=True)
-
-
-SCALARS = (
-    "period",
-    "step_length",
-    "speed",
-    "work",
-    "cost_of_transport",
-    "required_friction",
-    "spectral_radius",
-)

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
-def asked(problem: str, changes: list[str] | None, console: "Console | None" = None) -> "Problem":
+def load(problem: str, changes: list[str] | None, console: "Console | None" = None) -> "Problem":
     """The problem of a name or a file, with the ``--set`` options applied; what is unusual about it is remarked."""
     from gaitopt.problem import load_problem
 
     stated = load_problem(problem)
-    changed = stated.replace(overrides(changes)) if changes else stated
+    changed = stated.replace(overrides(changes), label="--set ") if changes else stated
     if console is not None:
         for remark in changed.remarks:
             console.print(f"warning: {remark}", soft_wrap=True)
@@ -71,14 +71,14 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
 def gait_of(run: str, changes: list[str] | None, output: Path | None, console: "Console") -> "tuple[Gait, Path, bool]":
     """A gait, its run folder, and whether it was solved just now (and is verified, but not stored)."""
     from gaitopt.cli.solve import solve_verified
-    from gaitopt.store import GAIT_FILE, check_folder, run_folder
+    from gaitopt.store import check_folder, is_complete, run_folder
 
     if is_folder(run):
         return (*stored_gait(run, changes), False)
-    problem = asked(run, changes, console)
+    problem = load(run, changes, console)
     folder = output or run_folder(problem)
     check_folder(folder, problem)
-    if (folder / GAIT_FILE).is_file():
+    if is_complete(folder):
         console.print(f"taken from {folder}", soft_wrap=True)
         return (*stored_gait(str(folder), None), False)
     return solve_verified(problem, console), folder, True

@@ -23,7 +23,7 @@ class Ending:
         raise KeyboardInterrupt
 
     def terminate(self, signum: int, frame: FrameType | None) -> None:
-        """Handle SIGTERM: as SIGINT, in whatever way that is handled now."""
+        """Handle SIGTERM: by the present handler of SIGINT."""
         self._received.append(signum)
         signal.raise_signal(signal.SIGINT)
 

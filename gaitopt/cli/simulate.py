@@ -44,14 +44,14 @@ def simulate(
     """
     from gaitopt import study
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import asked, is_folder, stored_gait
+    from gaitopt.cli.runs import is_folder, load, stored_gait
     from gaitopt.cli.signals import interruptible
     from gaitopt.gait import Gait
     from gaitopt.library.stored import save
     from gaitopt.library.tables import print_walk
     from gaitopt.store import check_folder
 
-    start = stored_gait(run, changes)[0] if is_folder(run) else asked(run, changes)
+    start = stored_gait(run, changes)[0] if is_folder(run) else load(run, changes)
     begin = read_state(state)
     if output is not None:
         check_folder(output, start.problem if isinstance(start, Gait) else start)

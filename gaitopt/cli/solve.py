@@ -58,7 +58,7 @@ def solve(
     run folder, so that the same command goes on where it was.
     """
     from gaitopt.cli.console import narration, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
     from gaitopt.cli.starts import print_optima, sampled_optima, started
     from gaitopt.runs.grid import check_jobs_fit
     from gaitopt.store import run_folder, writing
@@ -69,21 +69,21 @@ def solve(
         if changes or start or starts > 1:
             raise typer.BadParameter(f"{problem} is a gait as it is: --set, --start and --starts change a problem")
         return _solve_attractor(problem, output, console, json=json)
-    found = asked(problem, changes, console)
-    found = started(found, start, console) if start else found
-    folder = output or run_folder(found)
+    loaded = load(problem, changes, console)
+    loaded = started(loaded, start, console) if start else loaded
+    folder = output or run_folder(loaded)
     jobs_at = make_workers(workers, scheduler)
     check_jobs_fit(starts, folder)
-    with writing(folder, found):
-        best, about = found, dict[str, Any]()
+    with writing(folder, loaded):
+        best, about = loaded, dict[str, Any]()
         if starts > 1:
-            optima = sampled_optima(found, starts, folder, seed, spread, jobs_at, console)
-            best = optima[0].problem if optima else found
+            optima = sampled_optima(loaded, starts, folder, seed, spread, jobs_at, console)
+            best = optima[0].problem if optima else loaded
             about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
             if not json:
                 print_optima(results(), optima, starts)
         gait = solve_verified(best, console)
-        gait = gait if best is found else replace(gait, problem=found)
+        gait = gait if best is loaded else replace(gait, problem=loaded)
         return report(gait, folder if gait.converged else None, json=json, store=True, about=about)
 
 

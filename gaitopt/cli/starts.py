@@ -53,7 +53,7 @@ def started(problem: "Problem", start: str, console: "Console") -> "Problem":
     source, record, known = _branch_point(start) if "@" in start else _gait(start, console)
     if source.walker.model != problem.walker.model:
         raise ProblemError(
-            f"--start {start}: a gait of {source.walker.model}, but {problem.name} asks for {problem.walker.model}"
+            f"--start {start}: a gait of {source.walker.model}, but {problem.name} has {problem.walker.model}"
         )
     return guessed_from(problem, record, known)
 
@@ -73,7 +73,7 @@ def sampled_optima(
     from gaitopt.runs.multistart import multistart
 
     with interruptible() as interrupted, job_progress(console, "starts") as progress:
-        optima = multistart(
+        return multistart(
             problem,
             starts,
             folder,
@@ -83,15 +83,12 @@ def sampled_optima(
             progress=progress,
             should_stop=interrupted,
         )
-    if optima is None:
-        raise KeyboardInterrupt
-    return optima
 
 
 def print_optima(console: "Console", optima: "list[Optimum]", starts: int) -> None:
     """One line per distinct solution."""
-    found = sum(len(optimum.starts) for optimum in optima)
-    console.print(f"{starts} starts: {found} found a gait, {len(optima)} of them distinct")
+    converged = sum(len(optimum.starts) for optimum in optima)
+    console.print(f"{starts} starts: {converged} found a gait, {len(optima)} of them distinct")
     for optimum in optima:
         times = f"{len(optimum.starts)} start{'s' if len(optimum.starts) > 1 else ''}"
         checked = "verified" if optimum.verified else "REFUTED"

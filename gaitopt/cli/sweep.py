@@ -36,34 +36,33 @@ def sweep(
     result.
     """
     from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import asked
+    from gaitopt.cli.runs import load
     from gaitopt.cli.signals import interruptible
     from gaitopt.errors import UnknownNameError
     from gaitopt.library.progress import job_progress
+    from gaitopt.problem import SCALARS
     from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep, sweep_record
-    from gaitopt.runs.sweep_table import SCALARS, TABLE_FILE, Sweep
+    from gaitopt.runs.sweep_table import TABLE_FILE, Sweep
     from gaitopt.store import adding, check_folder, run_folder, writing
     from gaitopt.workers.jobs import make_workers
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
     console = narration(quiet=quiet)
-    points, found = grid(over), asked(problem, changes, console)
-    folder = output or run_folder(found)
-    check_folder(folder, found)
-    asked_for = SweepPlan(problem=found, grid=points, warm=warm, folder=folder)
-    check_sweep(asked_for)
+    points, loaded = grid(over), load(problem, changes, console)
+    folder = output or run_folder(loaded)
+    check_folder(folder, loaded)
+    plan = SweepPlan(problem=loaded, grid=points, warm=warm, folder=folder)
+    check_sweep(plan)
     jobs_at = make_workers(workers, scheduler)
-    with writing(folder, found):
+    with writing(folder, loaded):
         with interruptible() as interrupted, job_progress(console, "jobs") as progress:
-            records = run_sweep(asked_for, jobs_at, progress=progress, should_stop=interrupted)
-        if records is None:
-            raise KeyboardInterrupt
-        place = asked_for.place
-        record = sweep_record(asked_for, records) | {"table": str(place / TABLE_FILE), "run": str(place)}
+            records = run_sweep(plan, jobs_at, progress=progress, should_stop=interrupted)
+        place = plan.place
+        record = sweep_record(plan, records) | {"table": str(place / TABLE_FILE), "run": str(place)}
         if len(points.axes) <= 2:
             with adding(folder, place) as figures:
-                swept = Sweep(problem=found, grid=points, records=records)
+                swept = Sweep(problem=loaded, grid=points, records=records)
                 figures += draw_sweep(swept, [what], DEFAULT_FORMATS, place)
             record["figures"] = [str(path) for path in figures]
     if json:

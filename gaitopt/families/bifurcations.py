@@ -18,12 +18,17 @@ References
 Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.gait import Gait
+
+BIFURCATIONS = ("fold", "branch_point", "period_doubling", "neimark_sacker")
+TestFunction = Callable[[Gait], float]
+"""A function of the gaits of a family, continuous along it, whose zeros are of interest."""
 NEUTRAL = 1e-6
 """Imaginary part below which a pair with product one is real: a neutral saddle, not a Neimark-Sacker point."""
 

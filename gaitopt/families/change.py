@@ -6,12 +6,12 @@ simulator, which does not know the sequence, walks it. A family may also turn ba
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey, MonitorValue
@@ -23,8 +23,6 @@ from gaitopt.nlp.rollout import after_impact, roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.verify import confirm
-
-Array = NDArray[np.float64]
 
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
 """Distances past the event at which a successor is looked for, in scales of the parameter."""
@@ -83,13 +81,19 @@ def alternatives(segment: Segment, point: Point, known: Sequence[Cycle]) -> Iter
     """
     candidates = [cycle for cycle in successors(segment.cycle, _active(point)) if cycle not in known]
     if len(known) == 2:
-        candidates.append(Cycle(known[0].steps + known[1].steps))
+        candidates.append(_in_turn(*known))
     for cycle in candidates:
         offsets = (side * distance * segment.metric.span for distance in DISTANCES for side in (1.0, -1.0))
         attempts = (_attempt(segment, point, cycle, offset) for offset in offsets)
         found = next((attempt for attempt in attempts if attempt is not None), None)
         if found is not None and halved_cycle(found[1].gait) is None:
             yield found
+
+
+def _in_turn(first: Cycle, second: Cycle) -> Cycle:
+    """One cycle after the other; each begins as after its own impact, with which the other then ends."""
+    (*start, last), (*others, end) = first.steps, second.steps
+    return Cycle((*start, replace(last, impact=second.impact), *others, replace(end, impact=first.impact)))
 
 
 def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Point, offset: float) -> bool:

@@ -10,9 +10,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gaitopt.families.bifurcations import bifurcations_between, is_bifurcation
+from gaitopt.arrays import Array
+from gaitopt.families.bifurcations import TestFunction, bifurcations_between, is_bifurcation
 from gaitopt.families.change import Change, find_change
 from gaitopt.families.limits import Limits
 from gaitopt.families.locate import Location
@@ -21,12 +21,11 @@ from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.rescue import rescue
 from gaitopt.families.segment import Point, Segment
 from gaitopt.families.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
-from gaitopt.gait import TERMINAL, BranchPoint, SpecialPoint
+from gaitopt.gait import TERMINAL, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import MARGINS
 from gaitopt.study.claims import Claim
 from gaitopt.study.verify import confirm
 
-Array = NDArray[np.float64]
 Record = BranchPoint | SpecialPoint
 
 FIRST_LENGTH = 0.005
@@ -117,15 +116,22 @@ class Continuer:
             yield self._special("end", point, reason=f"reached {self._state.segment.parameter} = {bound:.12g}")
 
     def _bifurcations(self, point: Point, length: float) -> Iterator[SpecialPoint]:
-        """Folds and losses of stability between the last point and ``point``, in order."""
+        """Folds, losses of stability and the caller's events between the last point and ``point``, in order."""
         kinds = bifurcations_between(self._state.point.tests, point.tests)
-        found = [
+        located = [
             (self._state.locate(partial(Point.test, name=name), length, point), kind, name)
             for kind, name in kinds.items()
         ]
-        for location, kind, name in sorted(found, key=lambda entry: entry[0].length):
+        for name, function in self._limits.events.items():
+            if function(self._state.point.gait) * function(point.gait) < 0:
+                watched = partial(_value, function)
+                located.append((self._state.locate(watched, length, point), name, ""))
+        for location, kind, name in sorted(located, key=lambda entry: entry[0].length):
             gait = location.point.gait
-            if is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED:
+            if kind in self._limits.events:
+                special = self._special(kind, location.point, location.status)
+                yield replace(special, gait=gait.verified(confirm(gait).to_record()))
+            elif is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED:
                 special = self._special(kind, location.point, location.status)
                 special = replace(special, gait=gait.verified(confirm(gait).to_record()))
                 if kind == "branch_point":
@@ -205,7 +211,7 @@ class Continuer:
             check = confirm(gait)
             gait = gait.verified(check.to_record())
             if not check.passed:
-                yield self._unconfirmed(next(claim for claim in check.claims if not claim.passed))
+                yield self._unconfirmed(gait, next(claim for claim in check.claims if not claim.passed))
                 return
         self._count += 1
         yield BranchPoint(
@@ -217,11 +223,12 @@ class Continuer:
             length=state.length,
         )
 
-    def _unconfirmed(self, worst: Claim) -> SpecialPoint:
-        """The end of a family at a gait that the simulator does not confirm, unless the gait vanishes just ahead."""
+    def _unconfirmed(self, gait: Gait, worst: Claim) -> SpecialPoint:
+        """The end of a family at a gait that the simulator refutes, unless the gait vanishes just ahead."""
         state = self._state
         reason = f"the simulator disagrees: {worst.name} {worst.figure:.3g}, {worst.note}"
-        end, before, last = self._special("end", state.point, "guess", reason), state.point, state.point
+        end = replace(self._special("end", state.point, "guess", reason), gait=gait)
+        before = last = state.point
         while stride(last.gait) < FADING:
             following = self._state.next()
             if following is None:
@@ -251,8 +258,12 @@ class Continuer:
 
     def _limit_reached(self) -> str | None:
         if self._count >= self._limits.max_points:
-            return f"{self._limits.max_points} points, as many as were asked for"
+            return f"{self._limits.max_points} points, as many as were allowed"
         elapsed = time.monotonic() - self._began
         if self._limits.max_seconds is not None and elapsed > self._limits.max_seconds:
             return f"out of time after {elapsed:.0f} s"
         return None
+
+
+def _value(function: TestFunction, point: Point) -> float:
+    return float(function(point.gait))

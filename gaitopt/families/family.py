@@ -19,6 +19,7 @@ def continuation(
     *,
     lower: float | None = None,
     upper: float | None = None,
+    events: Mapping[str, Callable[[Gait], float]] | None = None,
     max_points: int = 2000,
     max_seconds: float | None = None,
     verify_every: int = 10,
@@ -36,6 +37,8 @@ def continuation(
     parameter : dotted key of any scalar of walker, friction or control.
     to : value of the parameter towards which to go, and at which to stop; two values to go both ways.
     lower, upper : further bounds of the parameter, for families that turn round.
+    events : functions of a gait, continuous along the family: ``{"fast": lambda gait: gait.scalar("speed") - 0.5}``.
+        Their zeros are located as precisely as bifurcations, and are special points of that type.
     max_points, max_seconds : bounds on the work of each walk.
     verify_every : every so many points is confirmed by the simulator.
     doublings : how many times in turn the family that begins at a period doubling is followed as well.
@@ -60,6 +63,7 @@ def continuation(
         to=(float(to),) if isinstance(to, int | float) else tuple(map(float, to)),
         lower=lower,
         upper=upper,
+        events=events or {},
         max_points=max_points,
         max_seconds=max_seconds,
         verify_every=verify_every,

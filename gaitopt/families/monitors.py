@@ -15,13 +15,11 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, curves
 from gaitopt.mechanics import Mode, ending_margin, margin, margin_names, margin_scales, margin_unit
 from gaitopt.mechanics.buffered import buffered, buffered_map
-
-Array = NDArray[np.float64]
 
 SHORT = 1e-4
 """Phases shorter than this part of the period are judged by their duration alone: the rest is rounding."""
@@ -159,8 +157,13 @@ def _second_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
 def _beyond_cone(gait: Gait, arc: Arc) -> float:
     """By how much the force that would hold the foot at the start of a slip exceeds static friction [N]."""
     data, stick = gait.system.control.data(arc.segment), arc.mode.with_contact(Mode.STICK)
-    margins = np.asarray(gait.system.margins(stick)(arc.times[0], arc.states[0], gait.p, data)).ravel()
+    margins = np.asarray(gait.system.margins(stick)(arc.times[0], arc.states[0], _standing(gait, arc), data)).ravel()
     return -float(margins[margin_names(stick).index(ending_margin(stick, arc.mode))])
+
+
+def _standing(gait: Gait, arc: Arc) -> Array:
+    """Parameters in an arc, as its leg stands."""
+    return gait.system.walker.standing(gait.p, arc.side)
 
 
 def _slope(c: Array) -> Array:
@@ -173,7 +176,7 @@ def _derivative(c: Array, order: int) -> Array:
 
 def _margins(gait: Gait, arc: Arc) -> Array:
     margins = buffered_map(gait.system.margins(arc.mode), arc.times.size)
-    (values,) = margins(arc.times[:, None], arc.states, gait.p, gait.system.data(arc.segment))
+    (values,) = margins(arc.times[:, None], arc.states, _standing(gait, arc), gait.system.data(arc.segment))
     return np.asarray(values / margin_scales(arc.mode, gait.system.scales(gait.p))).T
 
 
@@ -181,14 +184,14 @@ def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
     cycle, arcs = gait.problem.cycle, _arcs_by_phase(gait)
     for phase, mode in cycle.resets:
         at = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}
-        for kind, value in _impact_monitors(gait, mode, arcs[phase][-1].states[-1]):
+        for kind, value in _impact_monitors(gait, mode, arcs[phase][-1]):
             yield MonitorKey(kind, **at), MonitorValue(float(value))
 
 
-def _impact_monitors(gait: Gait, mode: Mode, z_minus: Array) -> Iterator[tuple[str, float]]:
-    """Margins of one impact by name, in natural units."""
+def _impact_monitors(gait: Gait, mode: Mode, last: Arc) -> Iterator[tuple[str, float]]:
+    """Margins by name of the impact after an arc, in natural units."""
     scales = gait.system.scales(gait.p)
-    (values,) = buffered(gait.system.impact_margins(mode))(z_minus, gait.p)
+    (values,) = buffered(gait.system.impact_margins(mode))(last.states[-1], _standing(gait, last))
     for name, value in zip(gait.system.impact_margin_names(mode), values.tolist(), strict=True):
         if name == "touchdown_rate" or (name == "impact_onset" and not gait.system.friction_drops(gait.p)):
             continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset

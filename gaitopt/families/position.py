@@ -64,11 +64,11 @@ class Position:
 
     def _reordered(self, point: Point) -> Point | None:
         """A gait at which a switch has just passed a breakpoint of the control, unless something else happens too."""
-        found = self.segment.reordered(point)
-        if found is None or self._lost(found[1]):
+        other = self.segment.reordered(point)
+        if other is None or self._lost(other[1]):
             return None
-        self.segment = found[0]
-        return found[1]
+        self.segment = other[0]
+        return other[1]
 
     def _try(self, length: float) -> Point | None:
         try:
@@ -99,8 +99,8 @@ class Position:
 
     def _first_event(self, point: Point, length: float) -> Location | None:
         """The first place on the step at which a monitor falls to zero."""
-        found = [self.locate(partial(Point.monitor, name=name), length, point, name) for name in self._lost(point)]
-        return min(found, key=lambda location: location.length, default=None)
+        locations = [self.locate(partial(Point.monitor, name=name), length, point, name) for name in self._lost(point)]
+        return min(locations, key=lambda location: location.length, default=None)
 
     def _lost(self, point: Point) -> list[MonitorKey]:
         """Monitors that were positive at the last point and are no longer."""

@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.families.change import with_cycle
 from gaitopt.families.segment import Metric, Point, Segment, segment_through
 from gaitopt.families.switching import first_point
@@ -15,7 +15,6 @@ from gaitopt.mechanics import Cycle, Mode, ModeSequence
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.problem import Problem
 
-Array = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 

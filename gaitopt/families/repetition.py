@@ -12,7 +12,7 @@ SAME_HALVES = 1e-6
 def halved_cycle(gait: Gait) -> Cycle | None:
     """The first half of a cycle that consists of the same steps twice; None of any other."""
     steps, half = gait.problem.cycle.steps, len(gait.steps) // 2
-    if len(steps) % 2 or steps[:half] != steps[half:]:
+    if half % gait.system.walker.n_sides() or len(steps) % 2 or steps[:half] != steps[half:]:
         return None
     unit = gait.system.state_scales(gait.system.scales(gait.p))
     states = np.array([step.arcs[0].states[0] for step in gait.steps]) / unit

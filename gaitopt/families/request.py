@@ -1,13 +1,15 @@
 """What is to be continued: the parameter, its targets and bounds, and how much of what begins on the way."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.gait import Gait
+from gaitopt.families.bifurcations import BIFURCATIONS, TestFunction
+from gaitopt.gait import TERMINAL, Gait
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,6 +21,7 @@ class Request:
     parameter : dotted key of a scalar of walker, friction or control.
     to : values of the parameter at which to stop, one after the other, each time from the first gait.
     lower, upper : bounds for families that turn round; None as far beyond the first gait as the target is before it.
+    events : functions of a gait, continuous along the family, whose zeros are located and named so.
     max_points, max_seconds : bounds on the work of each target.
     verify_every : every so many points is confirmed by the simulator, 0 for none.
     doublings : how many times in turn the family that begins at a period doubling is followed as well.
@@ -28,6 +31,7 @@ class Request:
     to: tuple[float, ...]
     lower: float | None = None
     upper: float | None = None
+    events: Mapping[str, TestFunction] = field(default_factory=dict)
     max_points: int = 2000
     max_seconds: float | None = None
     verify_every: int = 10
@@ -35,7 +39,8 @@ class Request:
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object, the first line of a stored branch."""
-        record = {"record": "continuation", **asdict(self), "to": list(self.to)}
+        record = {"record": "continuation", **asdict(replace(self, events={})), "to": list(self.to)}
+        del record["events"]  # functions: of a call, not of a file
         return record if self.doublings else {key: value for key, value in record.items() if key != "doublings"}
 
 
@@ -54,10 +59,11 @@ def check_request(gait: Gait, request: Request) -> None:
         near = ", ".join(get_close_matches(request.parameter, names, n=3, cutoff=0.3)) or ", ".join(names)
         raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}; did you mean {near}?")
     if isinstance(gait.problem.parameters.get(request.parameter), int):
-        raise UnknownNameError(
-            f"--param {request.parameter}: is a whole number, along which there is no family; "
-            f"solve for one value after the other with --set {request.parameter}=N"
-        )
+        words = f"{request.parameter}: is a whole number, along which there is no family; solve for one value at a time"
+        raise UnknownNameError(words).about("parameter")
+    taken = set(request.events) & {*BIFURCATIONS, *TERMINAL, "mode_change", "impact_change"}
+    if taken:
+        raise UnknownNameError(f"events: {', '.join(sorted(taken))} is a special point already; choose another name")
     value = float(gait.p[names.index(request.parameter)])
     for to in request.to:
         if to == value or not np.isfinite(to):
@@ -66,7 +72,7 @@ def check_request(gait: Gait, request: Request) -> None:
             )
         why = gait.problem.objection(request.parameter, to)
         if why:
-            raise ProblemError(f"--to {to:g}: {request.parameter}: {why}")
+            raise ProblemError(f"{to:g}: {request.parameter}: {why}").about("to")
         if request.lower is not None and min(to, value) < request.lower:
             raise ProblemError(f"{request.parameter}: {min(to, value):g} lies below the bound {request.lower:g}")
         if request.upper is not None and max(to, value) > request.upper:

@@ -18,8 +18,8 @@ def rescue(segment: Segment, point: Point) -> tuple[Segment, Point] | None:
     for distance in DISTANCES:
         value = point.value + ahead * distance * segment.metric.span
         try:
-            asked = with_cycle(segment.problem, system, segment.cycle, point.gait.state)
-            gait = solve_gait(asked.replace({segment.parameter: value}), system)
+            problem = with_cycle(segment.problem, system, segment.cycle, point.gait.state)
+            gait = solve_gait(problem.replace({segment.parameter: value}), system)
         except ProblemError:  # beyond what the problem allows
             return None
         if not gait.steps or segment.metric.apart(gait.state, point.gait.state) > NEARBY:
@@ -29,7 +29,7 @@ def rescue(segment: Segment, point: Point) -> tuple[Segment, Point] | None:
         further, w = segment_through(segment.problem, system, segment.parameter, segment.metric, rolled, gait.p)
         forward = np.zeros(w.size)
         forward[-1] = ahead
-        found = further.start(w, forward)
-        if found is not None and all(monitor.value > 0 for monitor in found.monitors.values()):
-            return further, found
+        rescued = further.start(w, forward)
+        if rescued is not None and all(monitor.value > 0 for monitor in rescued.monitors.values()):
+            return further, rescued
     return None

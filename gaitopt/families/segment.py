@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.families.bifurcations import test_functions
 from gaitopt.families.monitors import MonitorKey, MonitorValue, monitor_values
 from gaitopt.gait import Gait
@@ -19,8 +20,6 @@ from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +145,7 @@ class Segment:
         return None if curve_point is None else self._point(curve_point)
 
     def remeshed(self, point: Point) -> Point | None:
-        """The same gait on a finer mesh where its integration error asks for one; None if that fails."""
+        """The same gait on a finer mesh where its integration error needs one; None if that fails."""
         if phase_errors(self.transcription, point.curve_point.at).max() < ERROR_TOLERANCE:
             return point
         refined = refine(self.transcription, point.curve_point.at)
@@ -168,8 +167,8 @@ class Segment:
         p = old.full_parameters(self.p, freed)
         rolled = roll_out(old.system, p, self.cycle, nodes[:, 0], durations)
         segment, w = segment_through(self.problem, old.system, self.parameter, self.metric, rolled, p)
-        found = segment.start(w, resized(point.curve_point.tangent, old, segment.transcription))
-        return None if found is None or not segment.in_order(found) else (segment, found)
+        first = segment.start(w, resized(point.curve_point.tangent, old, segment.transcription))
+        return None if first is None or not segment.in_order(first) else (segment, first)
 
     def coordinates(self, w: Array) -> Array:
         """Scaled section coordinates, durations and parameter, in which arclength is measured."""

@@ -19,8 +19,8 @@ H. B. Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue 
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families.change import alternatives, holds, with_cycle
 from gaitopt.families.segment import Metric, Point, Segment, segment_through
@@ -28,7 +28,6 @@ from gaitopt.gait import Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
 from gaitopt.nlp.rollout import Rollout, roll_out
 
-Array = NDArray[np.float64]
 Beginning = tuple[Segment, Point]
 
 DISTANCES = (1e-3, 1e-4, 1e-2)
@@ -54,10 +53,10 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Be
             f"no other branch begins at a special point of type {special.type}; those that have some: "
             f"{', '.join(SWITCHES)}"
         )
-    found = list(_BEGINNINGS[special.type](special, special.gait, parameter, metric))
-    if not found:
+    begun = list(_BEGINNINGS[special.type](special, special.gait, parameter, metric))
+    if not begun:
         raise SolveError(f"no other branch is found at {special.type} {parameter} = {special.value:.10g}")
-    return found
+    return begun
 
 
 def motion_of(gait: Gait, times: int = 1) -> Rollout:

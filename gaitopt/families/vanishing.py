@@ -6,6 +6,8 @@ The durations of phases, the rate of touchdown, and the impulse of the impact va
 that any of them may be the monitor that is lost first. Close to that point no simulation resolves the step.
 """
 
+import numpy as np
+
 from gaitopt.families.segment import Point
 from gaitopt.gait import Gait
 
@@ -17,7 +19,12 @@ REASON = "the gait vanishes: its strides shrink to nothing, both feet come down 
 
 
 def stride(gait: Gait) -> float:
-    """Largest distance between the feet at a touchdown, in lengths of a leg; slip does not count."""
+    """Largest distance between the feet at a touchdown, in lengths of a leg; slip does not count.
+
+    Infinite for a walker that flies, which may land where it took off.
+    """
+    if gait.system.walker.flies:
+        return np.inf
     x = gait.system.n_shape
     apart = [
         abs(step.impact.step_length - step.arcs[-1].states[-1, x]) for step in gait.steps if step.impact is not None

@@ -140,6 +140,7 @@ def _limits(gait: Gait, request: Request, targets: Sequence[float], n_steps: int
     return Limits(
         lower=max(min(below, default=lower), least),
         upper=min(max(above, default=upper), largest),
+        events=request.events,
         max_points=request.max_points,
         max_seconds=request.max_seconds,
         verify_every=request.verify_every,

@@ -110,7 +110,7 @@ def _place(line: Sequence[Record], value: float) -> int:
 
 
 def _is_bound(special: Record) -> bool:
-    """Whether a branch ends only where it was asked to end."""
+    """Whether a branch ends at a bound of its request."""
     return special["type"] == "end" and special.get("reason", "").startswith("reached ")
 
 

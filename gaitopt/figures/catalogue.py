@@ -1,4 +1,4 @@
-"""Every figure by the word that asks for it."""
+"""Every figure by its name."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -8,12 +8,12 @@ from matplotlib.figure import Figure
 from gaitopt.figures.branches import over_parameter
 from gaitopt.figures.comparison import node_points, simulated, two_roads
 from gaitopt.figures.force import foot_slip, force_ratio, torques
-from gaitopt.figures.labels import QUANTITIES
 from gaitopt.figures.motion import motion_of, motion_of_walk
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.stability import multiplier_paths, multiplier_plane
 from gaitopt.figures.walk import section_states
 from gaitopt.gait import Gait
+from gaitopt.problem import SCALARS
 from gaitopt.study.simulate import Walk
 
 Record = Mapping[str, Any]
@@ -44,14 +44,14 @@ WALK_FIGURES: Mapping[str, Callable[[Walk], Figure]] = {
 """Figures of a simulated walk."""
 USUAL_WALK_FIGURES = ("section", "portrait")
 
-BRANCH_FIGURES = ("multipliers", *(key for key in QUANTITIES if key not in ("time", "force_ratio")))
+BRANCH_FIGURES = ("multipliers", *SCALARS, "friction")
 """Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
 USUAL_BRANCH_FIGURES = ("multipliers", "spectral_radius", "speed", "cost_of_transport")
 CYCLE_FIGURES = ("step_length",)
 """What is drawn besides where cycles have several steps."""
 
 
-def telling(gaits: Sequence[Gait]) -> Iterator[str]:
+def informative(gaits: Sequence[Gait]) -> Iterator[str]:
     """Words of the figures of gaits that have something to show: no torques of passive walkers, one gait's roads."""
     for word in GAIT_FIGURES:
         if word == "torques" and not any(gait.measures["peak_torque"] for gait in gaits):
@@ -70,7 +70,7 @@ def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:
-    """The figure of a branch that ``word``, one of ``BRANCH_FIGURES``, asks for."""
+    """The figure of a branch by its name, one of ``BRANCH_FIGURES``."""
     if word == "multipliers":
         return multiplier_paths(records, parameter)
     return over_parameter({name: records}, parameter, word)

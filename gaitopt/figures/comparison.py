@@ -7,15 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.motion import Motion, running, time_label
 from gaitopt.figures.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels
 from gaitopt.gait import Arc, Gait, Step, curves
 from gaitopt.simulation import Simulator
-
-Array = NDArray[np.float64]
 
 NODES_SHOWN = 20
 """Markers of nodes; more would hide the curve."""

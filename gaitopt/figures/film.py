@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion, running
 from gaitopt.figures.packing import pack
 from gaitopt.figures.skeleton import Skeleton, skeleton, slope
 from gaitopt.gait import Arc, curves
-
-Array = NDArray[np.float64]
 
 FRAMES = 72
 """Most frames of a cycle; a page draws smooth curves through them."""
@@ -29,15 +27,17 @@ VISIBLE, SMALLEST = 3e-4, 1e-6
 def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
     """A cycle or a walk as a JSON-able object, in SI units; ``walker.js`` and the report read it.
 
-    Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot; all x are
-    counted from where it stood at the start of the cycle, and ``origin`` is where it stood at the start of its own
-    step. ``path`` are times and places between which the picture follows the walker.
+    Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot, ``contact``
+    the one on which the ground acts; all x are counted from where the foot stood at the start of the cycle, and
+    ``origin`` is where it stood at the start of its own step. ``path`` are times and places between which the picture
+    follows the walker.
     """
     cycle = list(_running(motion, frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))))
     arcs = [part.arc for part in cycle]
-    drawing = skeleton(motion, np.vstack([_moved(part, motion) for part in cycle]))
+    sides = [part.arc.side for part in cycle for _ in part.arc.times]
+    drawing = skeleton(motion, np.vstack([_moved(part, motion) for part in cycle]), sides)
     path = _path(motion)
-    impulses = [step.impact.stick_impulse for step in motion.steps if step.impact is not None]
+    impulses = [step.impact.stick_impulse.tolist() for step in motion.steps if step.impact is not None]
     return {
         "name": motion.name,
         "slope": slope(motion),
@@ -48,13 +48,15 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "repeats": REPEATS if motion.periodic else 1,
         "step_length": path[-1][1],
         "path": path,
-        "impulse_ratios": [float(tangential / normal) for tangential, normal in impulses],
+        "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
         "shape": list(motion.system.walker.shape),
+        "lengths": bool(motion.system.walker.lengths),
         "actuators": list(motion.system.walker.actuators),
         "phases": _phases(cycle),
         "legs": drawing.legs,
         "ties": drawing.ties,
         "discs": drawing.discs,
+        "contact": drawing.contact,
         "frames": pack(_columns(motion, arcs, drawing)),
     }
 

@@ -25,7 +25,7 @@ from gaitopt.figures.style import (
     mode_legend,
     panels,
 )
-from gaitopt.mechanics import CONTACTS
+from gaitopt.gait.measures import friction_ratio
 
 OUTSIDE = "#f1ece4"
 """Colour of what friction cannot provide."""
@@ -62,7 +62,8 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
         handles.append(entry(motion.name, color=colour))
         x = motion.state_index("x")
         for began, arc in smooth(motion.steps):
-            axes.plot(began + arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
+            if not arc.mode.flies:
+                axes.plot(began + arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
     axes.axhline(0, color="#808080", linewidth=0.8)
     axes.set_xlabel(time_label(motions))
     axes.set_ylabel("slip of the stance foot x [mm]")
@@ -103,7 +104,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
         spine.set_visible(False)
     axes.invert_yaxis()
     present = {mode.contact for motion in motions for mode in motion.modes}
-    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in CONTACTS if mode in present]
+    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in MODE_COLOURS if mode in present]
 
 
 def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
@@ -111,11 +112,12 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
     for began, arc in smooth(motion.steps):
         force = motion.observe(arc).force
         where = began + arc.times if against == "time" else arc.states[:, motion.state_index(against)]
-        axes.plot(where, force[:, 0] / force[:, 1], color=colour, linestyle=dashes(arc.mode))
+        if not arc.mode.flies:
+            axes.plot(where, friction_ratio(force), color=colour, linestyle=dashes(arc.mode))
         ends.append(float(where[-1]))
     last_arcs = np.cumsum([len(step.arcs) for step in motion.steps]) - 1
     for step, last in zip(motion.steps, last_arcs, strict=True):
-        if step.impact is None:
+        if step.impact is None or step.impact.impulse_ratio is None:
             continue
         tangential, normal = step.impact.stick_impulse
         axes.plot(ends[last], tangential / normal, "x", color=colour, markeredgewidth=1.8, markersize=7, clip_on=False)

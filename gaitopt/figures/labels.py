@@ -1,6 +1,8 @@
-"""Names and units of everything that can stand on an axis or in a table; the one place that spells them."""
+"""How quantities and states are written on axes and pages: the words of their table, with symbols."""
 
 from dataclasses import dataclass
+
+from gaitopt.problem.scalars import FRICTION_LABELS, SCALARS, label_of, unit_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,44 +16,7 @@ class Label:
         return f"{self.words} [{self.unit}]" if self.unit else self.words
 
 
-QUANTITIES = {
-    "spectral_radius": Label(words="largest multiplier modulus |λ|"),
-    "period": Label(words="period", unit="s"),
-    "step_length": Label(words="step length", unit="m"),
-    "speed": Label(words="speed", unit="m/s"),
-    "work": Label(words="motor work per step", unit="J"),
-    "cost_of_transport": Label(words="cost of transport"),
-    "absolute_cost_of_transport": Label(words="absolute cost of transport"),
-    "torque_squared": Label(words="squared torque per step", unit="N²m²s"),
-    "peak_torque": Label(words="peak torque", unit="N m"),
-    "slip_distance": Label(words="slip distance per step", unit="m"),
-    "foot_clearance": Label(words="foot clearance", unit="m"),
-    "required_friction": Label(words="friction required while sticking"),
-    "impulse_ratio": Label(words="impulse ratio required to stick"),
-    "min_normal_force": Label(words="smallest normal force", unit="N"),
-    "friction": Label(words="coefficient of friction μ"),
-    "time": Label(words="time since impact", unit="s"),
-    "force_ratio": Label(words="force ratio σ = f_t / f_n"),
-}
-"""Scalars of a gait by their key in the JSON record, and what is drawn over time."""
-
-UNITS = {
-    "leg_length": "m",
-    "leg_com": "m",
-    "radius": "m",
-    "leg_mass": "kg",
-    "hip_mass": "kg",
-    "mass": "kg",
-    "gravity": "m/s²",
-    "slope": "rad",
-    "ankle": "N m",
-    "hip": "N m",
-    "kp": "N m/rad",
-    "kd": "N m s/rad",
-    "x": "m",
-    "dx": "m/s",
-}
-"""Units of parameters by the last part of their dotted key, and of the foot's coordinate."""
+SYMBOLS = {"spectral_radius": "|λ|", "friction": "μ"}
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -68,8 +33,15 @@ def symbol(state: str) -> str:
 
 def label(key: str) -> Label:
     """Label of a scalar, a state or a parameter by its key; what is unknown keeps its key."""
-    if key in QUANTITIES:
-        return QUANTITIES[key]
-    last = key.rpartition(".")[2]
+    if key == "time":
+        return Label(words="time since impact", unit="s")
+    if key in SCALARS or key in FRICTION_LABELS:
+        return Label(words=f"{label_of(key)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key)))
+    last, unit = key.rpartition(".")[2], unit_of(key)
     words = last.replace("_", " ")
-    return Label(words=f"{words} torque" if UNITS.get(last) == "N m" else words, unit=UNITS.get(last, ""))
+    return Label(words=f"{words} torque" if unit == "N m" else words, unit=typeset(unit))
+
+
+def typeset(unit: str) -> str:
+    """A unit with raised exponents."""
+    return unit.replace("^2", "²")

@@ -1,21 +1,19 @@
 """One cycle of a walk with all that is needed to draw it, from a gait, a simulated walk or a stored record."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.labels import Label, label
 from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.runs.recorded import POINTS, recorded_steps
 from gaitopt.study.simulate import Walk
-
-Array = NDArray[np.float64]
 
 SMOOTH = 120
 """Points of an arc that is drawn."""
@@ -70,8 +68,7 @@ class Motion:
 
 def motion_of(gait: Gait, name: str = "") -> Motion:
     """The steps of a converged gait."""
-    assert gait.steps, "a failed attempt has no step to draw"
-    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.steps)
+    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.motion)
 
 
 def motion_of_walk(walk: Walk) -> Motion:
@@ -112,7 +109,7 @@ def resampled(arc: Arc, count: int) -> Arc:
         states = arc.states[0] + s * (arc.states[-1] - arc.states[0])
     else:
         states = np.asarray(chebyshev.chebval(np.linspace(-1, 1, count), curves.coefficients(arc.states)).T)
-    return Arc(mode=arc.mode, segment=arc.segment, times=np.linspace(arc.start, arc.end, count), states=states)
+    return replace(arc, times=np.linspace(arc.start, arc.end, count), states=states)
 
 
 def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:

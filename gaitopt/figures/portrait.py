@@ -23,8 +23,9 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
             colour = next(colours)
             handles.append(entry(f"{prefix}{symbol(name)}", color=colour))
             _draw(axes, motion, name, colour)
-    axes.set_xlabel("angle [rad]")
-    axes.set_ylabel("angular rate [rad/s]")
+    lengths = any(motion.system.walker.lengths for motion in motions)
+    axes.set_xlabel("angle [rad], length [m]" if lengths else "angle [rad]")
+    axes.set_ylabel("rate [rad/s, m/s]" if lengths else "angular rate [rad/s]")
     modes = [mode for motion in motions for mode in motion.modes]
     after = entry("just after the impact", marker="o", linestyle="", markersize=5)
     jump = entry("impact, feet swap", **JUMP)

@@ -5,7 +5,7 @@ walker is drawn from its bodies and feet: two points that keep their distance ar
 tied to its neighbour by a thin line.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, combinations
@@ -13,13 +13,11 @@ from types import SimpleNamespace
 
 import numpy as np
 from casadi import SX, Function, horzcat, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion
 from gaitopt.mechanics import CompassBiped, RimlessWheel, Walker
 from gaitopt.mechanics.lagrangian import parameter_namespace
-
-Array = NDArray[np.float64]
 
 RIGID = 1e-9
 """Relative change of a distance below which two points belong to one rigid part."""
@@ -38,25 +36,35 @@ class Skeleton:
     legs : pairs of indices into the points, stance leg first.
     ties : pairs that are not rigid.
     discs : index and mass fraction of every mass.
+    contact : index of the point at which the ground acts.
     """
 
     points: Array
     legs: tuple[tuple[int, int], ...]
     ties: tuple[tuple[int, int], ...] = ()
     discs: tuple[tuple[int, float], ...] = ()
+    contact: int = 0
 
 
-def skeleton(motion: Motion, states: Array) -> Skeleton:
-    """The drawing of a motion's walker at ``states`` of shape (m, n_z)."""
-    positions, masses, _, lines = _mechanism(motion.system.walker)
-    p = motion.p[: len(motion.system.walker.model_fields)]
-    points = np.asarray(positions(states[:, : motion.system.n_shape + 1].T, p)).T.reshape(len(states), -1, 2)
+def skeleton(motion: Motion, states: Array, sides: Sequence[int] = (0,)) -> Skeleton:
+    """The drawing of a motion's walker at ``states`` of shape (m, n_z).
+
+    Parameters
+    ----------
+    sides : which leg stands at each of them, see ``Walker.side``; one for all will do.
+    """
+    walker = motion.system.walker
+    positions, masses, _, lines = _mechanism(walker)
+    p = motion.p[: len(walker.model_fields)]
+    standing = np.array([walker.standing(p, side) for side in sides]).T
+    points = np.asarray(positions(states[:, : motion.system.n_shape + 1].T, standing)).T.reshape(len(states), -1, 2)
     mass = np.asarray(masses(p)).ravel()
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
     if lines:
-        return Skeleton(points=points, legs=_strokes(lines, 2 + mass.size), discs=discs)
-    draw = _DRAWINGS.get(motion.system.walker, _rigid_parts)
-    return draw(Skeleton(points=points, legs=(), discs=discs), motion)
+        contact = points.shape[1] - 1
+        return Skeleton(points=points, legs=_strokes(lines, 2 + mass.size), discs=discs, contact=contact)
+    draw = _DRAWINGS.get(walker, _rigid_parts)
+    return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), motion)
 
 
 def slope(motion: Motion) -> float:
@@ -109,17 +117,19 @@ def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
 
 @lru_cache(maxsize=8)
 def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tuple[int, ...]]:
-    """(shape and x, p) -> stance foot, swing foot, bodies and outline in columns; p -> masses; p -> gravity.
+    """(coordinates, p) -> stance foot, swing foot, bodies, outline, contact in columns; p -> masses; p -> gravity.
 
     Last come the numbers of points of the lines of the outline.
     """
     p = SX.sym("p", len(walker.model_fields))
-    q = SX.sym("q", len(walker.shape) + 1)
-    coordinates = {name: q[k] for k, name in enumerate((*walker.shape, "x"))}
-    named = SimpleNamespace(**coordinates, y=SX(0)), parameter_namespace(walker, p)
+    names = walker.coordinates()
+    q = SX.sym("q", len(names))
+    coordinates = {"y": SX(0)} | {name: q[k] for k, name in enumerate(names)}
+    named = SimpleNamespace(**coordinates), parameter_namespace(walker, p)
     mechanism, lines = walker.mechanism(*named), walker.outline(*named)
     drawn = [*(body.position for body in mechanism.bodies), *(point for line in lines for point in line)]
-    places = horzcat(vertcat(q[-1], 0), mechanism.swing_foot, *drawn)
+    foot = vertcat(coordinates["x"], coordinates["y"])
+    places = horzcat(foot, mechanism.swing_foot, *drawn, walker.contact(*named))
     masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
     return (
         Function("positions", [q, p], [places]),

@@ -19,11 +19,13 @@ from gaitopt.mechanics import Mode
 from gaitopt.store import write_whole
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
-MODE_COLOURS = {Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9"}
-MODE_WORDS = {Mode.STICK: "stick", Mode.SLIP_FORWARD: "slip forward", Mode.SLIP_BACKWARD: "slip backward"}
+MODE_COLOURS = {
+    Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9", Mode.FLIGHT: "#9bd1b3",
+}  # fmt: skip
+MODE_WORDS = {mode: mode.replace("_", " ") for mode in MODE_COLOURS}
 NEUTRAL = "#4d4d4d"
 """Colour of legend entries that stand for all curves."""
-SLIP_DASHES = (0, (3.5, 1.8))
+SLIP_DASHES, FLIGHT_DOTS = (0, (3.5, 1.8)), (0, (1, 1.6))
 JUMP: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 """Line of a jump at the impact."""
 
@@ -82,8 +84,8 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) ->
 
 
 def dashes(mode: Mode) -> Any:
-    """Line style of a mode: solid where the foot sticks, dashed where it slips."""
-    return "-" if mode.sticks else SLIP_DASHES
+    """Line style of a mode: solid where the foot sticks, dashed where it slips, dotted in flight."""
+    return FLIGHT_DOTS if mode.flies else "-" if mode.sticks else SLIP_DASHES
 
 
 def entry(words: str, **style: Any) -> Line2D:
@@ -92,12 +94,14 @@ def entry(words: str, **style: Any) -> Line2D:
 
 
 def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
-    """Legend entries that say what solid and dashed mean, as far as they occur."""
+    """Legend entries that say what solid, dashed and dotted mean, as far as they occur."""
     entries = []
-    if Mode.STICK in modes:
+    if any(mode.sticks for mode in modes):
         entries.append(entry("foot sticks"))
     if any(mode.slips for mode in modes):
         entries.append(entry("foot slips", linestyle=SLIP_DASHES))
+    if any(mode.flies for mode in modes):
+        entries.append(entry("flight", linestyle=FLIGHT_DOTS))
     return entries
 
 

@@ -10,13 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
 from gaitopt.runs.grid import Axis, Grid
 
-Array = NDArray[np.float64]
 Segment = tuple[tuple[float, float], tuple[float, float]]
 
 MISSING, FAILED = "#e4e4e4", "#4d4d4d"

@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.style import COLOURS, entry, legend_below, panels
 from gaitopt.gait import Ending
-from gaitopt.gait.quantities import state_unit
+from gaitopt.problem.scalars import state_unit
 from gaitopt.study.simulate import Walk
 
 GAIT, FAILED = "#009e73", "#d55e00"

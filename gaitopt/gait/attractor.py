@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.mechanics import Mode
 from gaitopt.problem import Problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Attractor:
+class Attractor(ReadOnlyArrays):
     """A gait that states settle on.
 
     Attributes
@@ -23,7 +21,7 @@ class Attractor:
     """
 
     problem: Problem
-    state: NDArray[np.float64]
+    state: Array
     period: int
     phases: tuple[Mode, ...]
     impact: Mode

@@ -1,31 +1,30 @@
 """A family of gaits along a parameter: points, special points, and the branches that they join."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Reported
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.quantities import column_unit
 from gaitopt.mechanics import Cycle, Mode
 from gaitopt.problem import cycle_data
+from gaitopt.problem.scalars import unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-Array = NDArray[np.float64]
 TERMINAL = ("end", "vanishing", "lift_off", "painleve")
 """Types of special points at which a family ends."""
 _PLACE = ("branch", "index", "value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BranchPoint:
+class BranchPoint(ReadOnlyArrays):
     """One gait of a family.
 
     Attributes
@@ -63,7 +62,7 @@ class BranchPoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SpecialPoint:
+class SpecialPoint(ReadOnlyArrays):
     """Where something happens to a family.
 
     Attributes
@@ -123,7 +122,6 @@ class Branch(Reported):
     parameter: str
     points: tuple[BranchPoint, ...] = ()
     specials: tuple[SpecialPoint, ...] = ()
-    _columns: dict[str, Array] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
         if not self.points:
@@ -167,10 +165,7 @@ class Branch(Reported):
         KeyError
             If the result has no such scalar.
         """
-        if name not in self._columns:
-            values = [_scalar(point.gait, name) for point in self.points]
-            self._columns[name] = np.array([np.nan if value is None else value for value in values], dtype=float)
-        return self._columns[name]
+        return np.array([point.gait.scalar(name) for point in self.points], dtype=float)
 
     def branch(self, number: int) -> "Branch":
         """The part with one mode sequence."""
@@ -220,16 +215,7 @@ class Branch(Reported):
         return header, list(branch_rows(records, header))
 
     def _units(self, header: Sequence[str]) -> dict[str, str]:
-        return {name: column_unit(name) for name in header} | {"value": column_unit(self.parameter)}
-
-
-def _scalar(gait: Gait, name: str) -> float | None:
-    if name == "spectral_radius":
-        return gait.spectral_radius
-    if name.startswith("state."):
-        return float(gait.state[gait.system.state_names.index(name.removeprefix("state."))])
-    known: Mapping[str, float | None] = gait.measures
-    return known[name]
+        return {name: unit_of(name) for name in header} | {"value": unit_of(self.parameter)}
 
 
 def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:

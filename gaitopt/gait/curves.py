@@ -8,9 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaitopt.arrays import Array
 
 FINE_FACTOR = 6
 """Points of the grid on which extrema and roots are bracketed, per Chebyshev point."""

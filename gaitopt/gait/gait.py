@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
+from gaitopt.errors import SolveError
 from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
 from gaitopt.gait.table import motion_frame, motion_set
@@ -19,8 +21,6 @@ from gaitopt.problem import Problem
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-Array = NDArray[np.float64]
 
 
 class Status(StrEnum):
@@ -33,7 +33,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shooting:
+class Shooting(ReadOnlyArrays):
     """The shooting nodes behind a gait.
 
     Attributes
@@ -53,12 +53,12 @@ class Shooting:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gait(Moving):
+class Gait(Moving, ReadOnlyArrays):
     """A periodic cycle of steps, or the remains of a failed attempt: only ``status == converged`` is a gait.
 
     Attributes
     ----------
-    problem : what was asked.
+    problem : the one that was solved.
     system : the hybrid system that was solved.
     p : ndarray, shape (n_p,) - parameter vector; freed parameters have their solved values.
     status, message : how the solver ended, in words.
@@ -99,17 +99,22 @@ class Gait(Moving):
         return self.status is Status.CONVERGED
 
     @property
-    def state(self) -> Array:
-        """State just after the impact; shape (n_z,).
+    def motion(self) -> tuple[Step, ...]:
+        """The steps of the cycle.
 
         Raises
         ------
-        ValueError
+        SolveError
             If the attempt failed and there is no gait.
         """
         if not self.steps:
-            raise ValueError(f"{self.problem.name} is {self.status}: there is no gait to take a state from")
-        return self.steps[0].arcs[0].states[0]
+            raise SolveError(f"{self.problem.name} is {self.status}, so there is no motion: {self.message}")
+        return self.steps
+
+    @property
+    def state(self) -> Array:
+        """State just after the impact; shape (n_z,). Raises as ``motion``."""
+        return self.motion[0].arcs[0].states[0]
 
     @property
     def arcs(self) -> tuple[Arc, ...]:
@@ -130,6 +135,21 @@ class Gait(Moving):
     def spectral_radius(self) -> float | None:
         """Largest modulus of the multipliers; below one the gait is stable."""
         return float(np.abs(self.multipliers[0])) if self.multipliers.size else None
+
+    def scalar(self, name: str) -> float:
+        """A measure, ``spectral_radius``, ``state.NAME`` or a parameter by its key; NaN where it is not defined.
+
+        Raises
+        ------
+        KeyError
+            If the result has no such scalar.
+        """
+        if name.startswith("state."):
+            return float(self.state[self.system.state_names.index(name.removeprefix("state."))])
+        if name in self.system.parameters:
+            return float(self.p[self.system.parameters.index(name)])
+        value = self.spectral_radius if name == "spectral_radius" else self.measures[name]
+        return float("nan") if value is None else value
 
     def verified(self, verification: Mapping[str, Any]) -> "Gait":
         """The same gait with the record of a verification."""
@@ -183,12 +203,11 @@ class Gait(Moving):
         return record
 
     def _step_record(self, step: Step, state: Array) -> dict[str, Any]:
-        assert step.impact is not None, "a gait is made of complete steps"
         return {
             "phases": _phase_records(step.phases),
-            "impact": str(step.impact.mode),
+            "impact": str(step.final_impact.mode),
             "period": step.period,
-            "step_length": step.impact.step_length,
+            "step_length": step.final_impact.step_length,
             "state": self._state_record(state),
         }
 

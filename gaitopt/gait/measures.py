@@ -7,31 +7,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import HybridSystem, Scales
 from gaitopt.mechanics.buffered import buffered_map
+from gaitopt.problem.scalars import SCALARS
 
-Array = NDArray[np.float64]
-
-MEASURES = (
-    "period",
-    "step_length",
-    "speed",
-    "work",
-    "cost_of_transport",
-    "absolute_cost_of_transport",
-    "torque_squared",
-    "peak_torque",
-    "slip_distance",
-    "foot_clearance",
-    "required_friction",
-    "impulse_ratio",
-    "min_normal_force",
-)
+MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
 """Names of what ``measure`` finds, in order."""
+
+
+ENDS = np.array([-1.0, 1.0])
+ON_THE_SPOT = 1e-9
+"""Length of a step, in leg lengths, below which there is none."""
+WITHOUT_FORCE = 1e-9
+"""Part of the largest contact force below which there is none: nothing but the spring of a massless leg gets there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +37,7 @@ class Observation:
     power : ndarray, shape (m, n_u) - of each motor [W].
     swing_foot : ndarray, shape (m, 2) - position [m].
     energy : ndarray, shape (m,) - kinetic plus potential [J].
+    loss : ndarray, shape (m,) - power that the dampers take [W].
     """
 
     force: Array
@@ -52,68 +45,78 @@ class Observation:
     power: Array
     swing_foot: Array
     energy: Array
+    loss: Array
 
 
 def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
     """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
     observation = buffered_map(system.observation(arc.mode), arc.times.size)
-    outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
-    force, torque, power, foot, energy, _ = (value.copy() for value in outputs)
-    return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0])
+    own = system.walker.standing(p, arc.side)
+    outputs = observation(arc.times[:, None], arc.states, own, system.data(arc.segment))
+    force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
+    return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0])
 
 
 def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, float | None]:
     """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
 
-    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work`` [J];
-    ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length); ``torque_squared``
-    (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction`` (largest ``|f_t|/f_n`` while sticking,
-    None without sticking), ``impulse_ratio``; ``min_normal_force`` [N].
+    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``,
+    ``damping_loss`` [J]; ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length, None
+    on the spot); ``torque_squared`` (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction``
+    (largest ``|f_t|/f_n`` while sticking, None without sticking), ``impulse_ratio`` (None without an impulse);
+    ``min_normal_force`` on the ground [N].
 
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
-    several steps the least of these.
+    several steps the least of these. The work is that of motors and pushes.
 
     References
     ----------
     Gamus & Or (2013), eq. (22) for the cost of transport.
     """
-    impacts = [step.impact for step in steps if step.impact is not None]
-    assert len(impacts) == len(steps), "only a complete step has a step length"
+    impacts = [step.final_impact for step in steps]
     by_step = [[(arc, observe(system, p, arc)) for arc in step.arcs] for step in steps]
     observed = [pair for pairs in by_step for pair in pairs]
-    work = sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
-    absolute = sum(curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T)
+    pushed = sum(impact.push_work for impact in impacts)
+    work = pushed + sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
+    absolute = abs(pushed) + sum(
+        curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T
+    )
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
+    moves = abs(length) > ON_THE_SPOT * system.scales(p).length
     weighted_length = float(system.weight(p)) * length
-    sticking = [o.force[:, 0] / o.force[:, 1] for a, o in observed if a.mode.sticks]
+    sticking = [friction_ratio(o.force) for a, o in observed if a.mode.sticks]
     return {
         "period": period,
         "step_length": length,
         "speed": length / period,
         "work": work,
-        "cost_of_transport": work / weighted_length,
-        "absolute_cost_of_transport": absolute / weighted_length,
+        "damping_loss": sum(curves.integral(o.loss, a.duration) for a, o in observed),
+        "cost_of_transport": work / weighted_length if moves else None,
+        "absolute_cost_of_transport": absolute / weighted_length if moves else None,
         "torque_squared": sum(curves.integral((o.torque**2).sum(axis=1), a.duration) for a, o in observed),
         "peak_torque": max((_peak(column) for _, o in observed for column in o.torque.T), default=0.0),
         "slip_distance": sum(_slip(system, a) for a, _ in observed),
         "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in by_step),
         "required_friction": max((_peak(ratio) for ratio in sticking), default=None),
-        "impulse_ratio": max(impact.impulse_ratio for impact in impacts),
-        "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for _, o in observed),
+        "impulse_ratio": max((r for r in (impact.impulse_ratio for impact in impacts) if r is not None), default=None),
+        "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for a, o in observed if not a.mode.flies),
     }
 
 
 def measure_scales(scales: Scales) -> dict[str, float]:
     """Natural unit of every measure by its name; one where it is a ratio."""
-    lengths = dict.fromkeys(("step_length", "slip_distance", "foot_clearance"), scales.length)
-    energies = dict.fromkeys(("work", "peak_torque"), scales.energy)
-    others = {
-        "period": scales.time,
-        "speed": scales.speed,
-        "torque_squared": scales.energy**2 * scales.time,
-        "min_normal_force": scales.force,
-    }
-    return dict.fromkeys(MEASURES, 1.0) | lengths | energies | others
+    return {name: SCALARS[name].within.size(scales) for name in MEASURES}
+
+
+def friction_ratio(force: Array) -> Array:
+    """f_t / f_n along an arc from its contact force (m, 2); where a spring's force is zero at an end, its limit."""
+    nothing = WITHOUT_FORCE * np.abs(force).max()
+    slopes = np.column_stack([curves.slopes(column, ENDS) for column in force.T])
+    full = force.copy()
+    for end, slope in zip((0, -1), slopes, strict=True):
+        if abs(force[end, 1]) <= nothing:
+            full[end] = slope
+    return np.asarray(full[:, 0] / full[:, 1])
 
 
 def _peak(values: Array) -> float:
@@ -122,12 +125,15 @@ def _peak(values: Array) -> float:
 
 def _slip(system: HybridSystem, arc: Arc) -> float:
     x = arc.states[:, system.n_shape]
-    return 0.0 if arc.mode.sticks else float(abs(x[-1] - x[0]))
+    return float(abs(x[-1] - x[0])) if arc.mode.slips else 0.0
 
 
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:
-    """Largest height of the swing foot in each arc, counted where the swing foot is ahead of the stance foot."""
+    """Largest height of the swing foot in each arc, in flight or where it is ahead of the stance foot."""
     for arc, o in observed:
+        if arc.mode.flies:
+            yield curves.maximum(o.swing_foot[:, 1])[1]
+            continue
         ahead = o.swing_foot[:, 0] - arc.states[:, arc.states.shape[1] // 2 - 1]
         if ahead[-1] > 0:
             passing = curves.roots(ahead)

@@ -4,19 +4,17 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.measures import observe
-from gaitopt.gait.quantities import column_unit, state_unit
 from gaitopt.gait.trajectory import Step
 from gaitopt.mechanics import HybridSystem
+from gaitopt.problem.scalars import state_unit, unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-Array = NDArray[np.float64]
 
 
 def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
@@ -54,4 +52,4 @@ def motion_set(system: HybridSystem, p: Array, steps: Iterable[Step], **attribut
 
 def _units(system: HybridSystem) -> dict[str, str]:
     states = {name: state_unit(name) for name in system.state_names}
-    return {name: column_unit(name, system.walker.actuators) for name in trajectory_header(system)} | states
+    return {name: unit_of(name, system.walker.actuators) for name in trajectory_header(system)} | states

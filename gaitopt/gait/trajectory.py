@@ -5,11 +5,9 @@ from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.mechanics import Mode
-
-Array = NDArray[np.float64]
 
 
 class Ending(StrEnum):
@@ -26,10 +24,11 @@ class Ending(StrEnum):
     DOUBLE_SUPPORT = "double_support"
     NUMERICAL = "numerical"
     SCUFFING = "scuffing"
+    PUSH_SLIPS = "push_slips"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Arc:
+class Arc(ReadOnlyArrays):
     """A smooth piece of motion: one mode on one segment of the control.
 
     Attributes
@@ -38,12 +37,14 @@ class Arc:
     segment : index of the control's segment.
     times : ndarray, shape (m,) - time since the last impact [s]; Chebyshev points from start to end, or just both.
     states : ndarray, shape (m, n_z) - states there.
+    side : which leg stands, see ``Walker.side``.
     """
 
     mode: Mode
     segment: int
     times: Array
     states: Array
+    side: int = 0
 
     def __repr__(self) -> str:
         return f"<Arc {self.mode}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"
@@ -65,7 +66,7 @@ class Arc:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ImpactRecord:
+class ImpactRecord(ReadOnlyArrays):
     """One impact.
 
     Attributes
@@ -75,6 +76,7 @@ class ImpactRecord:
     step_length : distance of the new stance foot from where the old one stood after its own impact [m].
     impulse : ndarray, shape (2,) - (F_t, F_n) [N s].
     stick_impulse : ndarray, shape (2,) - what a sticking impact would need, eq. (9) [N s].
+    push_work : work of the push of the other foot just before it [J].
     """
 
     mode: Mode
@@ -82,11 +84,13 @@ class ImpactRecord:
     step_length: float
     impulse: Array
     stick_impulse: Array
+    push_work: float = 0.0
 
     @property
-    def impulse_ratio(self) -> float:
-        """|F_t| / F_n that a sticking impact would need."""
-        return float(abs(self.stick_impulse[0]) / self.stick_impulse[1])
+    def impulse_ratio(self) -> float | None:
+        """|F_t| / F_n that a sticking impact would need; None of a foot that lands without an impulse."""
+        tangential, normal = self.stick_impulse.tolist()
+        return abs(tangential) / normal if normal else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,13 +122,26 @@ class Step:
         return tuple(int(k) for k in np.cumsum([0, *new]))
 
     @property
+    def final_impact(self) -> ImpactRecord:
+        """The impact that ends the step.
+
+        Raises
+        ------
+        ValueError
+            If the motion ended before.
+        """
+        if self.impact is None:
+            raise ValueError("the motion ended before the impact of its last step")
+        return self.impact
+
+    @property
     def period(self) -> float:
         """Time from impact to impact [s]."""
         return self.arcs[-1].end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trajectory:
+class Trajectory(ReadOnlyArrays):
     """Steps of a simulated motion, and why it ended.
 
     Attributes

@@ -71,6 +71,7 @@ def continuation(
     *,
     lower: float | None = None,
     upper: float | None = None,
+    events: Mapping[str, Callable[[Gait], float]] | None = None,
     max_points: int = 2000,
     max_seconds: float | None = None,
     verify_every: int = 10,
@@ -88,6 +89,8 @@ def continuation(
     parameter : dotted key of any scalar of walker, friction or control.
     to : value of the parameter towards which to go, and at which to stop; two values to go both ways.
     lower, upper : further bounds of the parameter, for families that turn round.
+    events : functions of a gait, continuous along the family: ``{"fast": lambda gait: gait.scalar("speed") - 0.5}``.
+        Their zeros are located as precisely as bifurcations, and are special points of that type.
     max_points, max_seconds : bounds on the work.
     verify_every : every so many points is confirmed by the simulator.
     doublings : how many times in turn the family that begins at a period doubling is followed as well.
@@ -115,6 +118,7 @@ def continuation(
             to,
             lower=lower,
             upper=upper,
+            events=events,
             max_points=max_points,
             max_seconds=max_seconds,
             verify_every=verify_every,
@@ -202,7 +206,6 @@ def sweep(
     check_sweep(plan)
     with _counting(progress, "jobs") as show:
         records = run_sweep(plan, make_workers(workers, None), progress=show)
-    assert records is not None, "only should_stop ends a sweep early"
     return Sweep(problem=problem, grid=plan.grid, records=records)
 
 
@@ -236,9 +239,7 @@ def basin(
     plan = BasinPlan(start=start, grid=_grid(over), max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
     with _counting(progress, "tiles") as show:
-        result = walk_basin(plan, make_workers(workers, None), progress=show)
-    assert result is not None, "only should_stop ends a basin early"
-    return result
+        return walk_basin(plan, make_workers(workers, None), progress=show)
 
 
 def front(problem: Problem, over: Over, *, output: str | Path | None = None, progress: Counter = True) -> Front:
@@ -262,7 +263,6 @@ def front(problem: Problem, over: Over, *, output: str | Path | None = None, pro
         raise ProblemError("a front runs along one key")
     with _counting(progress, "designs") as show:
         points = design_front(problem, axes[0], _folder(problem, output), progress=show)
-    assert points is not None, "only should_stop ends a front early"
     return Front(problem=problem, key=axes[0].key, points=tuple(points))
 
 
@@ -293,11 +293,7 @@ def multistart(
     """
     folder, jobs_at = _folder(problem, output), make_workers(workers, None)
     with _counting(progress, "starts") as show:
-        optima = starts_run.multistart(
-            problem, starts, folder, seed=seed, spread=spread, workers=jobs_at, progress=show
-        )
-    assert optima is not None, "only should_stop ends a search early"
-    return optima
+        return starts_run.multistart(problem, starts, folder, seed=seed, spread=spread, workers=jobs_at, progress=show)
 
 
 def _grid(over: Over) -> Grid:

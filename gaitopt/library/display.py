@@ -28,9 +28,10 @@ from gaitopt.gait import Branch, Gait
 from gaitopt.library.printed import printed
 from gaitopt.library.stored import load_run, save
 from gaitopt.pages import branch_report, comparison_report, walk_report
+from gaitopt.problem import SCALARS
 from gaitopt.runs.basin_tiles import Basin
 from gaitopt.runs.front import Front
-from gaitopt.runs.sweep_table import SCALARS, Sweep
+from gaitopt.runs.sweep_table import Sweep
 from gaitopt.store import write_whole
 from gaitopt.study.simulate import Walk
 
@@ -93,7 +94,7 @@ def _(result: Branch, what: str | None = None) -> Figure:
 
 @draw.register
 def _(result: Sweep, what: str | None = None) -> Figure:
-    scalar = _known(what, "spectral_radius", SCALARS)
+    scalar = _known(what, "spectral_radius", tuple(SCALARS))
     return sweep_figure(result.grid, result.records, scalar, searched=result.problem.is_open)
 
 

@@ -5,9 +5,6 @@ import math
 NEGLIGIBLE = 1e-12
 """Shown as zero: rounding, in any unit that occurs here."""
 
-CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad"}
-"""Units of a control's scalars; any other is a torque."""
-
 
 def number(value: float | None) -> str:
     """Six digits for the eye; the JSON has them all."""

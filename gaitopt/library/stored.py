@@ -3,9 +3,7 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitopt.arrays import Array
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Branch, Gait, Step
 from gaitopt.gait.table import trajectory_header, trajectory_rows
@@ -67,6 +65,6 @@ def load_run(path: str | Path) -> Result:
     raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(readers)})")
 
 
-def motion_table(system: HybridSystem, p: NDArray[np.float64], steps: Iterable[Step]) -> Table:
+def motion_table(system: HybridSystem, p: Array, steps: Iterable[Step]) -> Table:
     """The table of a motion that a run folder holds."""
     return Table(header=trajectory_header(system), rows=trajectory_rows(system, p, steps))

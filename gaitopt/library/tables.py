@@ -7,28 +7,28 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from gaitopt.gait.quantities import QUANTITIES, state_unit
-from gaitopt.library.quantities import CONTROL_UNITS, number, with_degrees
+from gaitopt.library.quantities import number, with_degrees
 from gaitopt.mechanics.modes import Mode, ModeSequence
 from gaitopt.problem import OpenSequence, PDSpec, Problem
+from gaitopt.problem.scalars import label_of, scalar_values, state_unit, unit_of
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
-GAP = 2
+GAP = 3
 """Columns between two cells."""
 STABILITY = {True: "stable", False: "unstable"}
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()) -> Table:
     """A plain table; the columns at ``numbers`` are right-aligned, and words wrap in a narrow terminal."""
-    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     cells = [tuple(row) for row in rows]
     for index, (column, *own) in enumerate(zip(columns, *cells, strict=True)):  # no word is broken or lost
         justify: Literal["right", "left"] = "right" if index in numbers else "left"
         width = max(map(_longest_word, (column, *own)))
-        made.add_column(column, justify=justify, overflow="fold", min_width=width)
+        grid.add_column(column, justify=justify, overflow="fold", min_width=width)
     for row in cells:
-        made.add_row(*row)
-    return made
+        grid.add_row(*row)
+    return grid
 
 
 def section(
@@ -65,15 +65,15 @@ def _longest_word(text: str) -> int:
 
 
 def listed(problem: Problem, record: Mapping[str, Any]) -> tuple[str, ...]:
-    """A problem's row in the list of problems, with what is known of its gait."""
+    """A problem's row in the list of the problems of its walker, with what is known of its gait."""
     radius = record.get("spectral_radius")
     known = ("", "", "") if radius is None else (number(record["period"]), number(radius), STABILITY[radius < 1])
     kind = problem.control.type if problem.control.type != "none" else ""
-    return problem.name, problem.walker.model, kind, friction(problem), str(problem.modes), *known, problem.about
+    return problem.name, kind, friction(problem), str(problem.modes), *known, problem.about.strip()
 
 
 def print_problem(console: Console, problem: Problem) -> None:
-    """What is asked: walker, control, mode sequence, guess, unknowns."""
+    """A problem: walker, control, mode sequence, guess, unknowns."""
     console.print(problem.name, style="bold")
     if problem.about:
         console.print(problem.about)
@@ -104,8 +104,8 @@ def print_gait(console: Console, record: Mapping[str, Any]) -> None:
     rows = ((number(m["re"]), number(m["im"]), number(abs(complex(m["re"], m["im"])))) for m in record["multipliers"])
     section(console, "Floquet multipliers", ("re", "im", "modulus"), rows, numbers=(0, 1, 2))
     if record["parameters"]:
-        found = ((key, number(value)) for key, value in record["parameters"].items())
-        section(console, "parameters found", ("key", "value"), found, numbers=(1,))
+        freed = ((key, number(value)) for key, value in record["parameters"].items())
+        section(console, "parameters found", ("key", "value"), freed, numbers=(1,))
     if record["verification"]:
         print_verification(console, record["verification"])
 
@@ -138,7 +138,7 @@ def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -
         steps = record["steps"] if isinstance(record.get("steps"), list) else [record]
         phases = [row for step in steps for row in _phases(step)]
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
-        scalars = ((label, number(record[key]), unit) for key, (label, unit) in QUANTITIES.items() if key in record)
+        scalars = ((label_of(key), number(value), unit_of(key)) for key, value in scalar_values(record).items())
         section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
     state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
     section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
@@ -170,13 +170,13 @@ def _walker(problem: Problem) -> Iterable[tuple[str, str, str, str]]:
 def _contact(problem: Problem) -> Iterable[tuple[str, str, str]]:
     for key, value in problem.parameters.items():
         if key.partition(".")[0] == "friction":
-            yield key, number(value), "N s/m" if key.endswith("viscous") else ""
+            yield key, number(value), unit_of(key)
     yield "impact_law", str(problem.impact_law), ""
     yield "control", problem.control.type, ""
     for key, value in problem.parameters.items():
         group, _, name = key.rpartition(".")
         if group == "control":
-            yield name, number(value), CONTROL_UNITS.get(name, "N m")
+            yield name, number(value), unit_of(key) or "N m"
     if isinstance(problem.control, PDSpec) and problem.reference is not None:
         yield "reference", problem.reference.name, f"beyond its end: {problem.control.reference.beyond_end}"
 

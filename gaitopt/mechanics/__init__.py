@@ -27,7 +27,7 @@ from gaitopt.mechanics.margins import (
 from gaitopt.mechanics.modes import CONTACTS, Cycle, ImpactLaw, Mode, ModeSequence
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.system import HybridSystem
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, find_walker, refused_walkers, registered_walkers
+from gaitopt.mechanics.walker import Body, Damper, Mechanism, Walker, find_walker, refused_walkers, registered_walkers
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
@@ -45,6 +45,7 @@ __all__ = [
     "Control",
     "CoulombFriction",
     "Cycle",
+    "Damper",
     "Friction",
     "HybridSystem",
     "ImpactLaw",

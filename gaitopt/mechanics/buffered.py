@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 from casadi import Function, densify
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaitopt.arrays import Array
 
 
 class BufferedFunction:

@@ -4,8 +4,10 @@ An impact changes velocities by impulses at the feet and renames the coordinates
 With s_plus = relabel(s_minus) and the stance foot at the former swing foot, at every touchdown
 
     bodies_plus = bodies_minus      mass, inertia, position, velocity and spin, in any order
-    V_plus = V_minus                potential energy of springs
+    V_plus = V_minus                potential energy of springs; dampers store none, and take some
     s_minus lies on the guard       for every s_plus out of ``after_impact``, and all stops are locked there
+
+(of walkers with massless feet the positions alone).
 
 Everything else (return map, multipliers, costs) stands on that, so a walker that breaks it is refused.
 """
@@ -14,14 +16,12 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.posture import Posture, posture, section_posture
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.walker import Walker
-
-Array = NDArray[np.float64]
 
 SAMPLES = 4
 """Random touchdowns; what holds at one of them by chance does not hold at all."""
@@ -68,18 +68,29 @@ def _contradiction(walker: type[Walker], parameters: tuple[float, ...]) -> str |
     if scales is None:
         return "it has no length, no mass or no gravity to stand against"
     random = np.random.default_rng(0)
-    for _ in range(SAMPLES):
+    for k in range(SAMPLES):
+        legs = walker.standing(p, walker.side(k)), walker.standing(p, walker.side(k + 1))
         free = SPREAD * random.uniform(-1, 1, len(walker.section))
         rates = random.standard_normal(n) / scales.time
-        reason = _contradiction_at(walker, p, free, rates, scales)
+        reason = _contradiction_at(walker, legs, free, rates, scales)
         if reason is not None:
             return reason
     return None
 
 
-def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array, scales: Scales) -> str | None:
-    """What is wrong at the touchdown that leads to the section coordinates ``free``."""
-    s_plus = section_posture(walker, free, p)
+def _contradiction_at(
+    walker: type[Walker], legs: tuple[Array, Array], free: Array, rates: Array, scales: Scales
+) -> str | None:
+    """What is wrong at the touchdown that leads to the section coordinates ``free``.
+
+    Parameters
+    ----------
+    legs : parameters before and after it; they differ where the legs do.
+    """
+    p, p_plus = legs
+    s_plus = section_posture(walker, free, p_plus)
+    if walker.massless_feet:
+        return _landing_jump(walker, p, s_plus, scales) or _without_inertia(walker, _mass_matrix(walker, p, s_plus))
     s_minus = _before_relabelling(walker, s_plus, p)
     if s_minus is None:
         return "relabel cannot be inverted: after the swap of the feet the posture before it is no longer known"
@@ -87,7 +98,7 @@ def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array,
     locked = rates - np.linalg.pinv(J) @ J @ rates  # all stops are locked at touchdown
     before = posture(walker, np.array([*s_minus, 0, 0]), np.array([*locked, 0, 0]), p)
     q_plus = np.array([*s_plus, *before.foot[0]])
-    after = posture(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p)
+    after = posture(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p_plus)
     if abs(before.guard) > AGREEMENT * before.guard_slope or after.guard > AGREEMENT * after.guard_slope:
         return (
             "after_impact and touchdown contradict each other: a step would begin in the posture "
@@ -101,8 +112,21 @@ def _contradiction_at(walker: type[Walker], p: Array, free: Array, rates: Array,
     return (
         _jump(before.bodies, after.bodies, scales)
         or _spring_jump(before.spring_energy, after.spring_energy, scales)
+        or _driving_damper(before.dissipation)
         or _without_inertia(walker, after.mass_matrix)
     )
+
+
+def _landing_jump(walker: type[Walker], p: Array, s: Array, scales: Scales) -> str | None:
+    """Whether bodies are elsewhere after a massless foot has landed; their velocities are the walker's own affair."""
+    rest = np.zeros(s.size + 2)
+    before = posture(walker, np.array([*s, 0, 0]), rest, p)
+    after = posture(walker, np.array([*before.relabel, *before.foot[0]]), rest, p)
+    return _jump(before.bodies, after.bodies, scales)
+
+
+def _mass_matrix(walker: type[Walker], p: Array, s: Array) -> Array:
+    return posture(walker, np.array([*s, 0, 0]), np.zeros(s.size + 2), p).mass_matrix
 
 
 def _jump(before: Array, after: Array, scales: Scales) -> str | None:
@@ -141,6 +165,12 @@ def _spring_jump(before: float, after: float, scales: Scales) -> str | None:
         f"its potential energy jumps from {before:.6g} J to {after:.6g} J when the feet swap roles: "
         "springs must act alike on both legs"
     )
+
+
+def _driving_damper(power: float) -> str | None:
+    if power >= 0:
+        return None
+    return f"its dampers give energy, {-power:.3g} W at a touchdown: their coefficients must not be negative"
 
 
 def _without_inertia(walker: type[Walker], mass_matrix: Array) -> str | None:

@@ -1,4 +1,4 @@
-"""Contact of the stance foot: sticking and slipping, with Coulomb friction.
+"""Contact of the stance foot: sticking and slipping, with Coulomb friction, and flight, without a force.
 
 Eliminating the shape accelerations from eq. (2) leaves, at the foot, with ddy = 0,
 
@@ -62,7 +62,9 @@ def solve_locked(A: SX, b: SX, J: SX) -> SX:
     return x - response @ solve_spd(J @ response, J @ x)
 
 
-def motion(eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, torque: SX, locked: SX) -> Motion:
+def motion(
+    eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, springs: SX, torque: SX, locked: SX
+) -> Motion:
     """Motion of the walker while its stance foot slips, or is held at rest.
 
     Parameters
@@ -70,11 +72,12 @@ def motion(eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, to
     slip : SX - sign s of the slip, or an unknown between -1 and 1; None holds the foot.
     kinetic : SX - coefficient mu of a slipping foot.
     drag : SX - force against the slip besides mu f_n, zero at rest [N].
+    springs : SX, shape (n_q,) - gradient of the potential energy that acts in this mode only.
     torque : SX, shape (n_u,) - actuator torques u [N m].
     locked : SX, shape (m, n_shape) - derivative of the gaps of the locked stops.
     """
     n = len(eom.walker.shape)
-    bias = eom.B + eom.G - eom.E @ torque
+    bias = eom.B + eom.G + springs - eom.E @ torque
     coupling = eom.M[n:, :n]
     free = solve_locked(eom.M[:n, :n], horzcat(-bias[:n], eom.M[:n, n:]), locked)
     rigid, response = free[:, 0], free[:, 1:]
@@ -86,7 +89,25 @@ def motion(eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, to
         painleve = C[0, 0] + kinetic * slip * C[1, 0]
         ddx = -(stick_force[0] + kinetic * slip * stick_force[1] + drag) / painleve
     acceleration = rigid - response[:, 0] * ddx
-    velocity = eom.z[n + 1 :]
-    if slip is None:
-        velocity = vertcat(velocity[:n], 0)
-    return Motion(dz=vertcat(velocity, acceleration, ddx), force=stick_force + C[:, 0] * ddx, painleve=painleve)
+    dx = SX(0) if slip is None else eom.dq[n]
+    return Motion(
+        dz=vertcat(eom.state(eom.dq[:n], dx), eom.state(acceleration, ddx)),
+        force=stick_force + C[:, 0] * ddx,
+        painleve=painleve,
+    )
+
+
+def flight(eom: EquationsOfMotion, *, springs: SX, torque: SX, locked: SX) -> Motion:
+    """Motion of the walker while no foot touches the ground; parameters as for ``motion``.
+
+    A massless foot has no motion of its own: the bodies fall as they would without it, and it stays where it was.
+    """
+    n = len(eom.walker.shape)
+    bias = eom.B + eom.G + springs - eom.E @ torque
+    if eom.walker.massless_feet:
+        free = vertcat(solve_locked(eom.M[:n, :n], -bias[:n], locked), SX.zeros(2))
+        rates = vertcat(eom.dq[:n], SX.zeros(2))
+    else:
+        free, rates = solve_locked(eom.M, -bias, horzcat(locked, SX.zeros(locked.shape[0], 2))), eom.dq
+    dz = [eom.state(values[:n], values[n], values[n + 1]) for values in (rates, free)]
+    return Motion(dz=vertcat(*dz), force=SX.zeros(2), painleve=SX.nan())

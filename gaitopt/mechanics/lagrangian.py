@@ -3,10 +3,11 @@
     M(q) ddq + B(q, dq) + G(q) = E u + W' f                                Gamus & Or (2013), eq. (2)
 
 with W the Jacobian of the stance foot. As (x, y) are coordinates, W' f only adds (f_t, f_n) to the rows of x and y.
-Everything is stated on the ground: y = dy = 0.
+For a walker whose foot stays on the ground all is stated there: y = dy = 0.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
@@ -23,13 +24,15 @@ class EquationsOfMotion:
     ----------
     walker : the walker's class.
     p : SX, shape (n_p,) - the walker's parameters, in the order of its fields.
-    z : SX, shape (2 n_shape + 2,) - integrated state (shape, x, d shape, dx).
-    q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, 0) and rates (d shape, dx, 0).
+    z : SX, shape (n_z,) - integrated state: coordinates, then rates, in the order of ``Walker.coordinates``.
+    q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 where they are no states.
     M : SX, shape (n_q, n_q) - mass matrix.
-    B, G : SX, shape (n_q,) - velocity terms and gravity (and springs).
+    B, G : SX, shape (n_q,) - velocity terms (and dampers) and gravity (and springs, as far as they always act).
+    switches : SX by name - margins of the switches.
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
     energy : SX - kinetic plus potential energy [J].
+    dissipation : SX - power that the dampers take [W].
     mass : SX - total mass [kg].
     gravity : SX - acceleration of gravity [m/s^2].
     length : SX - distance of the farthest body from the stance foot where all shape coordinates are zero [m].
@@ -46,11 +49,23 @@ class EquationsOfMotion:
     G: SX
     E: SX
     W_swing: SX
+    switches: Mapping[str, SX]
     energy: SX
+    dissipation: SX
     mass: SX
     gravity: SX
     length: SX
     mechanism: Mechanism
+
+    def state(self, shape: SX, x: SX, y: SX | float = 0.0) -> SX:
+        """Coordinates, or their rates, in the order of the state."""
+        return vertcat(shape, y, x) if "y" in self.walker.coordinates() else vertcat(shape, x)
+
+    def force_of(self, potential: SX) -> SX:
+        """Gradient of a potential energy, shape (n_q,)."""
+        n = len(self.walker.shape)
+        gradients = jacobian(potential, self.q[:n]).T
+        return vertcat(gradients, SX.zeros(2))  # springs do not pull at the ground
 
 
 def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
@@ -83,17 +98,23 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
 
     M = hessian(kinetic, dq)[0]
     momentum = gradient(kinetic, dq)
-    B = jtimes(momentum, q, dq) - gradient(kinetic, q)
+    dissipation = sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0))
+    B = jtimes(momentum, q, dq) - gradient(kinetic, q) + gradient(dissipation, dq) / 2  # Rayleigh's function
     angles = vertcat(*mechanism.motors) if mechanism.motors else SX(0, 1)
     straight = substitute(vertcat(*(norm_2(body.position) for body in mechanism.bodies)), q, SX.zeros(q.numel()))
 
+    on_ground = "y" not in walker.coordinates()
+
     def grounded(expression: SX) -> SX:
-        return substitute(expression, vertcat(q[-1], dq[-1]), SX.zeros(2))
+        return substitute(expression, vertcat(q[-1], dq[-1]), SX.zeros(2)) if on_ground else expression
+
+    order = [names.index(name) for name in walker.coordinates()]
+    rates = SimpleNamespace(**{name: dq[i] for i, name in enumerate(names)})
 
     return EquationsOfMotion(
         walker=walker,
         p=p,
-        z=vertcat(q[:-1], dq[:-1]),
+        z=vertcat(q[order], dq[order]),
         q=grounded(q),
         dq=grounded(dq),
         M=grounded(M),
@@ -101,20 +122,21 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         G=grounded(gradient(potential, q)),
         E=grounded(jacobian(angles, q).T),
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
+        switches={name: grounded(SX(margin(rates))) for name, margin in mechanism.switches.items()},
         energy=grounded(kinetic + potential),
+        dissipation=grounded(dissipation),
         mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
         gravity=norm_2(mechanism.gravity),
         length=mmax(straight),
-        mechanism=Mechanism(
-            bodies=mechanism.bodies,
-            gravity=mechanism.gravity,
+        mechanism=replace(
+            mechanism,
             swing_foot=grounded(mechanism.swing_foot),
             touchdown=grounded(SX(mechanism.touchdown)),
             upright=grounded(SX(mechanism.upright)),
             relabel=grounded(SX(mechanism.relabel)),
             stops={name: grounded(SX(gap)) for name, gap in mechanism.stops.items()},
-            motors=mechanism.motors,
-            potential=mechanism.potential,
+            potential_while={state: grounded(SX(energy)) for state, energy in mechanism.potential_while.items()},
+            push=None if mechanism.push is None else grounded(mechanism.push),
         ),
     )
 
@@ -135,10 +157,19 @@ def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> Non
     for name, (count, other, needed) in counts.items():
         if count != needed:
             raise ProblemError(f"{walker.__name__}: {name} has {count} entries, but {other} has {needed}")
-    if (*mechanism.stops,) != walker.stops:
-        named = ", ".join(mechanism.stops)
-        raise ProblemError(f"{walker.__name__}: Mechanism.stops has {named or 'none'}, but stops are {walker.stops}")
-    strangers = {*walker.section, *walker.tracked} - {*walker.shape}
+    for name, stated, declared in (
+        ("stops", mechanism.stops, walker.stops),
+        ("switches", mechanism.switches, walker.switches),
+    ):
+        if (*stated,) != declared:
+            words = ", ".join(stated) or "none"
+            raise ProblemError(f"{walker.__name__}: Mechanism.{name} has {words}, but {name} are {declared}")
+    if walker.pushes is (mechanism.push is None):
+        raise ProblemError(f"{walker.__name__}: pushes is {walker.pushes}, which Mechanism.push contradicts")
+    unknown = {*walker.exchanged, *walker.exchanged.values()} - {*walker.model_fields}
+    if unknown:
+        raise ProblemError(f"{walker.__name__}: exchanged names {', '.join(sorted(unknown))}, which is no parameter")
+    strangers = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
     if strangers:
         raise ProblemError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")
     points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.modes import Mode
 from gaitopt.mechanics.scales import Scales
+from gaitopt.mechanics.walker import Walker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +64,10 @@ def _mass(scales: Scales) -> float:
 
 NO_SLIP = "sticking needs no more friction than there is before touchdown, so that no slip sets in"
 
+PUSH_SLIPS = "the foot that pushes off slips: its push is {value:.4g} N s outside of the friction cone"
+PUSH = ("push_cone_forward", "push_cone_backward", "push_landing")
+"""Margins of the push before an impact."""
+
 PHASE_MARGINS: Mapping[str, Margin] = {
     "touchdown": Margin(
         unit=_angle,
@@ -81,6 +86,7 @@ PHASE_MARGINS: Mapping[str, Margin] = {
         unit=_force,
         violated="normal force is {value:.4g} N, must be positive",
         lost="the stance foot lifts off: its normal force falls to zero",
+        absent="the foot does not leave the ground",
         ending="lift_off",
     ),
     "cone_forward": Margin(
@@ -136,6 +142,18 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
         lost="the swing foot no longer comes down",
         ending="impact_inconsistent",
     ),
+    "push_cone_forward": Margin(
+        unit=_impulse, violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending="push_slips"
+    ),
+    "push_cone_backward": Margin(
+        unit=_impulse, violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending="push_slips"
+    ),
+    "push_landing": Margin(
+        unit=_speed,
+        violated="the push lifts the swing foot: it leaves the ground at {value:.4g} m/s instead of landing",
+        lost="the push lifts the swing foot before it lands",
+        ending="impact_inconsistent",
+    ),
     "impulse_cone_forward": Margin(
         unit=_impulse, lost="the impact can no longer stick, the foot slips forward", onset=Mode.SLIP_FORWARD
     ),
@@ -164,8 +182,13 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
 MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS}
 ONSETS: Mapping[str, Mode] = {name: known.onset for name, known in PHASE_MARGINS.items() if known.onset is not None}
 """The slip that begins where a margin of a sticking phase falls."""
-STOP = Margin(unit=_angle, lost="the stop locks earlier in the step", absent="the stop does not lock", rises=True)
-"""The gap of a joint stop, whatever its name."""
+STOP = Margin(
+    unit=_angle,
+    lost="the stop locks, or the switch is thrown, earlier in the step",
+    absent="the stop does not lock, or the switch is not thrown",
+    rises=True,
+)
+"""The gap of a joint stop, or the margin of a switch, whatever its name."""
 
 
 def margin(name: str) -> Margin:
@@ -174,25 +197,33 @@ def margin(name: str) -> Margin:
 
 
 def margin_names(mode: Mode) -> tuple[str, ...]:
-    """Names of the margins of a mode, in the order of ``HybridSystem.margins``; free stops by their names."""
+    """Names of the margins of a mode, in the order of ``HybridSystem.margins``; stops and switches by their names."""
+    if mode.flies:
+        return ("touchdown", "upright", *mode.free, *mode.off)
     contact = ("cone_forward", "cone_backward") if mode.sticks else ("slip_velocity", "painleve")
-    return ("clearance" if mode.free else "touchdown", "upright", "normal_force", *contact, *mode.free)
+    return ("clearance" if mode.free else "touchdown", "upright", "normal_force", *contact, *mode.free, *mode.off)
 
 
-def impact_margin_names(mode: Mode, *, two_coefficients: bool) -> tuple[str, ...]:
+def impact_margin_names(mode: Mode, walker: type[Walker], *, two_coefficients: bool) -> tuple[str, ...]:
     """Names of the margins of an impact, in the order of ``HybridSystem.impact_margins``.
 
     Parameters
     ----------
+    walker : one that lands out of flight has no other foot that must lift; massless feet land without an impulse.
     two_coefficients : whether static and kinetic friction may differ.
     """
-    common = ("impulse",) if mode.locked else ("impulse", "lift_velocity", "touchdown_rate")
+    if mode.flies:
+        return ("lift_velocity",)
+    if walker.massless_feet:
+        return ("touchdown_rate",)
+    lifts = () if walker.flies else ("lift_velocity",)
+    common = ("impulse",) if mode.locked else ("impulse", *lifts, "touchdown_rate")
     if mode.sticks:
         return (*common, "impulse_cone_forward", "impulse_cone_backward")
     return (*common, "impact_slip_velocity", "impact_painleve", *(("impact_onset",) if two_coefficients else ()))
 
 
-def margin_scales(mode: Mode, scales: Scales) -> NDArray[np.float64]:
+def margin_scales(mode: Mode, scales: Scales) -> Array:
     """Natural unit of every margin of a mode, in the order of ``margin_names``."""
     return np.array([margin_unit(name, scales) for name in margin_names(mode)])
 
@@ -206,9 +237,11 @@ def ending_margin(mode: Mode, after: Mode | None) -> str:
     """The margin whose fall to zero ends a phase in ``mode`` that is followed by ``after`` (None: the impact)."""
     if after is None:
         return "touchdown"
-    locking = [stop for stop in mode.free if stop in after.locked]
-    if locking:
-        return locking[0]
+    thrown = [name for name in (*mode.free, *mode.off) if after.stops[name] != mode.stops[name]]
+    if thrown:
+        return thrown[0]
+    if after.flies:
+        return "normal_force"
     if mode.slips:
         return "slip_velocity"
     return next(name for name in margin_names(mode) if margin(name).onset is after.contact)

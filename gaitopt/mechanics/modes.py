@@ -1,8 +1,8 @@
-"""Contact modes of the stance foot, the factors of the friction complementarity
+"""Modes: what the foot, the joint stops and the switches do. On the ground the foot obeys the friction complementarity
 
     0 <= v_forward  _|_ mu f_n + f_t >= 0        0 <= v_backward  _|_ mu f_n - f_t >= 0
 
-A mode says which factor of each pair is zero. Gamus & Or (2013), eqs (4), (5).
+of which a mode says which factor of each pair is zero; in flight there is no force. Gamus & Or (2013), eqs (4), (5).
 """
 
 import re
@@ -17,25 +17,28 @@ from pydantic_core import PydanticKnownError, core_schema
 
 
 class Mode(str):
-    """What the stance foot and the joint stops do; for an impact, what they do just after it.
+    """What the stance foot, the joint stops and the switches do; for an impact, what they do just after it.
 
-    The text is ``stick``, ``slip_forward`` or ``slip_backward``; of a walker with stops their states follow, as in
-    ``stick, knee free`` or ``slip_forward, knee locked``. Equal modes are one object.
+    The text is ``stick``, ``slip_forward``, ``slip_backward`` or ``flight``; of a walker with stops or switches their
+    states follow, as in ``stick, knee free`` or ``slip_forward, knee locked``. Equal modes are one object.
 
     Attributes
     ----------
     contact : what the foot does, as a mode without stops.
-    stops : state of every stop by its name, in order; not to be written to.
+    stops : state of every stop and switch by its name, in order; not to be written to.
     free, locked : names of the stops in either state.
+    off : names of the switches that are off.
     """
 
     STICK: ClassVar["Mode"]
     SLIP_FORWARD: ClassVar["Mode"]
     SLIP_BACKWARD: ClassVar["Mode"]
+    FLIGHT: ClassVar["Mode"]
     contact: "Mode"
     stops: Mapping[str, str]
     free: tuple[str, ...]
     locked: tuple[str, ...]
+    off: tuple[str, ...]
 
     def __new__(cls, text: str) -> "Mode":
         """The mode with this text.
@@ -48,18 +51,20 @@ class Mode(str):
         if text not in _MODES:
             contact, *stops = text.split(", ")
             states = dict(stop.rpartition(" ")[::2] for stop in stops)
-            if contact not in _DIRECTIONS or any(state not in STOP_STATES for state in states.values()):
+            if contact not in _DIRECTIONS or any(state not in STATES for state in states.values()):
                 raise ValueError(f"{text!r} is no mode: a foot can {', '.join(_DIRECTIONS)}")
             mode = super().__new__(cls, text)
             mode.contact = Mode(contact) if stops else mode
             mode.stops = states
-            mode.free, mode.locked = (tuple(name for name in states if states[name] == own) for own in STOP_STATES)
+            mode.free, mode.locked, mode.off, _ = (
+                tuple(name for name in states if states[name] == own) for own in STATES
+            )
             _MODES[text] = mode
         return _MODES[text]
 
     @classmethod
     def of(cls, contact: str, stops: Mapping[str, str]) -> "Mode":
-        """What a foot does, with the state of every stop."""
+        """What a foot does, with the state of every stop and switch."""
         return cls(", ".join([contact.partition(",")[0], *(f"{name} {state}" for name, state in stops.items())]))
 
     @staticmethod
@@ -76,14 +81,14 @@ class Mode(str):
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
         """Both forms."""
         word = {"type": "string", "enum": list(_DIRECTIONS)}
-        state = {"type": "string", "enum": list(STOP_STATES)}
+        state = {"type": "string", "enum": list(STATES)}
         stops = {"type": "object", "properties": {"mode": word}, "required": ["mode"], "additionalProperties": state}
         return {"anyOf": [word, stops]}
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Mode":
         """The mode of a phase in JSON."""
-        return cls.of(record["mode"], {name: state for name, state in record.items() if state in STOP_STATES})
+        return cls.of(record["mode"], {name: state for name, state in record.items() if state in STATES})
 
     @property
     def record(self) -> dict[str, str]:
@@ -102,13 +107,18 @@ class Mode(str):
 
     @property
     def direction(self) -> int:
-        """Sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick."""
+        """Sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight."""
         return _DIRECTIONS[self.contact]
 
     @property
     def sticks(self) -> bool:
         """Whether the foot is held by friction."""
-        return self.direction == 0
+        return self.contact is Mode.STICK
+
+    @property
+    def flies(self) -> bool:
+        """Whether no foot touches the ground."""
+        return self.contact is Mode.FLIGHT
 
     @property
     def slips(self) -> bool:
@@ -119,9 +129,14 @@ class Mode(str):
         """Another contact with the same states of the stops."""
         return Mode.of(contact, self.stops)
 
-    def with_locked(self, stop: str) -> "Mode":
-        """The same contact with one more stop locked."""
-        return Mode.of(self, {**self.stops, stop: "locked"})
+    def with_next(self, name: str) -> "Mode":
+        """The same contact after a stop has locked, or a switch has been thrown."""
+        return Mode.of(self, {**self.stops, name: NEXT_STATE[self.stops[name]]})
+
+    def has(self, state: str) -> bool:
+        """Whether ``contact`` (a foot on the ground), or a state such as ``knee free``, is part of it."""
+        name, _, value = state.partition(" ")
+        return self.stops.get(name) == value if value else not self.flies
 
 
 def _read(data: object) -> Mode:
@@ -129,16 +144,20 @@ def _read(data: object) -> Mode:
     contact, stops = (
         (data.get("mode"), {k: v for k, v in data.items() if k != "mode"}) if isinstance(data, dict) else (data, {})
     )
-    for value, allowed in [(contact, _DIRECTIONS), *((state, STOP_STATES) for state in stops.values())]:
+    for value, allowed in [(contact, _DIRECTIONS), *((state, STATES) for state in stops.values())]:
         if value not in tuple(allowed):
             raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, map(str, allowed)))})
     return Mode.of(str(contact), stops)
 
 
-STOP_STATES = ("free", "locked")
-_DIRECTIONS = {"stick": 0, "slip_forward": 1, "slip_backward": -1}
+STOP_STATES, SWITCH_STATES = ("free", "locked"), ("off", "on")
+STATES = (*STOP_STATES, *SWITCH_STATES)
+NEXT_STATE = dict((STOP_STATES, SWITCH_STATES))
+_DIRECTIONS = {"stick": 0, "slip_forward": 1, "slip_backward": -1, "flight": 0}
 _MODES: dict[str, Mode] = {}
-Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD = CONTACTS = tuple(map(Mode, _DIRECTIONS))
+Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.FLIGHT = map(Mode, _DIRECTIONS)
+CONTACTS = (Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
+"""What a foot on the ground can do."""
 
 
 class ImpactLaw(StrEnum):
@@ -173,10 +192,12 @@ class ModeSequence:
 
     def __post_init__(self) -> None:
         if not self.phases:
-            raise ValueError("a step needs at least one phase: stick, slip_forward or slip_backward")
+            raise ValueError("a step needs at least one phase: stick, slip_forward, slip_backward or flight")
         for k, (first, second) in enumerate(pairwise(self.phases), start=1):
             if first is second:
                 raise ValueError(f"phases {k} and {k + 1} are both {first}: merge them into one")
+            if first.flies and not second.flies:
+                raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
 
     def __str__(self) -> str:
         return f"{in_words(self.phases)}; {self.impact}"

@@ -6,13 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 from casadi import SX, Function, horzcat, jacobian, jtimes, norm_2, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.lagrangian import check_structure, parameter_namespace
 from gaitopt.mechanics.walker import Walker
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,6 +26,7 @@ class Posture:
     mass_matrix : ndarray, shape (n_shape, n_shape) - with the stance foot at rest.
     guard, guard_slope : the guard of touchdown, and the length of its gradient.
     spring_energy : potential energy besides gravity [J].
+    dissipation : power that the dampers take [W].
     gravity : acceleration of gravity [m/s^2].
     gaps, gap_jacobian : ndarray, shape (n_stops,) and (n_stops, n_shape) - of the joint stops.
     """
@@ -41,6 +40,7 @@ class Posture:
     guard: float
     guard_slope: float
     spring_energy: float
+    dissipation: float
     gravity: float
     gaps: Array
     gap_jacobian: Array
@@ -49,7 +49,7 @@ class Posture:
 def posture(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
     """The walker at coordinates ``q`` and rates ``dq``, both of shape (n_shape + 2,), and parameters ``p``."""
     outputs = map(np.asarray, _kinematics(walker)(q, dq, p))
-    bodies, foot, relabel, slope, rate, M, guard, guard_slope, spring, gravity, gaps, gap_slope = outputs
+    bodies, foot, relabel, slope, rate, M, guard, guard_slope, spring, loss, gravity, gaps, gap_slope = outputs
     return Posture(
         bodies=bodies.T,
         foot=foot.T,
@@ -60,6 +60,7 @@ def posture(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
         guard=float(guard[0, 0]),
         guard_slope=float(np.linalg.norm(guard_slope)),
         spring_energy=float(spring[0, 0]),
+        dissipation=float(loss[0, 0]),
         gravity=float(gravity[0, 0]),
         gaps=gaps.ravel(),
         gap_jacobian=gap_slope,
@@ -109,6 +110,7 @@ def _kinematics(walker: type[Walker]) -> Function:
         guard,
         jacobian(guard, q[:n]),
         SX(mechanism.potential),
+        sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0)),
         norm_2(mechanism.gravity),
         gaps,
         jacobian(gaps, q[:n]),

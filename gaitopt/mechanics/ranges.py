@@ -40,9 +40,13 @@ class Within:
     possible: Interval = ANY
     usual: Interval = ANY
 
+    def size(self, scales: Scales) -> float:
+        """The natural unit in SI."""
+        return UNITS[self.unit][1](scales)
+
     def bounds(self, scales: Scales) -> Interval:
         """What is possible, in SI."""
-        size = UNITS[self.unit][1](scales)
+        size = self.size(scales)
         return self.possible[0] * size, self.possible[1] * size
 
     def objection(self, lower: float, upper: float, scales: Scales) -> str | None:
@@ -56,7 +60,7 @@ class Within:
 
     def remark(self, lower: float, upper: float, scales: Scales) -> str | None:
         """What is unusual about all values from ``lower`` to ``upper`` [SI], if so."""
-        word, size = UNITS[self.unit][0], UNITS[self.unit][1](scales)
+        word, size = UNITS[self.unit][0], self.size(scales)
         if upper >= self.usual[0] * size and lower <= self.usual[1] * size:
             return None
         value = upper if upper < self.usual[0] * size else lower

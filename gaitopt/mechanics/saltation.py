@@ -7,9 +7,8 @@ the guard and reset, because the return map compares states on the section and n
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaitopt.arrays import Array
 
 
 def saltation(

@@ -7,10 +7,11 @@
 
 with J the derivative of the gaps of all stops that are locked from now on, and L their impulses. As the gaps do not
 depend on where the foot is, what the stops do to a foot that is held is an impulse F_0, and with the apparent mass C of
-the foot of a walker with locked stops F = F_0 + C (v_t_plus - v_t_minus, 0)'. The swing foot is in the air.
+the foot of a walker with locked stops F = F_0 + C (v_t_plus - v_t_minus, 0)'. The swing foot is in the air. With F = 0
+the stance foot is taken along and leaves the ground.
 """
 
-from casadi import SX, vertcat
+from casadi import SX, horzcat, vertcat
 
 from gaitopt.mechanics.contact import solve_locked, solve_spd
 from gaitopt.mechanics.impact import Impact
@@ -36,9 +37,33 @@ def strike(eom: EquationsOfMotion, slip: SX | None, kinetic: SX, locked: SX) -> 
     dv_t = -eom.dq[n] if slip is None else -(held[0] + kinetic * s * held[1]) / painleve
     slip_velocity = SX(0) if slip is None else eom.dq[n] + dv_t
     return Impact(
-        z_plus=vertcat(eom.z[: n + 1], eom.dq[:n] + change - response[:, 0] * dv_t, slip_velocity),
+        z_plus=vertcat(_posture(eom), eom.state(eom.dq[:n] + change - response[:, 0] * dv_t, slip_velocity)),
         impulse=held + C[:, 0] * dv_t,
         slip_velocity=slip_velocity,
         lift_velocity=SX.nan(),
         painleve=painleve,
     )
+
+
+def take_off(eom: EquationsOfMotion, locked: SX) -> Impact:
+    """The impact after which the stops are locked and the stance foot has left the ground.
+
+    Parameters
+    ----------
+    locked : SX, shape (m, n_shape) - derivative of the gaps of the stops that are locked from now on.
+    """
+    n = len(eom.walker.shape)
+    J = horzcat(locked, SX.zeros(locked.shape[0], 2))
+    bounce = solve_spd(eom.M, J.T)
+    rates = eom.dq - bounce @ solve_spd(J @ bounce, J @ eom.dq)
+    return Impact(
+        z_plus=vertcat(_posture(eom), eom.state(rates[:n], rates[n], rates[n + 1])),
+        impulse=SX.zeros(2),
+        slip_velocity=SX(0),
+        lift_velocity=rates[n + 1],
+        painleve=SX.nan(),
+    )
+
+
+def _posture(eom: EquationsOfMotion) -> SX:
+    return eom.z[: len(eom.walker.coordinates())]

@@ -17,16 +17,17 @@ import numpy as np
 from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.buffered import buffered
-from gaitopt.mechanics.contact import Motion, motion
+from gaitopt.mechanics.contact import Motion, flight, motion
 from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.friction import CoulombFriction, Friction
-from gaitopt.mechanics.impact import Impact, impact
+from gaitopt.mechanics.impact import Impact, Push, impact, landing, push_off
 from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
-from gaitopt.mechanics.margins import impact_margin_names, margin_names
+from gaitopt.mechanics.margins import PUSH, impact_margin_names, margin_names
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.scales import Scales
-from gaitopt.mechanics.strike import strike
+from gaitopt.mechanics.strike import strike, take_off
 from gaitopt.mechanics.walker import Walker
 
 COULOMB = CoulombFriction()
@@ -47,6 +48,7 @@ class HybridSystem:
     parameters : dotted keys of ``p`` in order: walker, friction, control.
     friction : as given.
     state_names : names of ``z`` in order.
+    n_z, n_shape : number of states, and of the coordinates before x: the shape, and the height of a foot that can fly.
     """
 
     def __init__(
@@ -64,7 +66,7 @@ class HybridSystem:
         )
         self.state_names = walker.state_names()
         self.n_z = len(self.state_names)
-        self.n_shape = len(walker.shape)
+        self.n_shape = len(walker.coordinates()) - 1
         self.n_r = control.data(0).size
         self._eom = _equations_of_motion(walker)
         self._t = SX.sym("t")
@@ -76,7 +78,7 @@ class HybridSystem:
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[Mode, Impact] = {}
         self._functions: dict[str, Function] = {}
-        self._data: dict[int, NDArray[np.float64]] = {}
+        self._data: dict[int, Array] = {}
 
     def flow(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt."""
@@ -117,13 +119,18 @@ class HybridSystem:
         return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
 
     def observation(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq (n_u)."""
+        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
+
+        The loss is the power that the dampers take.
+        """
 
         def outputs() -> list[SX]:
             eom, torque = self._eom, self._torque
             motor_rates = eom.E.T @ eom.dq
             foot = eom.mechanism.swing_foot
-            return [self._motion(mode).force, torque, torque * motor_rates, foot, eom.energy, motor_rates]
+            energy = eom.energy + self._potential_of(mode)
+            power, loss = torque * motor_rates, eom.dissipation
+            return [self._motion(mode).force, torque, power, foot, energy, motor_rates, loss]
 
         return self._build(f"observation_{mode.key}", outputs)
 
@@ -146,7 +153,8 @@ class HybridSystem:
 
     def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``impact_margins``."""
-        return impact_margin_names(mode, two_coefficients=self.friction.two_coefficients)
+        names = impact_margin_names(mode, self.walker, two_coefficients=self.friction.two_coefficients)
+        return (*names, *PUSH) if self.walker.pushes and not mode.locked else names
 
     def impact_margins(self, mode: Mode) -> Function:
         """(z, p) -> margins of an impact in the order of ``impact_margin_names(mode)``."""
@@ -165,7 +173,7 @@ class HybridSystem:
         """
 
         def outputs() -> list[SX]:
-            state, guard = self._slipping(s), SX(self._eom.mechanism.touchdown)
+            state, guard = self._slipping(s, self.walker.released(Mode.STICK)), SX(self._eom.mechanism.touchdown)
             return [state.dz, state.force, guard, jtimes(guard, self._eom.z, state.dz)]
 
         s = SX.sym("s")
@@ -184,23 +192,29 @@ class HybridSystem:
 
     @cached_property
     def approach(self) -> Function:
-        """(z, p) -> normal velocity of the swing foot [m/s]; it is negative where the foot comes down."""
-        return Function("approach", [self._eom.z, self._p], [(self._eom.W_swing @ self._eom.dq)[1]])
+        """(z, p) -> normal velocity with which the swing foot lands [m/s]; it is negative where the foot comes down."""
+        return Function("approach", [self._eom.z, self._p], [self._approach])
+
+    @cached_property
+    def push(self) -> Function:
+        """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
+        return Function("push", [self._eom.z, self._p], [self._push.impulse, self._push.work])
 
     @cached_property
     def weight(self) -> Function:
         """p -> total weight [N]."""
         return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
 
-    def scales(self, p: NDArray[np.float64]) -> Scales:
+    def scales(self, p: Array) -> Scales:
         """Natural units of the walker at parameters ``p`` of shape (n_p,)."""
         length, gravity, mass = (float(value[0]) for value in buffered(self._scale_function)(p))
         return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
 
-    def state_scales(self, scales: Scales) -> NDArray[np.float64]:
-        """Natural unit of every entry of ``z``, shape (n_z,): angles 1, rates 1 / time, x and dx by length."""
-        shape = np.ones(self.n_shape)
-        return np.array([*shape, scales.length, *(shape / scales.time), scales.speed])
+    def state_scales(self, scales: Scales) -> Array:
+        """Natural unit of every entry of ``z``, shape (n_z,): angles 1, rates 1 / time, lengths by the leg's."""
+        lengths = {*self.walker.lengths, "x", "y"}
+        units = np.array([scales.length if name in lengths else 1.0 for name in self.walker.coordinates()])
+        return np.concatenate([units, units / scales.time])
 
     @cached_property
     def _scale_function(self) -> Function:
@@ -215,7 +229,8 @@ class HybridSystem:
         free = SimpleNamespace(**{name: xi[i] for i, name in enumerate(names)})
         p = parameter_namespace(self.walker, self._eom.p)
         shape, rates = self.walker.after_impact(free, p), self.walker.rates_after_impact(free, p)
-        return Function("lift", [xi, self._p], [vertcat(*shape, 0, *rates, xi[-1])])
+        z = vertcat(self._eom.state(vertcat(*shape), SX(0)), self._eom.state(vertcat(*rates), xi[-1]))
+        return Function("lift", [xi, self._p], [z])
 
     @cached_property
     def lift_jacobian(self) -> Function:
@@ -228,18 +243,18 @@ class HybridSystem:
         names = self.walker.section_names(slipping=impact_mode.slips)
         return np.array([self.state_names.index(name) for name in names])
 
-    def lift_state(self, xi: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def lift_state(self, xi: Array, p: Array) -> Array:
         """State just after an impact from section coordinates, with or without dx; shape (n_z,)."""
         full = np.zeros(len(self.walker.section_names(slipping=True)))
         full[: xi.size] = xi
         return buffered(self.lift)(full, p)[0].copy()
 
-    def values(self, parameters: Mapping[str, float]) -> NDArray[np.float64]:
+    def values(self, parameters: Mapping[str, float]) -> Array:
         """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
         known = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
         return np.array([float(known[name]) for name in self.parameters])
 
-    def data(self, segment: int) -> NDArray[np.float64]:
+    def data(self, segment: int) -> Array:
         """Segment data of the control, shape (n_r,); not to be written to."""
         if segment not in self._data:
             self._data[segment] = self.control.data(segment)
@@ -253,7 +268,7 @@ class HybridSystem:
         """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
         return self.friction.kinetic(p[self._friction_entries])
 
-    def friction_drops(self, p: NDArray[np.float64]) -> bool:
+    def friction_drops(self, p: Array) -> bool:
         """Whether friction drops when a foot begins to slip: static above kinetic at parameters ``p``."""
         return bool(self.static_friction(p) > self.kinetic_friction(p))
 
@@ -273,53 +288,84 @@ class HybridSystem:
 
     def _motion(self, mode: Mode) -> Motion:
         if mode not in self._motions:
-            self._motions[mode] = self._slipping(_slip(mode), mode.locked)
+            self._motions[mode] = self._flight(mode) if mode.flies else self._slipping(_slip(mode), mode)
         return self._motions[mode]
 
-    def _slipping(self, slip: SX | None, locked: tuple[str, ...] = ()) -> Motion:
+    def _slipping(self, slip: SX | None, mode: Mode) -> Motion:
         drag = SX(self.friction.drag(self._coefficients, self._eom.z[-1]))
-        held = self._locked(locked)
-        return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, torque=self._torque, locked=held)
+        return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, **self._acting(mode))
+
+    def _flight(self, mode: Mode) -> Motion:
+        return flight(self._eom, **self._acting(mode))
+
+    def _acting(self, mode: Mode) -> dict[str, SX]:
+        """What acts in a mode besides contact forces and gravity."""
+        springs = self._eom.force_of(self._potential_of(mode))
+        return {"springs": springs, "torque": self._torque, "locked": self._locked(mode.locked)}
+
+    def _potential_of(self, mode: Mode) -> SX:
+        """Potential energy that acts in this mode and not in all."""
+        energies = self._eom.mechanism.potential_while.items()
+        return sum((energy for state, energy in energies if mode.has(state)), SX(0))
 
     def _locked(self, stops: tuple[str, ...]) -> SX:
         """Derivative of the gaps of some stops by the shape coordinates."""
         gaps = vertcat(SX(0, 1), *(self._eom.mechanism.stops[name] for name in stops))
-        return jacobian(gaps, self._eom.z[: self.n_shape])
+        return jacobian(gaps, self._eom.q[: len(self.walker.shape)])
 
     def _impact(self, mode: Mode) -> Impact:
         if mode not in self._impacts:
-            slip = _slip(mode)
-            if mode.locked:
-                self._impacts[mode] = strike(self._eom, slip, self._kinetic, self._locked(mode.locked))
-            else:
-                self._impacts[mode] = impact(self._eom, slip, self.law, self._kinetic, self._locked(self.walker.stops))
+            self._impacts[mode] = self._new_impact(mode)
         return self._impacts[mode]
+
+    def _new_impact(self, mode: Mode) -> Impact:
+        if mode.flies:
+            return take_off(self._eom, self._locked(mode.locked))
+        if mode.locked:
+            return strike(self._eom, _slip(mode), self._kinetic, self._locked(mode.locked))
+        if self.walker.massless_feet:
+            return landing(self._eom)
+        held = tuple(stop for stop in self.walker.stops if stop not in self.walker.open_in_impact)
+        return impact(self._eom, _slip(mode), self.law, self._kinetic, self._locked(held))
 
     def _margins(self, mode: Mode) -> SX:
         state, mu = self._motion(mode), self.friction.static(self._coefficients)
         f_t, f_n = state.force[0], state.force[1]
+        lands = mode.flies or not self.walker.flies  # a walker that flies lands out of flight alone
         margins = {
-            "touchdown": -self._eom.mechanism.touchdown,
+            "touchdown": -self._eom.mechanism.touchdown if lands else SX(1),
             "upright": self._eom.mechanism.upright,
             "normal_force": f_n,
             "cone_forward": mu * f_n + f_t,
             "cone_backward": mu * f_n - f_t,
             "slip_velocity": mode.direction * self._eom.z[-1],
             "painleve": state.painleve,
-            "clearance": self._eom.mechanism.swing_foot[1],
+            "clearance": self._eom.mechanism.swing_foot[1] if lands else SX(1),
             **self._eom.mechanism.stops,
+            **self._eom.switches,
         }
         return vertcat(*(margins[name] for name in margin_names(mode)))
+
+    @cached_property
+    def _push(self) -> Push:
+        return push_off(self._eom, self._locked(self.walker.stops))
+
+    @property
+    def _approach(self) -> SX:
+        return (self._eom.W_swing @ self._push.rates)[1]
 
     def _impact_margins(self, mode: Mode) -> dict[str, SX]:
         result, stick = self._impact(mode), self._impact(mode.with_contact(Mode.STICK))
         mu = self.friction.static(self._coefficients)
         f_t, f_n = result.impulse[0], result.impulse[1]
-        z, n = self._eom.z, self.n_shape + 1
+        z, n, push = self._eom.z, self.n_shape + 1, self._push.impulse
         return {
             "impulse": f_n,
             "lift_velocity": result.lift_velocity,
             "touchdown_rate": jtimes(SX(self._eom.mechanism.touchdown), z[:n], z[n:]),
+            "push_cone_forward": mu * push[1] + push[0],
+            "push_cone_backward": mu * push[1] - push[0],
+            "push_landing": -self._approach,
             "impulse_cone_forward": mu * f_n + f_t,
             "impulse_cone_backward": mu * f_n - f_t,
             "impact_slip_velocity": mode.direction * result.slip_velocity,

@@ -15,19 +15,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, vstack
 
+from gaitopt.arrays import Array
+from gaitopt.iteration import NO_CONTRACTION, iterate
 from gaitopt.nlp.newton import Linearisation, ScaledFactor
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
-Array = NDArray[np.float64]
-
 RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step."""
-ITERATIONS = 12
+ITERATIONS = 11
 SINGULAR = 1e-5
 """Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
 INVERSE_ITERATIONS = 2
@@ -52,6 +51,17 @@ class CurvePoint:
     tangent: Array
     factor: ScaledFactor
     iterations: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Trial:
+    """Equations and offset from the plane of pseudo-arclength at one iterate, and the chord that serves there."""
+
+    w: Array
+    residual: Array
+    offset: float
+    size: float
+    chord: ScaledFactor | None
 
 
 class Curve:
@@ -145,22 +155,28 @@ class Curve:
     def _correct(
         self, predicted: Array, normal: Array, factor: ScaledFactor | None, forward: Array
     ) -> CurvePoint | None:
-        w, last = predicted.copy(), np.inf
-        for iteration in range(ITERATIONS):
+        def trial(w: Array, chord: ScaledFactor | None, last: float) -> _Trial:
+            """The equations at ``w``, with the factor that is still good for the next step."""
             residual = self.transcription.violation(w, self.p)
             offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
             size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
-            if not np.isfinite(size):
+            return _Trial(w=w, residual=residual, offset=offset, size=size, chord=None if size > SLOW * last else chord)
+
+        def following(at: _Trial) -> _Trial | None:
+            chord = at.chord or self._factor(self._linearised(at.w, at.residual), normal)
+            if chord is None:
                 return None
-            if size < RESIDUAL:
-                return self._finish(self._linearised(w, residual), forward, iteration)
-            if factor is None or size > SLOW * last:
-                factor = self._factor(self._linearised(w, residual), normal)
-            if factor is None:
-                return None
-            w = w - factor.solve(np.append(residual, offset))
-            last = size
-        return None
+            return trial(at.w - chord.solve(np.append(at.residual, at.offset)), chord, at.size)
+
+        end = iterate(
+            trial(predicted, factor, np.inf),
+            following,
+            size=lambda at: at.size,
+            solved=lambda at: at.size < RESIDUAL,
+            most=ITERATIONS,
+            contraction=NO_CONTRACTION,
+        )
+        return self._finish(self._linearised(end.at.w, end.at.residual), forward, end.count) if end.solved else None
 
     def _linearised(self, w: Array, residual: Array) -> Linearisation:
         return Linearisation(w=w, p=self.p, residual=residual, jacobian=self._jacobian(w, self.p), units=self._units)

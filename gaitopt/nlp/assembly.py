@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin
 from gaitopt.mechanics.buffered import buffered
@@ -12,8 +10,6 @@ from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
 
 COUNTS = (33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved."""
@@ -32,7 +28,7 @@ def assemble_gait(
 
     Parameters
     ----------
-    problem : what was asked.
+    problem : the one that was solved.
     at : the equalities at the solution.
     errors : ndarray, shape (n_phases,) - estimated integration error.
     """
@@ -67,10 +63,13 @@ def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int
     arcs: list[list[Arc]] = [[] for _ in cycle.steps]
     for index, arc in enumerate(problem.layout.arcs):
         arcs[cycle.step_of(arc.phase)].append(_arc(problem, w, p, index, counts))
-    ends = zip(arcs, cycle.impacts, problem.layout.impact_nodes, strict=True)
+    ends, walker = zip(arcs, cycle.impacts, problem.layout.impact_nodes, strict=True), problem.system.walker
     return tuple(
-        Step(arcs=tuple(own), impact=impact_record(problem.system, impact, nodes[:, end], full))
-        for own, impact, end in ends
+        Step(
+            arcs=tuple(own),
+            impact=impact_record(problem.system, impact, nodes[:, end], walker.standing(full, walker.side(step))),
+        )
+        for step, (own, impact, end) in enumerate(ends)
     )
 
 
@@ -78,11 +77,16 @@ def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) ->
     """The impact in ``mode`` that follows ``z_minus``."""
     z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
     stick_impulse = buffered(system.impact(Mode.STICK))(z_minus, p)[1].copy()
-    x = system.n_shape
+    x, work = system.n_shape, float(system.push(z_minus, p)[1]) if system.walker.pushes else 0.0
     state = z_plus.copy()
     state[x] = 0.0
     return ImpactRecord(
-        mode=mode, state=state, step_length=float(z_plus[x]), impulse=impulse, stick_impulse=stick_impulse
+        mode=mode,
+        state=state,
+        step_length=float(z_plus[x]),
+        impulse=impulse,
+        stick_impulse=stick_impulse,
+        push_work=work,
     )
 
 
@@ -94,7 +98,8 @@ def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[i
         if curves.tail(states / unit) < curves.RESOLVED:
             break
     _rest_exactly(problem.layout.cycle, layout, states)
-    return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states)
+    side = problem.system.walker.side(problem.layout.cycle.step_of(layout.phase))
+    return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states, side=side)
 
 
 def _rest_exactly(cycle: Cycle, arc: ArcLayout, states: Array) -> None:

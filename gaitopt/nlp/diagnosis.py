@@ -4,21 +4,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause
 from gaitopt.mechanics import Cycle, ending_margin, margin
 from gaitopt.mechanics.buffered import buffered_map
+from gaitopt.mechanics.margins import PUSH
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
-
-Array = NDArray[np.float64]
-
 
 SAMPLES = 33
 """Points of an arc on which an early touchdown is looked for."""
 AIRBORNE = 1e-9
 """A guard this close to zero is a foot on the ground, up to rounding."""
+NORMAL = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
+"""The margin that is the normal force of a cone; that of a push has none, as it cannot be lost."""
 RUNAWAY = 1e3
 """In natural units: violations of a thousand times what moves a walker belong to no walk."""
 
@@ -31,10 +31,10 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     """
     if (margins >= 0).all() and (problem.unpack(w)[1] >= 0).all():
         return []
-    found = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
-    found = found or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
+    present = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
+    present = present or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
     worst: dict[tuple[int | None, int], Cause] = {}
-    for violation in sorted(found, key=lambda c: c.severity):
+    for violation in sorted(present, key=lambda c: c.severity):
         if violation.severity > tolerance:
             worst[violation.phase, violation.step] = violation
     return sorted(worst.values(), key=lambda c: -c.severity)
@@ -42,12 +42,13 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
 
 def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
     """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
-    full, armed = problem.full_parameters(p, problem.unpack(w)[2]), False
+    armed, freed = False, problem.unpack(w)[2]
     for index, arc in enumerate(problem.layout.arcs):
         armed = armed and not (arc.start is None and arc.phase in problem.layout.cycle.first_phases)
         times, states = problem.sample(w, p, index, SAMPLES)
         margins = buffered_map(problem.system.margins(arc.mode), times.size)
-        (values,) = margins(times[:, None], states, full, problem.system.data(arc.segment))
+        own = problem.standing_values(p, freed, arc.phase)
+        (values,) = margins(times[:, None], states, own, problem.system.data(arc.segment))
         for t, height in zip(times, values[:, 0].tolist(), strict=True):
             if armed and height < -AIRBORNE:
                 words = f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"
@@ -100,8 +101,9 @@ def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array)
         partner = replace(label, name=label.name.replace("forward", "backward"))
         if partner not in rows:
             continue
-        normal = replace(label, name="impulse" if label.name.startswith("impulse") else "normal_force")
-        forward, backward, f_n = margins[i], margins[rows[partner]], margins[rows[normal]]
+        normal = replace(label, name=NORMAL[label.name])
+        forward, backward = margins[i], margins[rows[partner]]
+        f_n = margins[rows[normal]] if normal in rows else (forward + backward) / (2 * friction or np.inf)
         if min(forward, backward) < 0 < f_n:
             needed = abs(forward - backward) / (2 * f_n)
             words = f"{_place(problem, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
@@ -140,6 +142,8 @@ def _cause(what: str, words: str, problem: Transcription, w: Array, label: Label
 
 
 def _place(problem: Transcription, w: Array, label: Label) -> str:
+    if label.name in PUSH:
+        return "push-off"
     if label.phase is None or label.node is None:
         return "impact" if len(problem.layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
     return f"{problem.layout.cycle.phase_words(label.phase)}, t = {problem.node_times(w)[label.node]:.4f} s"

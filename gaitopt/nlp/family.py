@@ -1,7 +1,7 @@
 """Build once, solve many: the gaits of one mode sequence at other parameter values, by one NLP.
 
-Near the last gait the equations are solved by chords, w - J^-1 residual with the J of that gait, and looked at for
-violated margins afterwards; where that does not converge, or finds no gait, IPOPT is asked.
+Near the last gait the equations are solved by chords, w - J^-1 residual with the J of that gait, and checked for
+violated margins afterwards; where that does not converge, or finds no gait, IPOPT takes over.
 """
 
 import time
@@ -9,9 +9,10 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
+from gaitopt.iteration import iterate
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.layout import layout
@@ -21,8 +22,6 @@ from gaitopt.nlp.solve import rejection_reason
 from gaitopt.nlp.transcription import transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
 
 MAX_CHORDS = 10
 """Chords that are tried; from a gait nearby four to six are enough."""
@@ -97,18 +96,26 @@ class Family:
     @overflow_allowed()
     def _near(self, p: Array) -> tuple[Refined | None, tuple[Cause, ...], int]:
         """The solution by chords, what is wrong with it, and their number; no solution if they do not converge."""
-        w, size, count = self._w, np.inf, 0
         units = self._transcription.units(p).equalities
-        for count in range(1, MAX_CHORDS + 1):
+
+        def point(w: Array) -> tuple[Array, Array, float]:
             residual = self._transcription.violation(w, p)
-            before, size = size, np.abs(residual / units).max()
-            if not size < CONTRACTION * before:
-                return None, (), count
-            w = w - self._factor.solve(residual)
-            if size < SETTLED:
-                break
+            return w, residual, float(np.abs(residual / units).max())
+
+        end = iterate(
+            point(self._w),
+            lambda at: point(at[0] - self._factor.solve(at[1])),
+            size=lambda at: at[2],
+            solved=lambda at: at[2] < SETTLED,
+            most=MAX_CHORDS,
+            contraction=CONTRACTION,
+        )
+        if not end.solved:
+            return None, (), end.count
+        w, residual, _ = end.at
+        w = w - self._factor.solve(residual)
         refined = refine(self._transcription, polish(self._transcription, w, p).at)
-        return refined, rejection_reason(refined), count
+        return refined, rejection_reason(refined), end.count + 1
 
     def _remember(self, refined: Refined) -> None:
         """Start the next solution from this one, unless it had to be refined."""

@@ -7,12 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 from casadi import sum1, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.transcription import Transcription
-
-Array = NDArray[np.float64]
 
 SHORTEST = 0.1
 """Shortest step, relative to the guess: feet that stay together solve all equations in no time at all."""

@@ -11,12 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 from casadi import SX, Function, horzcat, vertcat
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode
-
-Array = NDArray[np.float64]
 
 ORDER = 8
 LOBATTO_POINTS = (1 + np.array([-1.0, -np.sqrt(3 / 7), 0.0, np.sqrt(3 / 7), 1.0])) / 2

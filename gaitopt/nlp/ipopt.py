@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Status
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 """Called with the iteration and the largest violation of the constraints."""
 
@@ -52,7 +51,7 @@ class IpoptResult:
 
     Attributes
     ----------
-    w : ndarray - last iterate, to be looked at even after a failure.
+    w : ndarray - last iterate, also after a failure.
     status, words : whether it may be trusted, and why not.
     iterations : how many.
     multipliers, bound_multipliers : ndarray - Lagrange multipliers of g and of the bounds on w.

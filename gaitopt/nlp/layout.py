@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Cycle, Mode
 
 INTERVALS = 14
@@ -85,13 +86,13 @@ class Layout:
         """Index of the node just before every impact, of the foot or of a stop."""
         return tuple(self.last_nodes[phase] for phase, _ in self.cycle.resets)
 
-    def switches(self, durations: NDArray[np.float64]) -> list[tuple[float, float]]:
+    def switches(self, durations: Array) -> list[tuple[float, float]]:
         """Start and end of every phase for given phase durations, times since the last impact [s]."""
         firsts = (*self.cycle.first_phases, len(durations))
         steps = (np.cumsum([0.0, *durations[a:b]]).tolist() for a, b in pairwise(firsts))
         return [phase for switches in steps for phase in pairwise(switches)]
 
-    def arc_times(self, durations: NDArray[np.float64]) -> list[tuple[float, float]]:
+    def arc_times(self, durations: Array) -> list[tuple[float, float]]:
         """Start and end of every arc for given phase durations, times since the last impact [s]."""
         switches = self.switches(durations)
         return [
@@ -102,14 +103,14 @@ class Layout:
             for arc in self.arcs
         ]
 
-    def node_times(self, durations: NDArray[np.float64]) -> NDArray[np.float64]:
+    def node_times(self, durations: Array) -> Array:
         """Time since the last impact of every node for given phase durations; shape (n_nodes,) [s]."""
         times = np.empty(self.n_nodes)
         for arc, first, (a, b) in zip(self.arcs, self.first_nodes, self.arc_times(durations), strict=True):
             times[first : first + arc.intervals + 1] = np.linspace(a, b, arc.intervals + 1)
         return times
 
-    def in_order(self, durations: NDArray[np.float64], breakpoints: Sequence[float]) -> bool:
+    def in_order(self, durations: Array, breakpoints: Sequence[float]) -> bool:
         """Whether every arc keeps to its segment of the control: False once a switch has passed a breakpoint.
 
         The breakpoints are all those of the control, so that a step which outlasts one that it did not reach is found.
@@ -124,9 +125,9 @@ class Layout:
         """Whether both have the same arcs in the same order, on whatever intervals."""
         return [replace(arc, intervals=0) for arc in self.arcs] == [replace(arc, intervals=0) for arc in other.arcs]
 
-    def refined(self, wanted: Sequence[int]) -> "Layout":
+    def refined(self, intervals: Sequence[int]) -> "Layout":
         """The same arcs with other numbers of intervals."""
-        arcs = tuple(replace(arc, intervals=n) for arc, n in zip(self.arcs, wanted, strict=True))
+        arcs = tuple(replace(arc, intervals=n) for arc, n in zip(self.arcs, intervals, strict=True))
         return Layout(cycle=self.cycle, arcs=arcs)
 
 
@@ -149,11 +150,12 @@ def layout(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) -> 
 
 
 def _step_arcs(
-    modes: Sequence[Mode], first: int, durations: NDArray[np.float64], breakpoints: Sequence[float]
+    modes: Sequence[Mode], first: int, durations: Array, breakpoints: Sequence[float]
 ) -> Iterator[ArcLayout]:
     """Arcs of one step, whose phases are counted from ``first``."""
     switches = np.concatenate([[0.0], np.cumsum(durations)])
-    assert switches[-1] > 0, "a step takes time"
+    if switches[-1] <= 0:
+        raise ValueError(f"the phases of a step last {switches[-1]:g} s in all; their sum must be positive")
     for phase, mode in enumerate(modes):
         begin, finish = switches[phase], switches[phase + 1]
         inside = [b for b in breakpoints if begin < b < finish]

@@ -11,14 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
+from gaitopt.iteration import iterate
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.newton import linearise
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
-
-Array = NDArray[np.float64]
 
 REACH = 0.2
 """Longest first step in natural units: a guess farther off is none."""
@@ -26,7 +25,7 @@ CONTRACTION = 0.5
 """Largest ratio of a step to the one before."""
 SETTLED = 1e-7
 """Step in natural units whose successor, by quadratic convergence, is at rounding."""
-MOST_STEPS = 10
+MOST_STEPS = 9
 """Steps that halve from ``REACH`` are near quadratic convergence long before."""
 SHORTEST = 0.5
 """Part of the guessed period: feet that stay together solve all equations in no time at all."""
@@ -41,6 +40,15 @@ class Nearby:
     settled: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Step:
+    """Where a Newton step leads, and its size in natural units."""
+
+    end: Array
+    size: float
+    number: int
+
+
 @overflow_allowed()
 def solve_nearby(
     transcription: Transcription,
@@ -51,27 +59,35 @@ def solve_nearby(
 ) -> Nearby:
     """Newton's method from ``start``, shape (n_w,), at parameters ``p``, while a solution is plainly near.
 
-    ``should_stop`` ends it at once. The margins are not looked at.
+    ``should_stop`` ends it at once. The margins are not checked.
     """
-    w, before = start, REACH / CONTRACTION
     shortest = SHORTEST * _period(transcription, start)
-    for count in range(MOST_STEPS):
+
+    def step_from(w: Array, number: int) -> _Step | None:
         at = linearise(transcription, w, p)
         if progress is not None:
-            progress(count, at.size)
+            progress(number, at.size)
         if should_stop is not None and should_stop():
-            break
+            return None
         try:
             step = at.factor().solve(at.residual)
         except RuntimeError:  # singular
-            break
-        size = float(np.abs(step / at.units.unknowns).max())
-        if not size <= CONTRACTION * before or _period(transcription, w - step) < shortest:
-            break
-        w, before = w - step, size
-        if size < SETTLED:
-            return Nearby(w=w, steps=count, settled=True)
-    return Nearby(w=w, steps=count, settled=False)
+            return None
+        end, size = w - step, float(np.abs(step / at.units.unknowns).max())
+        return None if _period(transcription, end) < shortest else _Step(end=end, size=size, number=number)
+
+    first = step_from(start, 0)
+    if first is None or not first.size <= REACH:
+        return Nearby(w=start, steps=0, settled=False)
+    last = iterate(
+        first,
+        lambda step: step_from(step.end, step.number + 1),
+        size=lambda step: step.size,
+        solved=lambda step: step.size < SETTLED,
+        most=MOST_STEPS,
+        contraction=CONTRACTION,
+    )
+    return Nearby(w=last.at.end, steps=last.count, settled=last.solved)
 
 
 def _period(transcription: Transcription, w: Array) -> float:

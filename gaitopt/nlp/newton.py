@@ -10,17 +10,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from gaitopt.arrays import Array
+from gaitopt.iteration import iterate
 from gaitopt.mechanics import Mode
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise, overflow_allowed
 from gaitopt.nlp.units import Units
-
-Array = NDArray[np.float64]
 
 NEWTON_TOLERANCE = 3e-15
 """Rounding of the equalities in natural units; a polish that does not get there ends where it no longer improves."""
@@ -128,21 +127,24 @@ def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
 @overflow_allowed()
 def polish(problem: Transcription, w: Array, p: Array) -> Polished:
     """Bring a solution of IPOPT down to rounding; freed parameters stay where they are."""
-    best = linearise(problem, w, p)
-    for _ in range(NEWTON_STEPS):
-        if best.size < NEWTON_TOLERANCE:
-            break
-        try:
-            step = best.factor().solve(best.residual)
-        except RuntimeError:  # singular
-            return Polished(at=best, regular=False)
-        trial = best.w.copy()
-        trial[: step.size] -= step
-        candidate = linearise(problem, trial, p)
-        if not candidate.size < best.size:
-            break
-        best = candidate
-    return Polished(at=best, regular=True)
+
+    def following(at: Linearisation) -> Linearisation:
+        trial = at.w.copy()
+        trial[: at.residual.size] -= at.factor().solve(at.residual)
+        return linearise(problem, trial, p)
+
+    first = linearise(problem, w, p)
+    try:
+        polished = iterate(
+            first,
+            following,
+            size=lambda at: at.size,
+            solved=lambda at: at.size < NEWTON_TOLERANCE,
+            most=NEWTON_STEPS,
+        )
+    except RuntimeError:  # singular
+        return Polished(at=first, regular=False)
+    return Polished(at=polished.at, regular=True)
 
 
 def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array, Array]:

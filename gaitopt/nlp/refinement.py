@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.integrator import ORDER
 from gaitopt.nlp.newton import Linearisation, integration_error, polish
 from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.nlp.trial import overflow_allowed
-
-Array = NDArray[np.float64]
 
 ERROR_TOLERANCE = 1e-12
 """Integration error of states and durations in natural units that is aimed at: proofs find a gait within 3e-12."""

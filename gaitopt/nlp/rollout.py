@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import brentq
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.nlp.layout import Layout
 from gaitopt.nlp.trial import overflow_allowed
-
-Array = NDArray[np.float64]
 
 RTOL, ATOL = 1e-8, 1e-10
 """A guess needs no more; the absolute one in natural units."""
@@ -89,6 +87,10 @@ def roll_out(
     scales = system.scales(p)
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
     starts = np.atleast_2d(state)
+
+    def p_at(step: int) -> Array:
+        return system.walker.standing(p, system.walker.side(step))
+
     time, z = 0.0, starts[0].copy()
     found: list[float] = []
     motions: list[OdeSolution] = []
@@ -98,12 +100,13 @@ def roll_out(
         if impact is not None:
             step = cycle.step_of(phase)
             known_start = phase in cycle.first_phases and step < len(starts)
-            z = starts[step].copy() if known_start else after_impact(system, p, impact, z)
+            landing = p_at(cycle.step_of(phase - 1))
+            z = starts[step].copy() if known_start else after_impact(system, landing, impact, z)
             time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # of a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
-        flow = _ModeFlow(system, p, mode, cycle.after(phase))
+        flow = _ModeFlow(system, p_at(cycle.step_of(phase)), mode, cycle.after(phase))
         duration = None if durations is None else durations[phase]
         if duration is None:
             motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)
@@ -133,13 +136,15 @@ def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> 
     """Time of a step [s] at the rates of ``state``, for the joint that would be first where an impact leads back to it.
 
     Where no joint has any way to go, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so
-    that s_minus follows from any one of its values.
+    that s_minus follows from any one of its values, unless the walker itself says how its massless feet land.
     """
-    n = system.n_shape
+    time = system.scales(p).time
+    if system.walker.massless_feet:
+        return time
+    n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
     mapped = np.asarray(system.impact(cycle.impact)(state, p)[0]).ravel()[:n]
     A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
-    way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), np.abs(state[n + 1 : 2 * n + 1])
-    time = system.scales(p).time
+    way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
     if not np.isfinite(way).all():
         return LONGEST_STEP * time
     moving = (way > 0) & (rates > 0)

@@ -11,15 +11,13 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.sparse import csc_matrix
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.transcription import Transcription
-
-Array = NDArray[np.float64]
 
 N_STAGES = DOP853.n_stages
 
@@ -118,8 +116,7 @@ class ShootingJacobian:
     def _steps(self, w: Array, p: Array) -> tuple[Array, Array]:
         """Minus the derivatives of all steps by their own nodes, and by durations and freed parameters."""
         t, n_z = self._t, self._n_z
-        freed = t.unpack(w)[2]
-        rates, derivatives, lengths = self._stages(w, t.full_parameters(p, freed))
+        rates, derivatives, lengths = self._stages(w, p)
         step = -_varied(rates, derivatives, lengths)
         for arc, at in zip(t.layout.arcs, self._intervals, strict=True):
             if arc.mode.sticks:
@@ -133,16 +130,17 @@ class ShootingJacobian:
     def _stages(self, w: Array, p: Array) -> tuple[Array, Array, Array]:
         """Rates (12, K, n_z), their derivatives (12, K, n_z, n_z + 1 + n_free) and lengths (K,) of all intervals."""
         t, n_z = self._t, self._n_z
-        nodes, durations, _ = t.unpack(w)
-        lengths, found = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
+        nodes, durations, freed = t.unpack(w)
+        lengths, values = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
         starts = t.layout.start_nodes
         for arc, at, (start, end) in zip(t.layout.arcs, self._intervals, t.layout.arc_times(durations), strict=True):
             m = arc.intervals
             lengths[at] = (end - start) / m
             times: Array = start + lengths[at] * np.arange(m)
             data = t.system.data(arc.segment)
-            found[at] = _stage_values(t.system, arc.mode, t.free, nodes.T[starts[at]], times, lengths[at], p, data)
-        stages = np.ascontiguousarray(found.transpose(2, 0, 1, 3))
+            own, free = t.standing_values(p, freed, arc.phase), t.standing_names(arc.phase)
+            values[at] = _stage_values(t.system, arc.mode, free, nodes.T[starts[at]], times, lengths[at], own, data)
+        stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
         return stages[..., 0], stages[..., 1:], lengths
 
 

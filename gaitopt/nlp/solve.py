@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
@@ -25,8 +25,6 @@ from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
 from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import NO_ENERGY, Problem, lacks_energy
-
-Array = NDArray[np.float64]
 
 MAX_REORDERS = 6
 """Times that switches and breakpoints may change their order; each is a new layout."""
@@ -61,7 +59,7 @@ def solve_gait(
 
     Parameters
     ----------
-    problem : what is asked; its guess starts the search.
+    problem : its guess starts the search.
     system : the hybrid system of the problem's walker and control.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
@@ -216,9 +214,9 @@ def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
         intervals = transcription.layout.intervals
         words = f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
         return (Cause(what="integration", words=words),)
-    found = violations(transcription, at.w, at.p, transcription.margin_values(at.w, at.p), RESIDUAL_TOLERANCE)
-    landing = None if found else early_touchdown(transcription, at.w, at.p)
-    return tuple(found) if landing is None else (landing,)
+    violated = violations(transcription, at.w, at.p, transcription.margin_values(at.w, at.p), RESIDUAL_TOLERANCE)
+    landing = None if violated else early_touchdown(transcription, at.w, at.p)
+    return tuple(violated) if landing is None else (landing,)
 
 
 @overflow_allowed()
@@ -229,9 +227,9 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
     for w in (relaxed.w, attempt.w):
         residual = transcription.violation(w, p)
         if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
-            found = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
-            if found:
-                return tuple(found)
+            violated = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
+            if violated:
+                return tuple(violated)
     if guess.endless is not None:
         return (missing_event(transcription.layout.cycle, guess.endless),)
     return (largest_residual(transcription, attempt.w, p, residual),)

@@ -4,14 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Gait, Step, curves
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,8 +30,8 @@ class Start:
 
 def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
     """Bounds of all unknown parameters by dotted key: those of the file, and those of the control law itself."""
-    asked = {key: (free.lower, free.upper) for key, free in problem.free.items()}
-    return asked | {f"control.{name}": bounds for name, bounds in system.control.unknowns.items()}
+    bounds = {key: (free.lower, free.upper) for key, free in problem.free.items()}
+    return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns.items()}
 
 
 def guessed(problem: Problem, system: HybridSystem) -> Start:

@@ -16,8 +16,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import MX, Function, horzcat, repmat, vec, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait.curves import points
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
@@ -25,7 +25,8 @@ from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.units import Label, Units
 
-Array = NDArray[np.float64]
+GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
+"""Margins that are zero where the spring of a massless leg has its full length: at landing and take-off."""
 
 
 class Transcription:
@@ -75,6 +76,18 @@ class Transcription:
             full[self.system.parameters.index(name)] = value
         return full
 
+    def standing_values(self, p: Array, freed: Array, phase: int) -> Array:
+        """The parameter vector in a phase, as its leg stands, with the freed ones put in."""
+        walker = self.system.walker
+        return walker.standing(self.full_parameters(p, freed), walker.side(self.layout.cycle.step_of(phase)))
+
+    def standing_names(self, phase: int) -> tuple[str, ...]:
+        """Dotted keys under which the freed parameters stand in the parameter vector of a phase."""
+        walker, names = self.system.walker, self.system.parameters
+        if not walker.side(self.layout.cycle.step_of(phase)):
+            return self.free
+        return tuple(names[walker.place(names.index(name))] for name in self.free)
+
     @cached_property
     def equalities(self) -> MX:
         """Defects, events, resets, periodicity; shape (n_z n_nodes + n_phases,)."""
@@ -92,7 +105,7 @@ class Transcription:
         for block, own in self._node_margins():
             blocks.append(block)
             labels += own
-        for row, label in (*self._onset_margins(), *self.impact_margins()):
+        for row, label in (*self._unloaded_margins(), *self._onset_margins(), *self.impact_margins()):
             blocks.append(row)
             labels.append(label)
         return vertcat(*blocks), tuple(labels)
@@ -170,8 +183,8 @@ class Transcription:
         k = np.clip((fractions * arc.intervals).astype(int), 0, arc.intervals - 1)
         offset = (fractions * arc.intervals - k) * h
         step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
-        full, data = self.full_parameters(p, freed), self.system.data(arc.segment)
-        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], offset[:, None], full, data)
+        own, data = self.standing_values(p, freed, arc.phase), self.system.data(arc.segment)
+        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], offset[:, None], own, data)
         return states.copy()
 
     def arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
@@ -196,9 +209,14 @@ class Transcription:
                 results[i] = values[:, each * (int(end) - width) : each * int(end)]
         return [results[i] for i in range(len(self.layout.arcs))]
 
+    def standing(self, phase: int) -> MX:
+        """The parameters in a phase, as its leg stands."""
+        walker = self.system.walker
+        return walker.standing(self.p, walker.side(self.layout.cycle.step_of(phase)))
+
     def constants(self, arc: ArcLayout, width: int) -> list[MX]:
         """Parameters and segment data of an arc, repeated."""
-        return [repmat(self.p, 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
+        return [repmat(self.standing(arc.phase), 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
 
     def _defects(self, halves: int) -> MX:
         def columns(i: int) -> list[MX]:
@@ -240,13 +258,13 @@ class Transcription:
     def _end_margins(self, index: int) -> MX:
         arc, Z, start, h = self.arc(index)
         time = start + arc.intervals * h
-        return self.system.margins(arc.mode)(time, Z[:, -1], self.p, self.system.data(arc.segment))
+        return self.system.margins(arc.mode)(time, Z[:, -1], self.standing(arc.phase), self.system.data(arc.segment))
 
     def _resets(self) -> list[MX]:
         """From just before every impact to just after it; the last leads back to the start."""
         n, rows = self.system.n_shape, []
-        for (_, impact), end in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
-            z_plus = self.system.impact(impact)(self.Z[:, end], self.p)[0]
+        for (phase, impact), end in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
+            z_plus = self.system.impact(impact)(self.Z[:, end], self.standing(phase))[0]
             x = z_plus[n] if impact.locked else 0  # counted from the new stance foot
             rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], x, z_plus[n + 1 :]))
         return rows
@@ -270,11 +288,35 @@ class Transcription:
             rows = vec(margins)[[row + k * len(names) for row, k, _ in places]]
             yield rows, [Label(name=name, phase=arc.phase, node=first + k) for _, k, name in places]
 
+    def _unloaded_margins(self) -> Iterator[tuple[MX, Label]]:
+        """Rates of the ground's forces where a massless leg lands and takes off; the forces are zero there."""
+        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
+            for k, sign in ((0, 1), (arc.intervals, -1)):
+                if not self._unloaded(i, k):
+                    continue
+                _, Z, start, h = self.arc(i)
+                data = self.system.data(arc.segment)
+                rates = self.system.events(arc.mode)(start + k * h, Z[:, k], self.p, data)[1]
+                for name in GROUND_FORCES:
+                    rate = rates[margin_names(arc.mode).index(name)]
+                    yield sign * rate, Label(name=name, phase=arc.phase, node=first + k)
+
+    def _unloaded(self, index: int, k: int) -> bool:
+        """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
+        arc, cycle = self.layout.arcs[index], self.layout.cycle
+        if not self.system.walker.massless_feet or arc.mode.flies:
+            return False
+        after = cycle.after(arc.phase)
+        lands = k == 0 and arc.start is None and arc.phase in cycle.first_phases
+        return lands or (k == arc.intervals and arc.end is None and after is not None and after.flies)
+
     def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
         """Whether an event makes a margin zero at node ``k`` of an arc."""
         arc, cycle = self.layout.arcs[index], self.layout.cycle
         if k == 0 and arc.start is None and name == "slip_velocity":
             return cycle.onset_order(arc.phase) > 0
+        if name in GROUND_FORCES and self._unloaded(index, k):
+            return True
         after = cycle.after(arc.phase)
         return k == arc.intervals and arc.end is None and after is not None and name == ending_margin(arc.mode, after)
 
@@ -287,7 +329,7 @@ class Transcription:
             if arc.start is None and self.layout.cycle.starts_from_rest(arc.phase):
                 _, Z, start, _ = self.arc(i)
                 data = self.system.data(arc.segment)
-                margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.p, data)
+                margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.standing(arc.phase), data)
                 cone = margins[margin_names(Mode.STICK).index(ending_margin(Mode.STICK, arc.mode))]
                 rows.append((-cone, Label(name="onset", phase=arc.phase, node=first)))
         return rows
@@ -298,7 +340,7 @@ class Transcription:
 
     def _margins_of_impact(self, index: int) -> Iterator[tuple[MX, Label]]:
         (phase, mode), node = self.layout.cycle.resets[index], self.layout.reset_nodes[index]
-        values = self.system.impact_margins(mode)(self.Z[:, node], self.p)
+        values = self.system.impact_margins(mode)(self.Z[:, node], self.standing(phase))
         for row, name in enumerate(self.system.impact_margin_names(mode)):
             if mode.locked:
                 yield values[row], Label(name=name, phase=phase, node=node)

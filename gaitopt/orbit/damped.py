@@ -6,12 +6,11 @@ xi -> xi - t (DPi - I)^-1 (Pi(xi) - xi),      t = 1, 1/2, ... until the defect f
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Step
+from gaitopt.iteration import iterate
 from gaitopt.orbit.return_map import ReturnMap
-
-Array = NDArray[np.float64]
 
 CLOSE = 1e-9
 """Relative defect of a fixed point that another method polishes."""
@@ -38,23 +37,21 @@ def damped_fixed_point(return_map: ReturnMap, xi: Array, sizes: Array) -> tuple[
     ----------
     sizes : ndarray, shape (n_xi,) - of the coordinates.
     """
-    point = _defect(return_map, xi, sizes)
-    for _ in range(MAX_STEPS):
+
+    def following(point: _Defect) -> _Defect | None:
         if not np.isfinite(point.size):
             return None
-        if point.size < CLOSE:
-            return point.steps
         slope = return_map.jacobian(point.steps) - np.eye(xi.size)
         if not np.isfinite(slope).all():
             return None
         newton = -np.linalg.lstsq(slope, point.vector, rcond=None)[0]
         newton /= max(1.0, float(np.abs(newton / sizes).max()) / LONGEST)
         candidates = ((t, _defect(return_map, point.xi + t * newton, sizes)) for t in SHORTENED)
-        better = next((c for t, c in candidates if c.size < (1 - t / 4) * point.size), None)
-        if better is None:
-            return None
-        point = better
-    return None
+        return next((c for t, c in candidates if c.size < (1 - t / 4) * point.size), None)
+
+    first = _defect(return_map, xi, sizes)
+    end = iterate(first, following, size=lambda p: p.size, solved=lambda p: p.size < CLOSE, most=MAX_STEPS)
+    return end.at.steps if end.solved else None
 
 
 def _defect(return_map: ReturnMap, xi: Array, sizes: Array) -> _Defect:

@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending, Step
+from gaitopt.iteration import iterate
 from gaitopt.mechanics import Mode
 from gaitopt.orbit.step_sensitivity import StepSensitivity
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.natural import units
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
 """Error of a simulated step in natural units, as far as it is not amplified."""
@@ -95,22 +94,21 @@ class ReturnMap:
 
     def fixed_point(self, xi: Array) -> FixedPoint:
         """Newton's method from ``xi`` until Pi(xi) = xi up to rounding."""
-        point = self._evaluate(xi)
-        for _ in range(NEWTON_STEPS):
-            if point.converged or point.jacobian is None:
-                break
-            defect = (self._returned(point.steps) - point.xi) / self._units
-            newton = np.linalg.lstsq(self._scaled(point.jacobian) - np.eye(xi.size), defect, rcond=None)[0]
-            candidate = self._evaluate(point.xi - newton * self._units)
-            if not candidate.residual < point.residual:
-                break
-            point = candidate
-        return point
 
-    def _returned(self, steps: Sequence[Step]) -> Array:
-        impact = steps[-1].impact
-        assert impact is not None, "a cycle is made of complete steps"
-        return impact.state[self._indices]
+        def following(point: FixedPoint) -> FixedPoint | None:
+            if point.jacobian is None:
+                return None
+            defect = (point.steps[-1].final_impact.state[self._indices] - point.xi) / self._units
+            newton = np.linalg.lstsq(self._scaled(point.jacobian) - np.eye(xi.size), defect, rcond=None)[0]
+            return self._evaluate(point.xi - newton * self._units)
+
+        return iterate(
+            self._evaluate(xi),
+            following,
+            size=lambda point: point.residual,
+            solved=lambda point: point.converged,
+            most=NEWTON_STEPS,
+        ).at
 
     def _evaluate(self, xi: Array) -> FixedPoint:
         result = self(xi)

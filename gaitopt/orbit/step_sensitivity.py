@@ -10,15 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from casadi import Function
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.mechanics.saltation import projection, saltation
 from gaitopt.simulation import Stepper
-
-Array = NDArray[np.float64]
 
 
 class StepSensitivity:
@@ -37,7 +35,11 @@ class StepSensitivity:
     """
 
     def __init__(self, system: HybridSystem, p: Array, section_mode: Mode, stepper: Stepper) -> None:
-        self._system, self._p, self._stepper = system, p, stepper
+        self._system, self._p = system, p
+        self._sides = [(p, stepper)]
+        for side in range(1, system.walker.n_sides()):
+            own = system.walker.standing(p, side)
+            self._sides.append((own, stepper.at(own)))
         self._indices, self._lifted = system.section(section_mode), system.section(Mode.SLIP_FORWARD)
         self._buffered: dict[str, BufferedFunction] = {}
 
@@ -58,33 +60,34 @@ class StepSensitivity:
         system = self._system
         for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
             data, ends = system.data(arc.segment), arc.times[[0, -1]]
-            deviations = self._stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
+            p, stepper = self._sides[arc.side]
+            deviations = stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
             if after is None or after.segment == arc.segment:
-                deviations = self._event(arc, after, data) @ deviations
-        assert step.impact is not None, "only a complete step returns to the section"
-        reset = self._matrix(system.impact_jacobian(step.impact.mode), step.arcs[-1].states[-1], self._p)
+                deviations = self._event(arc, after, data, p) @ deviations
+        reset = self._matrix(system.impact_jacobian(step.final_impact.mode), step.arcs[-1].states[-1], p)
         after_impact = reset @ deviations
         after_impact[system.n_shape] = 0.0  # x is counted from the new stance foot
         return np.asarray(after_impact)
 
-    def _event(self, arc: Arc, after: Arc | None, data: Array) -> Array:
+    def _event(self, arc: Arc, after: Arc | None, data: Array, p: Array) -> Array:
         """What the event at the end of an arc does to deviations; shape (n_z, n_z)."""
         system, z = self._system, arc.states[-1]
         row = margin_names(arc.mode).index(ending_margin(arc.mode, None if after is None else after.mode))
-        flow, _, gradients = self._call(system.linearisation(arc.mode), arc.end, z, self._p, data)
+        flow, _, gradients = self._call(system.linearisation(arc.mode), arc.end, z, p, data)
         gradient = gradients.reshape((system.n_z, -1))[:, row]
-        rate = float(self._call(system.events(arc.mode), arc.end, z, self._p, data)[1][row])
+        rate = float(self._call(system.events(arc.mode), arc.end, z, p, data)[1][row])
         if after is None:
             return projection(flow, gradient, rate)
-        (flow_after,) = self._call(system.flow(after.mode), after.start, after.states[0], self._p, data)
-        return saltation(flow, flow_after, gradient, rate, self._reset(arc, after))
+        (flow_after,) = self._call(system.flow(after.mode), after.start, after.states[0], p, data)
+        return saltation(flow, flow_after, gradient, rate, self._reset(arc, after, p))
 
-    def _reset(self, arc: Arc, after: Arc) -> Array | None:
+    def _reset(self, arc: Arc, after: Arc, p: Array) -> Array | None:
         """Derivative of the reset from one arc to the next; None where no stop locks."""
         if arc.mode.locked == after.mode.locked:
             return None
-        struck = after.mode if after.states[0][-1] else after.mode.with_contact(Mode.STICK)
-        return self._matrix(self._system.impact_jacobian(struck), arc.states[-1], self._p).copy()
+        slides = after.states[0][-1] or after.mode.flies
+        struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
+        return self._matrix(self._system.impact_jacobian(struck), arc.states[-1], p).copy()
 
     def _matrix(self, function: Function, *values: Array) -> Array:
         """The one output of a function as a matrix; columns lie one after the other in the buffer."""

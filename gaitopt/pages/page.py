@@ -9,7 +9,8 @@ from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from gaitopt.figures.labels import QUANTITIES, UNITS, label, symbol
+from gaitopt.figures.labels import label, symbol
+from gaitopt.problem.scalars import SCALARS, scalar_values, state_unit
 
 Record = Mapping[str, Any]
 
@@ -37,22 +38,25 @@ def figure(value: float | None) -> str:
 
 def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
     """Labels that the scripts need: of the scalars that occur, and of the walker's states."""
-    keys = [key for key in QUANTITIES if any(key in record for record in records)]
+    keys = dict.fromkeys(key for record in records for key in scalar_values(record))
     names = {name for film in films for name in film["shape"]}
-    symbols = {key: symbol(key) for name in (*sorted(names), "x") for key in (name, f"d{name}")}
+    states = [key for name in (*sorted(names), "x") for key in (name, f"d{name}")]
     freed = {key for record in records for key in record.get("parameters", ())}
     return {
         "scalars": {key: asdict(label(key)) for key in keys},
-        "symbols": symbols,
+        "motors": [key for key in keys if key in SCALARS and SCALARS[key].needs],
+        "symbols": {name: symbol(name) for name in states},
+        "units": {name: state_unit(name) for name in states},
         "parameters": {key: asdict(label(key)) for key in sorted(freed)},
     }
 
 
 def numbers(record: Record) -> dict[str, Any]:
     """What the page shows of a gait besides its motion."""
-    scalars = {key: record[key] for key in QUANTITIES if key in record}
     return {
-        "scalars": {key: value if value is None else float(f"{value:.9g}") for key, value in scalars.items()},
+        "scalars": {
+            key: value if value is None else float(f"{value:.9g}") for key, value in scalar_values(record).items()
+        },
         "multipliers": [[float(f"{m['re']:.7g}"), float(f"{m['im']:.7g}")] for m in record["multipliers"]],
         "impact": record["impact"],
         "state": {name: float(f"{value:.9g}") for name, value in record["state"].items()},
@@ -64,8 +68,3 @@ def numbers(record: Record) -> dict[str, Any]:
 def state_rows(record: Record) -> list[tuple[str, float, str]]:
     """Symbol, value and unit of every state just after the impact."""
     return [(symbol(name), value, state_unit(name)) for name, value in record["state"].items()]
-
-
-def state_unit(name: str) -> str:
-    """Unit of a state: the foot's x in metres, angles in radians."""
-    return UNITS.get(name, "rad/s" if name.startswith("d") else "rad")

@@ -1,26 +1,24 @@
 """Gaits and families of gaits: taken from their run folders, or computed, verified and stored there."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import SolveError
-from gaitopt.families import Request, follow_family, resumable
+from gaitopt.families import Request
 from gaitopt.gait import TERMINAL, Gait
 from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.problem import Problem
+from gaitopt.runs.branch_run import BranchRun
 from gaitopt.runs.restore import restore_gait
 from gaitopt.search.solve import solve
 from gaitopt.store import (
-    BRANCH_FILE,
     Table,
-    begin_branch,
-    branch_folder,
     find_run,
-    growing,
     read_run,
     run_folder,
-    stored_records,
     write_run,
     writing,
 )
@@ -36,7 +34,7 @@ class Archive:
     Parameters
     ----------
     results : folder of the run folders.
-    narrate : told in words what is being computed, which takes its time.
+    narrate : called with a description of what is computed next.
     should_stop : polled while computing.
     """
 
@@ -74,14 +72,15 @@ class Archive:
         SolveError, StorageError
             As ``gait``.
         """
-        request = Request(parameter=parameter, to=tuple(to))
-        folder = self._results / branch_folder(problem, request.to_record()).name
-        if folder not in self._families:
-            done = stored_records(folder, problem, request.to_record())
-            if sum(record.get("type") in TERMINAL for record in done) < len(to):
-                self._continue(problem, request, folder, done)
-            self._families[folder] = stored_records(folder, problem, request.to_record())
-        return self._families[folder]
+        run = BranchRun(problem=problem, request=Request(parameter=parameter, to=tuple(to)))
+        run = replace(run, output=self._results / run.folder.name)
+        if run.folder not in self._families:
+            records = run.stored()
+            if sum(record.get("type") in TERMINAL for record in records) < len(to):
+                self._continue(run)
+                records = run.stored()
+            self._families[run.folder] = records
+        return self._families[run.folder]
 
     def _solved(self, problem: Problem) -> Gait:
         self._narrate(f"solving {problem.name}{_changes(problem)}")
@@ -97,17 +96,14 @@ class Archive:
         write_run(run_folder(problem, self._results), problem=problem, gait=gait.to_record(), trajectory=table)
         return gait
 
-    def _continue(self, problem: Problem, request: Request, folder: Path, stored: Records) -> None:
-        """Walk along a family, from where an earlier walk was stopped; every record is on the disk at once."""
-        gait, done = self.gait(problem), resumable(stored)
-        targets = " and ".join(f"{value:g}" for value in request.to)
-        self._narrate(f"continuing {problem.name}{_changes(problem)} in {request.parameter} to {targets}")
-        with writing(folder, problem):
-            begin_branch(folder, problem, request.to_record(), done)
-            with growing(folder, BRANCH_FILE) as lines:
-                for record in follow_family(gait, request, done=done, should_stop=self._should_stop):
-                    lines.append(record.to_record())
-        self._check_interrupt()
+    def _continue(self, run: BranchRun) -> None:
+        """Walk along a family, from where an earlier walk was stopped."""
+        gait = self.gait(run.problem)
+        targets = " and ".join(f"{value:g}" for value in run.request.to)
+        self._narrate(f"continuing {run.problem.name}{_changes(run.problem)} in {run.request.parameter} to {targets}")
+        with writing(run.folder, run.problem):
+            _, to_come = run.walk(gait, should_stop=self._should_stop)
+            deque(to_come, maxlen=0)
 
     def _check_interrupt(self) -> None:
         if self._should_stop():

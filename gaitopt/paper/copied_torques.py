@@ -7,18 +7,15 @@ The slope enters the equations of motion (2) only through G, and the contact for
 
 import numpy as np
 from casadi import Function
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Gait
 from gaitopt.gait.curves import integral
 from gaitopt.mechanics.lagrangian import equations_of_motion
 
-Array = NDArray[np.float64]
-
 
 def copied_torques(gait: Gait) -> list[tuple[Array, Array]]:
     """Times (m,) [s] and torques (m, n_u) [N m] on every arc of a gait of a walker with as many motors as angles."""
-    assert gait.steps, "a failed attempt has no motion to copy"
     walker = gait.problem.walker
     equations = equations_of_motion(type(walker))
     shape = gait.system.n_shape
@@ -35,7 +32,6 @@ def copied_torques(gait: Gait) -> list[tuple[Array, Array]]:
 
 def mean_torques(gait: Gait) -> Array:
     """Their means over the step; shape (n_u,) [N m]."""
-    assert gait.steps, "a failed attempt has no motion to copy"
     sums = [
         [integral(column, float(times[-1] - times[0])) for column in torques.T]
         for times, torques in copied_torques(gait)

@@ -47,11 +47,7 @@ def scalar(name: str, key: str) -> Compute:
 
     def compute(archive: Archive) -> float:
         gait = gait_of(archive, name)
-        if key in gait.system.state_names:
-            return float(gait.state[gait.system.state_names.index(key)])
-        value = gait.spectral_radius if key == "spectral_radius" else gait.measures[key]
-        assert value is not None, f"{name} has no {key}"
-        return value
+        return gait.scalar(f"state.{key}" if key in gait.system.state_names else key)
 
     return compute
 
@@ -71,11 +67,11 @@ def within_rounding(name: str, key: str) -> dict[str, Compute]:
 
     def extreme(pick: Callable[[list[float]], float]) -> Compute:
         def compute(archive: Archive) -> float:
-            found = [
+            values = [
                 g.spectral_radius if key == "spectral_radius" else g.measures[key]
                 for g in rounded_torques(archive, name)
             ]
-            return pick([value for value in found if value is not None])
+            return pick([value for value in values if value is not None])
 
         return compute
 

@@ -53,18 +53,18 @@ def reproduce(
     """
     make_folder(folder)
     clear_leftovers(folder)
-    wanted = [name for name in parts() if not only or name in only]
+    names = [name for name in parts() if not only or name in only]
     written: list[Path] = []
-    for done, name in enumerate(wanted, start=1):
+    for done, name in enumerate(names, start=1):
         written += _table(archive, folder) if name == TABLE else save(FIGURES[name][1](archive), folder / name)
         if progress is not None:
-            progress(done, len(wanted))
+            progress(done, len(names))
     return written
 
 
 def _table(archive: Archive, folder: Path) -> list[Path]:
-    found = table.record(archive)
+    record = table.record(archive)
     paths = [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
-    write_whole(paths[0], table.markdown(found))
-    write_whole(paths[1], json_text(found, indent=2) + "\n")
+    write_whole(paths[0], table.markdown(record))
+    write_whole(paths[1], json_text(record, indent=2) + "\n")
     return paths

@@ -4,13 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.paper.archive import Archive, Records
 from gaitopt.paper.gaits import family_of
 from gaitopt.paper.numbers import scalar
-
-Array = NDArray[np.float64]
 
 LINE_WIDTH = 1e-3
 """Of the height of a curve: the paper shows no less."""

@@ -1,10 +1,10 @@
-"""Problems: YAML files that say which gait of which walker is wanted, and how they are read, checked and changed."""
+"""Problems: YAML files that state which gait of which walker to compute, and how they are read, checked and changed."""
 
 from gaitopt.problem.catalogue import problem_names
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem
 from gaitopt.problem.record import cycle_data
-from gaitopt.problem.scalars import RESULT_SCALARS
+from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.schema import problem_schema
 from gaitopt.problem.sections import (
     ConstantTorqueSpec,
@@ -23,7 +23,7 @@ from gaitopt.problem.source import parse_value
 
 __all__ = [
     "NO_ENERGY",
-    "RESULT_SCALARS",
+    "SCALARS",
     "ConstantTorqueSpec",
     "ControlSpec",
     "CurveReference",

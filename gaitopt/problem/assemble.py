@@ -15,7 +15,7 @@ from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.modes import Cycle
 from gaitopt.mechanics.walker import Walker, refused_walkers
-from gaitopt.problem.demands import Asked, check_unknowns, read_constraints, read_objective
+from gaitopt.problem.demands import Scope, check_unknowns, read_constraints, read_objective
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
 from gaitopt.problem.initial import read_gait
 from gaitopt.problem.sections import (
@@ -57,11 +57,11 @@ def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], fault
         fields["friction"] = friction
     if model:
         cycle = modes if isinstance(modes, Cycle) else None
-        asked = Asked(walker=model, control=control, cycle=cycle, free=free)
-        objective = read_objective(data.get("objective"), asked, faults)
-        constraints = read_constraints(data.get("constraints"), asked, faults)
+        scope = Scope(walker=model, control=control, cycle=cycle, free=free)
+        objective = read_objective(data.get("objective"), scope, faults)
+        constraints = read_constraints(data.get("constraints"), scope, faults)
         if not faults:
-            check_unknowns(asked, objective, constraints, faults)
+            check_unknowns(scope, objective, constraints, faults)
         fields |= {"objective": objective, "constraints": constraints}
     return fields
 
@@ -175,8 +175,8 @@ def _point_faults(curve: Curve, walker: type[Walker]) -> Iterator[Fault]:
         return
     path: Key = ("control", "reference", "curve", "points")
     if set(curve.points) != set(walker.tracked):
-        wanted = ", ".join(walker.tracked)
-        yield Fault(path, f"are given for {', '.join(curve.points) or 'no joint'}; the tracked joints are {wanted}")
+        tracked = ", ".join(walker.tracked)
+        yield Fault(path, f"are given for {', '.join(curve.points) or 'no joint'}; the tracked joints are {tracked}")
         return
     for name, points in curve.points.items():
         if len(points) != curve.degree + 1:
@@ -197,10 +197,10 @@ def _read_parameters(
     free |= {_dotted_key(path, key): UNREAD for key in freed}
     parts = {key: read_section(FreeSection, value, (*path, key), faults) for key, value in freed.items()}
     unknowns = {key: part for key, part in parts.items() if part is not None}
-    found: list[Fault] = []
+    own: list[Fault] = []
     plain = {**data, **{key: part.guess for key, part in unknowns.items()}}
-    section = read_section(model, plain, path, found)
-    for fault in found:
+    section = read_section(model, plain, path, own)
+    for fault in own:
         key = fault.path[len(path)] if len(fault.path) > len(path) else None
         if key in unknowns:
             faults.append(Fault((*fault.path, "guess"), fault.message))
@@ -233,9 +233,9 @@ def _read_bounds(
         return None
     bounds = []
     for index, bound in enumerate(part.free):
-        found: list[Fault] = []
-        other = read_section(model, {**plain, key: bound}, (), found)
-        faults += [Fault((*path, "free", index), fault.message) for fault in found]
+        own: list[Fault] = []
+        other = read_section(model, {**plain, key: bound}, (), own)
+        faults += [Fault((*path, "free", index), fault.message) for fault in own]
         bounds += [] if other is None else [getattr(other, key)]
     if len(bounds) < 2:
         return None

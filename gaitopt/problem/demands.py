@@ -1,4 +1,4 @@
-"""What a design asks for: an objective and constraints on scalars of the gait, and whether the unknowns suffice."""
+"""Objective and constraints of a design on scalars of the gait, and whether the unknowns suffice."""
 
 import math
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from gaitopt.mechanics.modes import Cycle, Mode
 from gaitopt.mechanics.units import Angle, Number
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
-from gaitopt.problem.scalars import RESULT_SCALARS, TORQUE_SCALARS
+from gaitopt.problem.scalars import DESIGN_SCALARS, MOTORS, PUSH, SCALARS
 from gaitopt.problem.sections import (
     AngleRangeSection,
     ControlSpec,
@@ -25,7 +25,7 @@ from gaitopt.problem.sections import (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class Scope:
     """What the names in an objective or a constraint may refer to; None where it is open or at fault."""
 
     walker: type[Walker]
@@ -36,15 +36,18 @@ class Asked:
     @property
     def names(self) -> tuple[str, ...]:
         """Every name that may be used."""
-        return (*RESULT_SCALARS, *(f"state.{name}" for name in self.walker.state_names()), *self.free)
+        return (*DESIGN_SCALARS, *(f"state.{name}" for name in self.walker.state_names()), *self.free)
 
     def objection(self, name: str) -> str | None:
-        """Why ``name`` cannot be asked for, if so."""
+        """Why ``name`` cannot be used, if so."""
         if name not in self.names:
             return f"is no scalar of a gait and no freed parameter{near_miss(name, self.names)}"
-        if name in TORQUE_SCALARS and isinstance(self.control, NoControlSpec):
+        powers = (() if isinstance(self.control, NoControlSpec) else (MOTORS,)) + (
+            (PUSH,) if self.walker.pushes else ()
+        )
+        if name in SCALARS and SCALARS[name].needs and not {*SCALARS[name].needs} & {*powers}:
             return (
-                "is a quantity of the motors, and this walker is passive: give it a control, or ask for another scalar"
+                "is a quantity of the motors, and this walker is passive: give it a control, or choose another scalar"
             )
         if name == "required_friction" and self.cycle and Mode.STICK not in self.cycle.phases:
             return "is defined by sticking phases, and this gait has none"
@@ -67,20 +70,20 @@ class Asked:
         return count
 
 
-def read_objective(data: object, asked: Asked, faults: list[Fault]) -> dict[str, float]:
+def read_objective(data: object, scope: Scope, faults: list[Fault]) -> dict[str, float]:
     """Weights by name, of a single name or a mapping; empty if there is no objective."""
     path: Key = ("objective",)
     if data is None:
         return {}
     if isinstance(data, str):
-        faults += [Fault(path, f"{data} {why}") for why in [asked.objection(data)] if why]
+        faults += [Fault(path, f"{data} {why}") for why in [scope.objection(data)] if why]
         return {data: 1.0}
     if not isinstance(data, Mapping) or not data:
         faults.append(Fault(path, f"{shown(data)} is neither a NAME nor a mapping {{NAME: weight}}"))
         return {}
     weights = {}
     for name, value in data.items():
-        why, weight = asked.objection(name), _number(value)
+        why, weight = scope.objection(name), _number(value)
         if why:
             faults.append(Fault((*path, name), why))
         elif not weight:
@@ -91,7 +94,7 @@ def read_objective(data: object, asked: Asked, faults: list[Fault]) -> dict[str,
     return weights
 
 
-def read_constraints(data: object, asked: Asked, faults: list[Fault]) -> dict[str, Range]:
+def read_constraints(data: object, scope: Scope, faults: list[Fault]) -> dict[str, Range]:
     """Ranges by name; a single value is an equality."""
     if data is None:
         return {}
@@ -102,35 +105,35 @@ def read_constraints(data: object, asked: Asked, faults: list[Fault]) -> dict[st
         return {}
     ranges = {}
     for name, value in data.items():
-        why = asked.objection(name)
+        why = scope.objection(name)
         if why:
             faults.append(Fault(("constraints", name), why))
-        elif found := _read_range(value, asked.is_angle(name), ("constraints", name), faults):
-            ranges[name] = found
-            faults += _contradiction(name, found, asked.free)
+        elif interval := _read_range(value, scope.is_angle(name), ("constraints", name), faults):
+            ranges[name] = interval
+            faults += _contradiction(name, interval, scope.free)
     return ranges
 
 
 def check_unknowns(
-    asked: Asked, objective: Mapping[str, float], constraints: Mapping[str, Range], faults: list[Fault]
+    scope: Scope, objective: Mapping[str, float], constraints: Mapping[str, Range], faults: list[Fault]
 ) -> None:
-    """Whether the free parameters are neither too few nor too many for what is asked."""
-    if asked.unknowns and asked.cycle is not None and len(asked.cycle.steps) > 1:
+    """Whether the free parameters are neither too few nor too many for objective and constraints."""
+    if scope.unknowns and scope.cycle is not None and len(scope.cycle.steps) > 1:
         message = "several steps and unknown parameters do not go together yet: give numbers, or a gait of one step"
         faults.append(Fault(("gait", "steps"), message))
     equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
-    if not asked.unknowns and (objective or constraints):
+    if not scope.unknowns and (objective or constraints):
         path: Key = ("objective",) if objective else ("constraints",)
         remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
         faults.append(Fault(path, f"too few unknowns: the gait has no free parameter to choose; {remedy}"))
-    elif len(equalities) > asked.unknowns:
-        given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {asked.unknowns} free parameters"
+    elif len(equalities) > scope.unknowns:
+        given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {scope.unknowns} free parameters"
         faults.append(Fault(("constraints",), f"too few unknowns: {given}; free more, or turn a value into a range"))
-    elif asked.unknowns and not objective and not constraints:
-        key = next(iter(asked.free), "control.reference")
+    elif scope.unknowns and not objective and not constraints:
+        key = next(iter(scope.free), "control.reference")
         remedy = "add an objective or constraints, or give numbers"
         faults.append(
-            Fault(tuple(key.split(".")), f"too many unknowns: nothing is asked that determines them; {remedy}")
+            Fault(tuple(key.split(".")), f"too many unknowns: no objective or constraint determines them; {remedy}")
         )
 
 
@@ -138,8 +141,8 @@ def _read_range(value: object, angle: bool, path: Key, faults: list[Fault]) -> R
     if not isinstance(value, Mapping):
         number = _number(value, angle=angle)
         if number is None:
-            wanted = "a number or {min: a, max: b}, in SI" + (" or with deg" if angle else "")
-            faults.append(Fault(path, f"{shown(value)} is not a constraint: {wanted}"))
+            form = "a number or {min: a, max: b}, in SI" + (" or with deg" if angle else "")
+            faults.append(Fault(path, f"{shown(value)} is not a constraint: {form}"))
             return None
         return Range(minimum=number, maximum=number)
     span = read_section(AngleRangeSection if angle else RangeSection, value, path, faults)
@@ -148,12 +151,12 @@ def _read_range(value: object, angle: bool, path: Key, faults: list[Fault]) -> R
     if span.min is None and span.max is None:
         faults.append(Fault(path, "has neither min nor max: give one or both"))
         return None
-    found = Range(
+    interval = Range(
         minimum=-math.inf if span.min is None else span.min, maximum=math.inf if span.max is None else span.max
     )
-    if found.minimum > found.maximum:
-        faults.append(Fault(path, f"is empty: min = {found.minimum:g} is above max = {found.maximum:g}"))
-    return found
+    if interval.minimum > interval.maximum:
+        faults.append(Fault(path, f"is empty: min = {interval.minimum:g} is above max = {interval.maximum:g}"))
+    return interval
 
 
 def _contradiction(name: str, span: Range, free: Mapping[str, Free]) -> list[Fault]:

@@ -1,7 +1,7 @@
 """What is wrong with a problem, and where: all faults at once, each with its place, the allowed values and a remedy.
 
-A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into
-``--set walker.leg_mass``.
+A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into the key that
+was overridden, with the words of whoever did it.
 """
 
 import difflib
@@ -17,6 +17,7 @@ from pydantic_core import ErrorDetails
 
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.units import LARGEST, SMALLEST
+from gaitopt.problem.beyond import beyond
 
 Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""
@@ -60,6 +61,7 @@ class OverridePlace:
     """Overrides by dotted key; a consequence elsewhere is reported under the override that caused it."""
 
     keys: Mapping[str, Key]
+    label: str = ""
 
     def related(self, path: Key) -> list[str]:
         """The overrides that set ``path`` or a section around it, or else a part of it."""
@@ -67,10 +69,10 @@ class OverridePlace:
         return around or [key for key, target in self.keys.items() if target[: len(path)] == path]
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
-        """``--set walker.leg_mass``."""
+        """``walker.leg_mass`` after the label."""
         keys = self.related(path) or list(self.keys)
-        label = f"--set {', '.join(map(plain, keys))}"
-        return (list(self.keys).index(keys[0]), 0), label if keys == [dotted(path)] else f"{label}: {dotted(path)}"
+        words = f"{self.label}{', '.join(map(plain, keys))}"
+        return (list(self.keys).index(keys[0]), 0), words if keys == [dotted(path)] else f"{words}: {dotted(path)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +83,7 @@ class ChangedPlace:
     overrides: OverridePlace
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
-        """``--set walker.leg_mass``, or where it was before."""
+        """``walker.leg_mass`` after the label, or where it was before."""
         return (self.overrides if self.overrides.related(path) else self.before).locate(path)
 
 
@@ -101,8 +103,8 @@ def fault_lines(faults: Iterable[Fault], place: Place) -> list[str]:
 def read_section(model: type[Model], data: object, path: Key, faults: list[Fault]) -> Model | None:
     """``data`` as a model whose fields are the keys of one mapping; faults are added, and then there is no model."""
     if not isinstance(data, Mapping):
-        found = f"{shown(data)} stands where a mapping belongs"
-        faults.append(Fault(path, f"{found}; keys: {', '.join(model.model_fields)}"))
+        words = f"{shown(data)} stands where a mapping belongs"
+        faults.append(Fault(path, f"{words}; keys: {', '.join(model.model_fields)}"))
         return None
     try:
         return model.model_validate(dict(data))
@@ -131,9 +133,13 @@ def shown(value: object) -> str:
 
 
 def near_miss(word: object, allowed: Sequence[str]) -> str:
-    """``; did you mean mass?`` if one of the allowed words is close, and the allowed words otherwise."""
-    close = difflib.get_close_matches(str(word)[:LONGEST_SHOWN], allowed, n=2)
-    return f"; did you mean {' or '.join(close)}?" if close else f"; allowed: {', '.join(allowed) or 'none'}"
+    """``; did you mean mass?`` if one of the allowed words is close; else those, and what is known of the word."""
+    text = str(word)[:LONGEST_SHOWN]
+    close = difflib.get_close_matches(text, allowed, n=2)
+    if close:
+        return f"; did you mean {' or '.join(close)}?"
+    remark = beyond(text) if isinstance(word, str) else ""
+    return f"; allowed: {', '.join(allowed) or 'none'}{remark and f'; {remark}'}"
 
 
 def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:

@@ -10,7 +10,7 @@ from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
-from gaitopt.mechanics.modes import Cycle, Mode, ModeSequence
+from gaitopt.mechanics.modes import NEXT_STATE, Cycle, Mode, ModeSequence
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, read_section, shown
 from gaitopt.problem.sections import (
@@ -25,6 +25,7 @@ from gaitopt.problem.sections import (
 )
 
 OPEN = "auto"
+UNEVEN = "{} is no number of steps after which the same leg stands again: where the legs differ, a cycle has 2, 4, ..."
 SAME_STATE = 1e-5  # relative: a state written with six digits may be off by half of this
 
 
@@ -62,7 +63,10 @@ def _read_open(
     gait = read_section(OpenGaitSection, data, ("gait",), faults)
     if gait is None:
         return None, None
-    sequence = OpenSequence(impact=gait.impact, steps=gait.steps)
+    sides = 1 if model is None else model.n_sides()
+    sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, sides))
+    if "steps" in gait.model_fields_set and gait.steps < sides:
+        faults.append(Fault(("gait", "steps"), UNEVEN.format(gait.steps)))
     guess = None if gait.guess is None else read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
     if guess is None or model is None:
         return sequence, None
@@ -77,32 +81,60 @@ def _read_open(
 def _read_cycle(
     steps: Sequence[StepSection], model: type[Walker] | None, path: Key, faults: list[Fault]
 ) -> Cycle | None:
-    stops = () if model is None else model.stops
     try:
-        for step in steps:
-            _check_stops(step, stops)
-        return Cycle(tuple(ModeSequence(phases=step.phases, impact=step.impact) for step in steps))
+        cycle = Cycle(tuple(ModeSequence(phases=step.phases, impact=step.impact) for step in steps))
+        if model is not None:
+            if len(steps) % model.n_sides():
+                raise ValueError(UNEVEN.format(len(steps)))
+            for step in steps:
+                _check_contacts(step, model)
+                _check_stops(step, model)
+        return cycle
     except ValueError as error:
         faults.append(Fault(path, str(error)))
         return None
 
 
-def _check_stops(step: StepSection, stops: tuple[str, ...]) -> None:
-    """Whether every phase states the stops of the walker, which lock one after the other until the foot comes down.
+def _check_contacts(step: StepSection, model: type[Walker]) -> None:
+    """Whether the foot can do what every phase says, and the step of a walker that flies ends out of flight.
+
+    Raises
+    ------
+    ValueError
+        If not; the message says what the walker can do.
+    """
+    allowed = model.contacts()
+    for mode in (*step.phases, step.impact):
+        if mode.contact not in allowed:
+            raise ValueError(f"the {model.model} has no {mode.contact}: its foot can {', '.join(allowed)}")
+    if step.impact.flies:
+        raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
+    if model.flies and not step.phases[-1].flies:
+        raise ValueError(f"the {model.model} lands out of flight: the last phase of a step must be flight")
+
+
+def _check_stops(step: StepSection, model: type[Walker]) -> None:
+    """Whether every phase states the stops and switches, which lock or are thrown one after the other.
+
+    Those of a walker that stays on the ground are all locked when the foot comes down.
 
     Raises
     ------
     ValueError
         If not; the message says how to write it.
     """
+    start = model.released(Mode.STICK).stops
+    stops = tuple(start)
     for mode in step.phases:
-        if tuple(mode.stops) != stops:
-            form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{name}: free" for name in stops)]) + "}"
+        if tuple(mode.stops) != stops or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
+            form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
             raise ValueError(f"{mode} must be written {form if stops else mode.contact}, as the walker has its stops")
-    locked = [mode.locked for mode in step.phases] or [()]
-    jumps = [len(later) - len(earlier) for earlier, later in pairwise(locked) if set(earlier) <= set(later)]
-    if len(jumps) < len(locked) - 1 or max(jumps, default=0) > 1 or locked[0] or len(locked[-1]) < len(stops):
-        raise ValueError("a step begins with all stops free, and they lock one at a time before the foot comes down")
+    thrown = [{name for name in stops if mode.stops[name] != start[name]} for mode in step.phases]
+    jumps = [len(later) - len(earlier) for earlier, later in pairwise(thrown) if earlier <= later]
+    if len(jumps) < len(thrown) - 1 or max(jumps, default=0) > 1 or thrown[0]:
+        raise ValueError("a step begins with all stops free and all switches off, and they change one at a time")
+    if not model.flies and step.phases[-1].free:
+        raise ValueError("all stops lock before the foot comes down")
     if step.impact.stops:
         raise ValueError(f"the impact is written {step.impact.contact}: that of the foot frees all stops")
 
@@ -124,7 +156,11 @@ def _read_state(
     faults += _slip_faults(given.get("dx", 0.0), impact, (*path, "dx")) if "dx" not in missing else []
     if missing or walker is None:
         return None
-    state = {"x": 0.0, "dx": 0.0} | _after_impact(given, walker) | {k: given[k] for k in needed if k in given}
+    state = (
+        dict.fromkeys(walker.state_names(), 0.0)
+        | _after_impact(given, walker)
+        | {k: given[k] for k in needed if k in given}
+    )
     for name, value in given.items():
         if name not in (*needed, "x", "dx") and not math.isclose(value, state[name], rel_tol=SAME_STATE):
             message = f"{value:g} contradicts the section, just after the impact it is {state[name]:.9g}: leave it out"

@@ -13,7 +13,7 @@ SLIP_VELOCITY = ("gait", "guess", "state", "dx")
 
 
 def apply_overrides(
-    data: Mapping[str, Any], overrides: Mapping[str, object], faults: list[Fault]
+    data: Mapping[str, Any], overrides: Mapping[str, object], faults: list[Fault], label: str = ""
 ) -> tuple[dict[str, Any], OverridePlace]:
     """A copy of ``data`` with ``overrides``, and the place by which faults name them.
 
@@ -22,7 +22,7 @@ def apply_overrides(
     takes the impact and the durations with it.
     """
     changed = deepcopy(dict(data))
-    place = OverridePlace({key: _path(key) for key in overrides})
+    place = OverridePlace({key: _path(key) for key in overrides}, label)
     for key, value in overrides.items():
         _set(changed, place.keys[key], value, faults)
     if not faults:

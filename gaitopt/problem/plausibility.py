@@ -60,7 +60,7 @@ def impossible(problem: "Problem") -> Iterator[Fault]:
     if problem.start is None:
         return
     foot, upright, _ = _geometry_at_guess(problem)
-    if not math.hypot(*foot) > FEET_APART * scales.length:
+    if not (problem.walker.flies or math.hypot(*foot) > FEET_APART * scales.length):
         yield Fault(STATE, "both feet are at one place: a step begins with the feet apart")
     if upright < FALLEN:
         yield Fault(STATE, "the walker has fallen: it begins a step upright")
@@ -100,10 +100,11 @@ def _many_phases(problem: "Problem") -> Iterator[Fault]:
 
 
 def lacks_energy(problem: "Problem") -> bool:
-    """Whether nothing replaces what impacts and friction take: no motors, and no way downhill."""
+    """Whether nothing replaces what impacts and friction take: no motors, no push-off, and no way downhill."""
     downhill = _geometry_at_guess(problem)[2][0]
     slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
-    passive = isinstance(problem.control, NoControlSpec) and not problem.free
+    driven = problem.walker.flies or _pushes(problem.walker)
+    passive = isinstance(problem.control, NoControlSpec) and not problem.free and not driven
     return bool(passive and (downhill == 0 or (downhill < 0 and not slides_back)))
 
 
@@ -159,6 +160,8 @@ def _scalar_range(name: str, problem: "Problem") -> list[Within]:
     if group != "state":
         return []
     if coordinate in problem.walker.shape:
+        if coordinate in problem.walker.lengths:
+            return [Within(possible=(-1, 1), unit="length")]
         return [Within(possible=symmetric(problem.walker.largest_angle))]
     return [part for part in state_section(type(problem.walker)).model_fields[coordinate].metadata
             if isinstance(part, Within)]  # fmt: skip
@@ -172,6 +175,13 @@ def _geometry_at_guess(problem: "Problem") -> tuple[Any, float, Any]:
     shape = [0.0 if problem.start is None else problem.start.state[name] for name in problem.walker.shape]
     foot, upright, gravity = _geometry(type(problem.walker))(shape, _values(problem.walker))
     return np.asarray(foot).ravel(), float(upright), np.asarray(gravity).ravel()
+
+
+def _pushes(walker: Walker) -> bool:
+    """Whether the walker pushes off, and not with nothing."""
+    system = _system(type(walker))
+    impulse, _ = system.push(np.zeros(system.n_z), [*_values(walker), 0.0])
+    return bool(walker.pushes and np.asarray(impulse).any())
 
 
 def _values(walker: Walker) -> list[float]:

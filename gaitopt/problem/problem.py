@@ -1,4 +1,4 @@
-"""A problem: which gait of which walker is wanted, complete and in SI; how it is loaded, changed and identified.
+"""A problem: which gait of which walker is to compute, complete and in SI; how it is loaded, changed and identified.
 
 A problem that tracks another gait holds that gait's own problem, which overrides never touch.
 """
@@ -136,20 +136,21 @@ class Problem(Tabulated):
         """The problem whose gait the control tracks or its curve starts from; never touched by ``replace``."""
         return self.reference
 
-    def replace(self, overrides: Mapping[str, object]) -> "Problem":
+    def replace(self, overrides: Mapping[str, object], *, label: str = "") -> "Problem":
         """The problem with some values changed, validated as a whole.
 
         Parameters
         ----------
         overrides : values as in the file by dotted key, for instance ``{"friction": 0.16, "walker.slope": "2 deg"}``.
+        label : stands before the keys in messages: the option that sets them, for instance.
 
         Raises
         ------
         ProblemError
-            If the result is wrong; each line names the override: ``--set KEY: ...``.
+            If the result is wrong; each line names the override.
         """
         faults: list[Fault] = []
-        data, place = apply_overrides(problem_data(self), overrides, faults)
+        data, place = apply_overrides(problem_data(self), overrides, faults, label)
         raise_faults(faults, place)
         known = {} if self.reference is None else {_reference_name(self.control)[0]: self.reference}
         origin = _Origin(walkers=(type(self.walker),), path=self.path, chain=_chain(self.path))
@@ -304,8 +305,8 @@ def _build(
             faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
     if reference and fields["walker"]:
         untracked = ", ".join(angle for angle in fields["walker"].tracked if angle not in reference.walker.shape)
-        found = f"the reference {shown(name)} is a {reference.walker.model}"
-        faults += [Fault(key, f"{found}, which has no {untracked} to track")] if untracked else []
+        words = f"the reference {shown(name)} is a {reference.walker.model}"
+        faults += [Fault(key, f"{words}, which has no {untracked} to track")] if untracked else []
     if reference and len(reference.cycle.steps) > 1:
         message = f"the reference {shown(name)} has several steps, but its clock restarts at every impact"
         faults.append(Fault(key, f"{message}: name a gait of one step"))

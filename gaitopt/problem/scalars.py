@@ -1,54 +1,195 @@
-"""Scalars of a gait that an objective or a constraint may name: what they mean, and what they can be.
+"""The scalars of a gait: label, unit, range, and what they need; the one table behind files, tables, figures and pages.
 
 Of the ranges that are no matter of sign: feet are never farther apart than twice the leg length l, and what a foot
 slips in one step is held to the same; over a period the ground carries the weight m g on average.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import inf
+from typing import Any
 
 from gaitopt.mechanics.ranges import Interval, Within, symmetric
+from gaitopt.mechanics.walker import registered_walkers
 
 POSITIVE: Interval = (0, inf)
+MOTORS, PUSH = "motors", "push"
+"""What drives a walker: torques in joints, and the push-off of the stance foot."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Scalar:
-    """One scalar: its meaning with its unit, and its range."""
+    """One scalar.
 
-    meaning: str
+    Attributes
+    ----------
+    label, unit : as in tables and on axes.
+    meaning : the label at length, where it does not say everything.
+    within : its range, in its natural unit.
+    needs : what drives the walker, one of which it takes; empty where a passive walker has it too.
+    of_designs : whether objectives and constraints may name it.
+    """
+
+    label: str
+    unit: str = ""
+    meaning: str = ""
     within: Within
+    needs: tuple[str, ...] = ()
+    of_designs: bool = True
+
+    @property
+    def description(self) -> str:
+        """Meaning with its unit."""
+        return f"{self.meaning or self.label}{f' [{self.unit}]' if self.unit else ''}"
 
 
 SCALARS: Mapping[str, Scalar] = {
-    "period": Scalar("time of one step [s]", Within(unit="time", possible=(1e-6, 1000), usual=(0.1, 50))),
-    "step_length": Scalar(
-        "distance of two footprints, slip included [m]", Within(unit="length", possible=symmetric(4))
+    "period": Scalar(
+        label="period",
+        unit="s",
+        meaning="time of one step",
+        within=Within(unit="time", possible=(1e-6, 1000), usual=(0.1, 50)),
     ),
-    "speed": Scalar("step length per period [m/s]", Within(unit="speed", possible=symmetric(100), usual=symmetric(2))),
-    "work": Scalar("net work of the motors [J]", Within(unit="torque", possible=symmetric(1e4), usual=symmetric(10))),
+    "step_length": Scalar(
+        label="step length",
+        unit="m",
+        meaning="distance of two footprints, slip included",
+        within=Within(unit="length", possible=symmetric(4)),
+    ),
+    "speed": Scalar(
+        label="speed",
+        unit="m/s",
+        meaning="step length per period",
+        within=Within(unit="speed", possible=symmetric(100), usual=symmetric(2)),
+    ),
+    "work": Scalar(
+        label="motor work",
+        unit="J",
+        meaning="net work of the motors",
+        within=Within(unit="torque", possible=symmetric(1e4), usual=symmetric(10)),
+        needs=(MOTORS, PUSH),
+    ),
+    "damping_loss": Scalar(
+        label="energy that the dampers take",
+        unit="J",
+        within=Within(unit="torque", possible=POSITIVE),
+        of_designs=False,
+    ),
     "cost_of_transport": Scalar(
-        "work per weight and step length", Within(possible=symmetric(1e6), usual=symmetric(10))
+        label="cost of transport",
+        meaning="work per weight and step length",
+        within=Within(possible=symmetric(1e6), usual=symmetric(10)),
+        needs=(MOTORS, PUSH),
     ),
     "absolute_cost_of_transport": Scalar(
-        "integral of |power| of each motor per weight and step length", Within(possible=(0, 1e6), usual=(0, 10))
+        label="absolute cost of transport",
+        meaning="integral of |power| of each motor per weight and step length",
+        within=Within(possible=(0, 1e6), usual=(0, 10)),
+        needs=(MOTORS, PUSH),
     ),
     "torque_squared": Scalar(
-        "integral of the squares of the torques [N^2 m^2 s]", Within(unit="torque_squared", possible=POSITIVE)
+        label="integral of squared torques",
+        unit="N^2 m^2 s",
+        meaning="integral of the squares of the torques",
+        within=Within(unit="torque_squared", possible=POSITIVE),
+        needs=(MOTORS,),
     ),
-    "peak_torque": Scalar("largest torque [N m]", Within(unit="torque", possible=POSITIVE, usual=(0, 10))),
-    "slip_distance": Scalar("path of the sliding foot [m]", Within(unit="length", possible=(0, 2))),
+    "peak_torque": Scalar(
+        label="peak torque",
+        unit="N m",
+        meaning="largest torque",
+        within=Within(unit="torque", possible=POSITIVE, usual=(0, 10)),
+        needs=(MOTORS,),
+    ),
+    "slip_distance": Scalar(
+        label="slip distance",
+        unit="m",
+        meaning="path of the sliding foot",
+        within=Within(unit="length", possible=(0, 2)),
+    ),
     "foot_clearance": Scalar(
-        "largest height of the swing foot after mid-swing [m]", Within(unit="length", possible=symmetric(2))
+        label="foot clearance",
+        unit="m",
+        meaning="largest height of the swing foot after mid-swing",
+        within=Within(unit="length", possible=symmetric(2)),
     ),
-    "spectral_radius": Scalar("largest modulus of the Floquet multipliers", Within(possible=POSITIVE)),
-    "required_friction": Scalar("largest |f_t|/f_n while sticking", Within(possible=(0, 1000), usual=(0, 3))),
-    "impulse_ratio": Scalar("|F_t|/F_n of an impact that sticks", Within(possible=POSITIVE)),
-    "min_normal_force": Scalar("smallest normal force [N]", Within(unit="force", possible=(0, 1))),
+    "spectral_radius": Scalar(
+        label="largest multiplier modulus",
+        meaning="largest modulus of the Floquet multipliers",
+        within=Within(possible=POSITIVE),
+    ),
+    "required_friction": Scalar(
+        label="friction required to stick",
+        meaning="largest |f_t|/f_n while sticking",
+        within=Within(possible=(0, 1000), usual=(0, 3)),
+    ),
+    "impulse_ratio": Scalar(
+        label="impulse ratio required to stick",
+        meaning="|F_t|/F_n of an impact that sticks",
+        within=Within(possible=POSITIVE),
+    ),
+    "min_normal_force": Scalar(
+        label="smallest normal force",
+        unit="N",
+        within=Within(unit="force", possible=(0, 1)),
+    ),
 }
-"""By the names of the result."""
-RESULT_SCALARS = tuple(SCALARS)
-TORQUE_SCALARS = ("work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque")
+"""By the keys of the result, in the order of its tables."""
+DESIGN_SCALARS = tuple(name for name, scalar in SCALARS.items() if scalar.of_designs)
 SLIPLESS_STEP = Within(unit="length", possible=symmetric(2))
 """Of the step length where the foot never slips."""
+
+FRICTION_LABELS = {
+    "friction": "coefficient of friction",
+    "friction.static": "coefficient of static friction",
+    "friction.kinetic": "coefficient of kinetic friction",
+    "friction.viscous": "drag of a slipping foot",
+}
+CONTACT_FORCES = ("f_t", "f_n")
+NUMBER_UNITS = {
+    "viscous": "N s/m",
+    "ankle": "N m",
+    "hip": "N m",
+    "kp": "N m/rad",
+    "kd": "N m s/rad",
+}
+"""Of friction and control, by the last part of the dotted key; those of walkers stand in their own descriptions."""
+
+
+def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
+    """Friction and scalars of a record by their keys; several numbers of the friction law have dotted keys."""
+    friction = record.get("friction")
+    if isinstance(friction, Mapping):
+        numbers = {f"friction.{name}": value for name, value in friction.items()}
+    else:
+        numbers = {"friction": friction}
+    return numbers | {key: record[key] for key in SCALARS if key in record}
+
+
+def label_of(key: str) -> str:
+    """Label of a scalar or of a number of the friction law by its key."""
+    return FRICTION_LABELS[key] if key in FRICTION_LABELS else SCALARS[key].label
+
+
+def state_unit(name: str) -> str:
+    """Unit of a state: the foot's coordinates and what walkers declare as lengths in metres, all else are angles."""
+    rate = name.startswith("d")
+    lengths = {"x", "y"}.union(*(walker.lengths for walker in registered_walkers().values()))
+    return ("m" if name[rate:] in lengths else "rad") + ("/s" if rate else "")
+
+
+def parameter_units() -> dict[str, str]:
+    """Units by the last part of a parameter's dotted key; of walkers, the brackets that end a field's description."""
+    fields = [item for walker in registered_walkers().values() for item in walker.model_fields.items()]
+    described = {name: (field.description or "").partition(" [")[2].rstrip("]") for name, field in fields}
+    return described | NUMBER_UNITS
+
+
+def unit_of(key: str, actuators: Collection[str] = ()) -> str:
+    """Unit of a column of results: a scalar, ``state.NAME``, a time, a force, a torque or a parameter; else none."""
+    if key in SCALARS:
+        return SCALARS[key].unit
+    if key.startswith("state."):
+        return state_unit(key.removeprefix("state."))
+    columns = {"t": "s", **dict.fromkeys(CONTACT_FORCES, "N"), **dict.fromkeys(actuators, "N m")}
+    return columns.get(key) or parameter_units().get(key.rpartition(".")[2], "")

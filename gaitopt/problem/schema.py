@@ -7,7 +7,7 @@ from pydantic import BaseModel
 from gaitopt.mechanics.ranges import Within
 from gaitopt.mechanics.units import ANGLE_UNITS
 from gaitopt.mechanics.walker import Walker, registered_walkers
-from gaitopt.problem.scalars import SCALARS, Scalar
+from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, Scalar
 from gaitopt.problem.sections import (
     Curve,
     CurveReference,
@@ -64,7 +64,7 @@ def problem_schema() -> dict[str, Any]:
         "constraints": {
             "description": f"values or ranges: {scalars}",
             "type": "object",
-            "properties": {name: _constraint(scalar) for name, scalar in SCALARS.items()},
+            "properties": {name: _constraint(SCALARS[name]) for name in DESIGN_SCALARS},
             "additionalProperties": {"anyOf": [*NUMBER_OR_ANGLE["anyOf"], _range(NUMBER_OR_ANGLE, NUMBER_OR_ANGLE)]},
         },
     }
@@ -132,7 +132,7 @@ def _constraint(scalar: Scalar) -> dict[str, Any]:
     """A constrained scalar: what can be checked without the walker is what its sign allows."""
     signed = scalar.within.possible[0] >= 0
     least: dict[str, Any] = {"type": "number", "minimum": 0} if signed else {"type": "number"}
-    words = "; ".join(filter(None, (scalar.meaning, str(scalar.within))))
+    words = "; ".join(filter(None, (scalar.description, str(scalar.within))))
     return {"description": words, "anyOf": [least, _range({"type": "number"}, least)]}
 
 

@@ -30,6 +30,7 @@ TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
 RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
 SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
 POSITION = Within(unit="length", possible=symmetric(1000))
+LENGTH = Within(unit="length", possible=symmetric(1))
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 """Of another problem: a name, or a path."""
 
@@ -302,10 +303,13 @@ def state_section(walker: type[Walker]) -> type[Section]:
     """State of a walker: one optional key per name."""
 
     def entry(name: str) -> Any:
-        if name in walker.shape:
+        if name in {*walker.shape} - {*walker.lengths}:
             largest = walker.largest_angle
             return Annotated[Angle, Field(ge=-largest, le=largest, description="[rad]")]
-        words, within = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}.get(name, ("[rad/s]", RATE))
+        known = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}
+        known |= dict.fromkeys((*walker.lengths, "y"), ("[m]", LENGTH))
+        known |= dict.fromkeys((*(f"d{length}" for length in walker.lengths), "dy"), ("[m/s]", SLIP))
+        words, within = known.get(name, ("[rad/s]", RATE))
         return Annotated[Finite, Field(description=words), within]
 
     return _model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)

@@ -17,7 +17,7 @@ from gaitopt.proof.cover import cover, tight_box
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.parameters import INTERVAL, exact_texts
 from gaitopt.proof.search import arcs_of
-from gaitopt.proof.statement import SCHEMA, restore_statement
+from gaitopt.proof.statement import SCHEMA, refuse_what_is_not_modelled, restore_statement
 from gaitopt.proof.taylor import LOW_ORDER, LOW_PRECISION, ORDER, PRECISION
 from gaitopt.proof.theorem import Proof
 
@@ -85,12 +85,13 @@ def _prove(
     special: str | None = None,
 ) -> Proof:
     """The proof with the boxes that a search has found, or without any."""
+    try:
+        refuse_what_is_not_modelled(gait.problem, gait.system)
+    except NotProved as failure:
+        return Proof(gait.problem.name, (Claim(STATEMENT, proved=False, words=str(failure)),), {})
     header = _header(gait, texts, varied, special)
     with ctx.workprec(PRECISION):
-        try:
-            statement = restore_statement(header)
-        except NotProved as failure:
-            return Proof(gait.problem.name, (Claim(STATEMENT, proved=False, words=str(failure)),), header)
+        statement = restore_statement(header)
         try:
             boxes = tight_box(statement, gait) if varied is None else cover(statement, gait, progress)
         except NotProved as failure:

@@ -135,10 +135,20 @@ def refuse_what_is_not_modelled(problem: Problem, system: HybridSystem) -> None:
     Raises
     ------
     NotProved
-        If it has joint stops, or another mode than that one foot sticks or slips.
+        If it has joint stops, flight, switches or a push-off, legs that differ, or another mode than that one foot
+        sticks or slips.
     """
-    if system.walker.stops:
-        raise NotProved(f"{problem.name}: a {system.walker.model} has joint stops, whose impact cannot be proved")
+    walker = system.walker
+    reasons = {
+        "joint stops": walker.stops,
+        "flight": walker.flies,
+        "switches": walker.switches,
+        "a push-off": walker.pushes,
+        "legs that differ": walker.exchanged,
+    }
+    unknown = " and ".join(reason for reason, present in reasons.items() if present)
+    if unknown:
+        raise NotProved(f"{problem.name}: a {walker.model} has {unknown}, of which nothing can be proved")
     for mode in (*problem.cycle.phases, *problem.cycle.impacts):
         if mode not in CONTACTS:
             raise NotProved(f"{problem.name}: nothing can be proved about a phase or an impact with {mode}")

@@ -10,13 +10,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait.attractor import Attractor
 from gaitopt.mechanics import CONTACTS
 from gaitopt.problem import Problem
 from gaitopt.simulation.batch.steps import ENDINGS, phase_names
 from gaitopt.study.return_map import StepMap
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 Indices = NDArray[np.intp]
 
@@ -124,21 +124,21 @@ class Attractors:
 
     def __init__(self, problem: Problem) -> None:
         self._problem, self._modes = problem, problem.walker.modes()
-        self._found: list[Attractor] = []
+        self._gaits: list[Attractor] = []
 
     def add(self, outcomes: Outcomes) -> Codes:
         """Take in some outcomes; for each the index of its gait, -1 where there is none, shape (n,)."""
         labels = np.full(len(outcomes.periods), -1)
         waiting = np.flatnonzero(outcomes.periods > 0)
-        for index, known in enumerate(self._found):
+        for index, known in enumerate(self._gaits):
             waiting = self._claim(index, known, outcomes, waiting, labels)
         while waiting.size:
             k = waiting[0]
             phases, impact = phase_names(int(outcomes.phases[k]), self._modes), CONTACTS[outcomes.impacts[k]]
             state, period = outcomes.states[k], int(outcomes.periods[k])
             new = Attractor(problem=self._problem, state=state, period=period, phases=phases, impact=impact, count=0)
-            self._found.append(new)
-            waiting = self._claim(len(self._found) - 1, new, outcomes, waiting, labels)
+            self._gaits.append(new)
+            waiting = self._claim(len(self._gaits) - 1, new, outcomes, waiting, labels)
         return labels
 
     def _claim(self, index: int, gait: Attractor, outcomes: Outcomes, rows: Indices, labels: Codes) -> Indices:
@@ -146,13 +146,13 @@ class Attractors:
         near = np.abs(outcomes.states[rows] - gait.state).max(axis=1) < SAME_GAIT
         on_it = near & (outcomes.periods[rows] == gait.period)
         labels[rows[on_it]] = index
-        self._found[index] = replace(self._found[index], count=self._found[index].count + int(on_it.sum()))
+        self._gaits[index] = replace(self._gaits[index], count=self._gaits[index].count + int(on_it.sum()))
         return rows[~on_it]
 
     @property
-    def found(self) -> tuple[Attractor, ...]:
+    def gaits(self) -> tuple[Attractor, ...]:
         """The gaits in the order of their labels."""
-        return tuple(self._found)
+        return tuple(self._gaits)
 
 
 def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:

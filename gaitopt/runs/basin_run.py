@@ -74,9 +74,9 @@ class BasinPlan:
     @property
     def key(self) -> str:
         """Names the basin by all that its tiles depend on."""
-        asked = {"grid": [str(axis) for axis in self.grid.axes], "base": self.base, "steps": self.max_steps}
-        asked |= {"engine": str(self.chosen_engine), "tile": self.tile_size}
-        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:8]
+        identity = {"grid": [str(axis) for axis in self.grid.axes], "base": self.base, "steps": self.max_steps}
+        identity |= {"engine": str(self.chosen_engine), "tile": self.tile_size}
+        return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:8]
 
     @property
     def chosen_engine(self) -> Engine:
@@ -120,8 +120,8 @@ def walk_basin(
     *,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> Basin | None:
-    """Walk what is not yet on disk, and say where every state goes; None if it was stopped.
+) -> Basin:
+    """Walk what is not yet on disk, and say where every state goes.
 
     Parameters
     ----------
@@ -135,13 +135,14 @@ def walk_basin(
         If the disk is full; finished tiles are kept.
     SolveError
         If a tile kills its workers.
+    KeyboardInterrupt
+        If ``should_stop`` became true; what is finished is kept.
     """
     with writing(plan.folder, plan.problem):
         if not (plan.folder / MANIFEST_FILE).exists():
             begin_run(plan.folder, plan.problem)
         make_folder(plan.place, parents=False)
-        if not _walk_tiles(plan, workers, progress, should_stop):
-            return None
+        _walk_tiles(plan, workers, progress, should_stop)
         basin = assembled(plan.place, plan.problem, plan.grid, plan.base)
         names = [TILE_FILE.format(tile) for tile in plan.tiles]
         with replacing(plan.folder, *(f"{plan.place.name}/{name}" for name in (*names, BASIN_FILE))):
@@ -154,8 +155,8 @@ def _walk_tiles(
     workers: Workers,
     progress: Callable[[int, int], None] | None,
     should_stop: Callable[[], bool] | None,
-) -> bool:
-    """Walk the tiles that are not on disk, each written as soon as it is finished; whether all are there."""
+) -> None:
+    """Walk the tiles that are not on disk, each written as soon as it is finished."""
     missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
     done, total = len(plan.tiles) - len(missing), len(plan.tiles)
     p = tuple(plan.start.p.tolist()) if isinstance(plan.start, Gait) else None
@@ -177,7 +178,8 @@ def _walk_tiles(
         done += 1
         if progress is not None:
             progress(done, total)
-    return done == total
+    if done < total:
+        raise KeyboardInterrupt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

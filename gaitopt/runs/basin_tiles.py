@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import ReadOnlyArrays
 from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.attractor import Attractor
 from gaitopt.gait.frames import data_set
-from gaitopt.gait.quantities import state_unit
 from gaitopt.problem import Problem
+from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.basin import Attractors, Outcomes, ending_name, outcome_counts
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.store import read_manifest, read_object, read_problem, read_sealed, read_tile
@@ -32,12 +33,12 @@ NUMBER = "number"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Basin(Plotted):
+class Basin(Plotted, ReadOnlyArrays):
     """Where every state of a grid goes.
 
     Attributes
     ----------
-    problem, grid : what was asked.
+    problem, grid : of the request.
     base : the section coordinates that the grid does not vary.
     attractors : the gaits that were found; ``labels`` counts them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
@@ -145,7 +146,7 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
         labels[rows], endings[rows], steps[rows] = attractors.add(outcomes), outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
     return Basin(
-        problem=problem, grid=grid, base=base, attractors=attractors.found,
+        problem=problem, grid=grid, base=base, attractors=attractors.gaits,
         labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
     )  # fmt: skip
 

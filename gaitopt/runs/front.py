@@ -13,9 +13,9 @@ from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import data_frame
-from gaitopt.gait.quantities import QUANTITIES, column_unit
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import Axis, check_jobs_fit
+from gaitopt.problem.scalars import SCALARS, unit_of
+from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
 from gaitopt.workers.jobs import Workers
@@ -92,9 +92,9 @@ class Front(Plotted, Sequence[FrontPoint]):
 
     def to_frame(self) -> "DataFrame":
         """One row per design: value, objective, whether it is on the front, status and the scalars of its gait."""
-        header = ["value", "objective", "pareto", "status", *(key for key in QUANTITIES if key != "friction")]
+        header = ["value", "objective", "pareto", "status", *SCALARS]
         rows = [[record.get(name) for name in header] for record in self.to_records()]
-        units = {name: column_unit(name) for name in header}
+        units = {name: unit_of(name) for name in header}
         return data_frame(header, rows, units, problem=self.problem.name, over=self.key)
 
 
@@ -105,8 +105,8 @@ def design_front(
     *,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[FrontPoint] | None:
-    """Designs for every value of an axis, in its order; None if it was stopped.
+) -> list[FrontPoint]:
+    """Designs for every value of an axis, in its order.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def design_front(
     axis : dotted key of a number of the problem, for instance ``constraints.speed.min``, and its values.
     folder : that keeps every design as soon as it is found; the same call goes on where it was.
     progress : called with the number of designs done and their total.
-    should_stop : looked at between designs.
+    should_stop : polled between designs.
 
     Raises
     ------
@@ -122,14 +122,14 @@ def design_front(
         If the problem has no objective, or a value is wrong for it.
     StorageError
         If the designs do not fit in memory or on disk.
+    KeyboardInterrupt
+        If ``should_stop`` became true; what is finished is kept.
     """
     check_front(problem, axis, folder)
-    problems = {value: problem.replace({axis.key: value}) for value in axis.numbers(problem)}
+    problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
-    if best is None:
-        return None
     return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
 
 
@@ -147,7 +147,7 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
     check_jobs_fit(2 * axis.count, folder)
     for value in axis.numbers(problem)[:: max(axis.count - 1, 1)]:
-        problem.replace({axis.key: value})
+        at_point(problem, {axis.key: value})
 
 
 def _walk(
@@ -155,29 +155,24 @@ def _walk(
     folder: Path,
     progress: Progress | None,
     should_stop: Callable[[], bool] | None,
-) -> dict[float, Record] | None:
-    """The better gait of both directions for every value; None if it was stopped."""
+) -> dict[float, Record]:
+    """The better gait of both directions for every value."""
     best: dict[float, Record] = {}
     neighbour: Record | None = None
     for done, value in enumerate([*problems, *reversed(problems)], start=1):
-        found = _design(problems[value], neighbour, folder, should_stop)
-        if found is None:
-            return None
-        best[value] = found if value not in best or _beats(found, best[value]) else best[value]
+        gait = _design(problems[value], neighbour, folder, should_stop)
+        best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
         neighbour = best[value] if best[value]["status"] == Status.CONVERGED else neighbour
         if progress is not None:
             progress(done, 2 * len(problems))
     return best
 
 
-def _design(
-    problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None
-) -> Record | None:
+def _design(problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None) -> Record:
     """From the neighbour's gait, or from the guess where there is none or it leads nowhere."""
     job = problem_job(problem, None if neighbour is None else neighbour["job"])
     known = {} if neighbour is None else {neighbour["job"]: neighbour}
-    found = solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)
-    return None if found is None else found[job.key]
+    return solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)[job.key]
 
 
 def _objective(gait: Record) -> float:

@@ -2,18 +2,18 @@
 
 import math
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.mechanics.units import parse_angle
 from gaitopt.problem import Problem
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9
 INTEGER = 1e-9
@@ -73,7 +73,7 @@ class Axis:
         if between is not None:
             low, high = math.ceil(self.lower), math.floor(self.upper)
             remedy = f"give a step of one or more, for instance {low}:{high}:{high - low + 1}"
-            raise ProblemError(f"--over {self}: {between:g} is not an integer: {remedy}")
+            raise ProblemError(f"{self}: {between:g} is not an integer: {remedy}").about("over")
         return [round(value) for value in values]
 
     def __str__(self) -> str:
@@ -149,7 +149,22 @@ class Grid:
         """
         unknown = [axis.key for axis in self.axes if axis.key not in known]
         if unknown:
-            raise UnknownNameError(f"--over {', '.join(unknown)}: not {what}; use {', '.join(known)}")
+            raise UnknownNameError(f"{', '.join(unknown)}: not {what}; use {', '.join(known)}").about("over")
+
+
+def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
+    """The problem at a point of a grid, whose values have dotted keys.
+
+    Raises
+    ------
+    ProblemError
+        If it is no valid problem.
+    """
+    try:
+        return problem.replace(values)
+    except ProblemError as error:
+        error.about("over")
+        raise
 
 
 def check_jobs_fit(jobs: int, folder: Path) -> None:

@@ -63,14 +63,14 @@ class Optimum:
 
     def to_record(self) -> dict[str, Any]:
         """What tells it from the other solutions."""
-        found = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
+        kept = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
         kkt = self.record["solver"].get("kkt")
         return {
             "objective": self.objective,
             "kkt": kkt,
             "verified": self.verified,
             "starts": list(self.starts),
-            **found,
+            **kept,
         }
 
 
@@ -84,7 +84,7 @@ def multistart(
     workers: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[Optimum] | None:
+) -> list[Optimum]:
     """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
 
     Parameters
@@ -96,7 +96,7 @@ def multistart(
         by this part of the curve's range, all within their bounds.
     workers : where the starts are worked on; by default all cores.
     progress : called with the number of starts done and their total.
-    should_stop : looked at all the time; when true, None is returned, and what is finished is kept.
+    should_stop : polled; True ends the search with a KeyboardInterrupt, and what is finished is kept.
 
     Raises
     ------
@@ -108,8 +108,8 @@ def multistart(
     jobs = [problem_job(p) for p in problems]
     with writing(folder, problem):
         begin_run(folder, problem)
-        found = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
-    return None if found is None else _distinct(problems, [found[job.key] for job in jobs])
+        solved = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
+    return _distinct(problems, [solved[job.key] for job in jobs])
 
 
 def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[Problem]:

@@ -1,18 +1,16 @@
 """The motion behind a JSON record, integrated again from its state, its modes and their durations."""
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.nlp import integrate_to
 from gaitopt.nlp.assembly import impact_record
-
-Array = NDArray[np.float64]
 
 POINTS = 33
 """Chebyshev points of a phase; they resolve a phase of walking."""
@@ -27,11 +25,16 @@ def recorded_steps(system: HybridSystem, p: Array, record: Mapping[str, Any], po
     record : with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : Chebyshev points of every phase.
     """
-    return tuple(_integrated(system, p, step, points) for step in record.get("steps", (record,)))
+    sides = map(system.walker.side, count())
+    return tuple(
+        _integrated(system, p, step, points, side)
+        for side, step in zip(sides, record.get("steps", (record,)), strict=False)
+    )
 
 
-def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], points: int) -> Step:
+def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], points: int, side: int) -> Step:
     """One step from the record of its state after impact, its phases and its impact."""
+    p = system.walker.standing(p, side)
     z = np.array([record["state"][name] for name in system.state_names])
     time, arcs = 0.0, list[Arc]()
     for phase in record["phases"]:
@@ -43,7 +46,7 @@ def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], point
         for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
             times = start + (end - start) * (curves.points(points) + 1) / 2
             states = integrate_to(system, mode, z, times, p, system.control.data(segment))
-            arcs.append(Arc(mode=mode, segment=segment, times=times, states=states))
+            arcs.append(Arc(mode=mode, segment=segment, times=times, states=states, side=side))
             z = states[-1].copy()
         time += phase["duration"]
     return Step(arcs=tuple(arcs), impact=impact_record(system, Mode(record["impact"]), z, p))

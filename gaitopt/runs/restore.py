@@ -7,8 +7,8 @@ from itertools import accumulate, groupby, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Arc, Gait, Status, Step, measure
 from gaitopt.mechanics import Cycle, HybridSystem, Mode
@@ -17,8 +17,6 @@ from gaitopt.search.distinct import closed
 from gaitopt.store import Run, Table
 from gaitopt.store.run import restored_problem
 from gaitopt.study.system import build_system
-
-Array = NDArray[np.float64]
 
 SAME_TIME = 1e-14
 """Of the period: the end of one arc and the start of the next may differ by rounding, points inside an arc do not."""
@@ -69,7 +67,8 @@ def _steps(system: HybridSystem, cycle: Cycle, p: Array, table: Table, periods: 
     arcs = list(table_arcs(system, table, began))
     for step, impact in enumerate(cycle.impacts):
         own = tuple(arc for index, arc in arcs if index == step)
-        yield Step(arcs=own, impact=impact_record(system, impact, own[-1].states[-1], p))
+        standing = system.walker.standing(p, system.walker.side(step))
+        yield Step(arcs=own, impact=impact_record(system, impact, own[-1].states[-1], standing))
 
 
 def table_arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> Iterator[tuple[int, Arc]]:
@@ -90,5 +89,6 @@ def table_arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> It
                 segment=bisect_right(system.control.breakpoints, (times[0] + times[-1]) / 2),
                 times=times,
                 states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
+                side=system.walker.side(step),
             ),
         )

@@ -18,6 +18,8 @@ from gaitopt.store import BRANCH_FILE, read_problem, stored_lines
 from gaitopt.study.system import build_system
 
 Record = Mapping[str, Any]
+OLDER = {"damping_loss": 0.0}
+"""Measures that are not in records from before there were dampers."""
 
 
 def stored_branch(folder: Path) -> tuple[Problem, str, list[dict[str, Any]]]:
@@ -89,7 +91,7 @@ def _gait(family: Gait, parameter: str, value: float, record: Record) -> Gait:
         message=str(record["message"]),
         steps=recorded_steps(system, p, record),
         multipliers=np.array([complex(m["re"], m["im"]) for m in record["multipliers"]]),
-        measures={name: record[name] for name in MEASURES},
+        measures={name: {**OLDER, **record}[name] for name in MEASURES},
         freed=freed,
         solver=dict(record["solver"]),
         verification=record["verification"],

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import StorageError
 from gaitopt.gait import Arc, Ending, Step, Trajectory
 from gaitopt.mechanics import HybridSystem, Mode
@@ -13,8 +13,6 @@ from gaitopt.runs.restore import table_arcs
 from gaitopt.store import read_problem, read_walk
 from gaitopt.study.simulate import Walk
 from gaitopt.study.system import build_system
-
-Array = NDArray[np.float64]
 
 
 def restore_walk(folder: Path) -> Walk:

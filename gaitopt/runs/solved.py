@@ -55,8 +55,8 @@ def solve_all(
     known: Mapping[str, Any] | None = None,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> dict[str, dict[str, Any]] | None:
-    """Records of the gaits of all jobs by their keys, those on disk included; None if it was stopped.
+) -> dict[str, dict[str, Any]]:
+    """Records of the gaits of all jobs by their keys, those on disk included.
 
     Parameters
     ----------
@@ -69,6 +69,8 @@ def solve_all(
     ------
     StorageError
         If the disk is full, or what the folder holds is broken; finished jobs are kept.
+    KeyboardInterrupt
+        If ``should_stop`` became true; what is finished is kept.
     """
     unsolved = {job.key: job for job in jobs}
     records = {key: record for key, record in _stored(folder) if key in unsolved}
@@ -83,7 +85,9 @@ def solve_all(
                 log.append(records[key])
             if progress is not None:
                 progress(len(records), total)
-    return records if len(records) == total else None
+    if len(records) < total:
+        raise KeyboardInterrupt
+    return records
 
 
 def _stored(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:

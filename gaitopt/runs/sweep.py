@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.errors import ProblemError
 from gaitopt.problem import Problem
-from gaitopt.runs.grid import Grid, check_jobs_fit
+from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
 from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
 from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, sweep_table
 from gaitopt.store import begin_run, csv_text, json_text, replacing, write_whole, writing
@@ -49,7 +48,7 @@ class SweepPlan:
         """
         jobs: list[Job] = []
         for number in range(self.grid.size):
-            problem = self._at(number)
+            problem = at_point(self.problem, self.point(number))
             neighbour = self._neighbour(number) if self.warm else None
             jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key))
         return jobs
@@ -57,8 +56,8 @@ class SweepPlan:
     @cached_property
     def place(self) -> Path:
         """Folder of the sweep's table and figures."""
-        asked = json.dumps([*(str(axis) for axis in self.grid.axes), self.warm])
-        return self.folder / f"sweep-{hashlib.sha256(asked.encode()).hexdigest()[:8]}"
+        identity = json.dumps([*(str(axis) for axis in self.grid.axes), self.warm])
+        return self.folder / f"sweep-{hashlib.sha256(identity.encode()).hexdigest()[:8]}"
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""
@@ -68,12 +67,6 @@ class SweepPlan:
     @cached_property
     def _numbers(self) -> dict[str, list[float]]:
         return {axis.key: axis.numbers(self.problem) for axis in self.grid.axes}
-
-    def _at(self, number: int) -> Problem:
-        try:
-            return self.problem.replace(self.point(number))
-        except ProblemError as error:
-            raise ProblemError(str(error).replace("--set ", "--over ")) from error
 
     def _neighbour(self, number: int) -> int | None:
         """The point one step towards the first along the first axis that allows it; None for the first point."""
@@ -108,19 +101,19 @@ def run_sweep(
     *,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[dict[str, Any]] | None:
-    """Solve and verify what is not on disk yet; the records of all points in order, None if it was stopped.
+) -> list[dict[str, Any]]:
+    """Solve and verify what is not on disk yet; the records of all points in order.
 
     Raises
     ------
     StorageError
         If the disk is full, or another process sweeps the same problem; finished jobs are kept.
+    KeyboardInterrupt
+        If ``should_stop`` became true; what is finished is kept.
     """
     with writing(sweep.folder, sweep.problem):
         begin_run(sweep.folder, sweep.problem)
         solved = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
-        if solved is None:
-            return None
         records = [{**solved[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
         make_folder(sweep.place, parents=False)
         with replacing(sweep.folder, *(f"{sweep.place.name}/{name}" for name in (TABLE_FILE, SWEEP_FILE))):

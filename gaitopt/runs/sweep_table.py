@@ -12,9 +12,9 @@ from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import columns_of, data_frame, data_set
-from gaitopt.gait.quantities import column_unit
 from gaitopt.mechanics.modes import Mode
 from gaitopt.problem import Problem
+from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.runs.grid import Grid
 from gaitopt.store import Table, read_object, read_problem, read_sealed
 from gaitopt.store.files import parsed
@@ -26,12 +26,6 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
-SCALARS = (
-    "period", "step_length", "speed", "work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared",
-    "peak_torque", "slip_distance", "foot_clearance", "spectral_radius", "required_friction", "impulse_ratio",
-    "min_normal_force",
-)  # fmt: skip
-"""Columns of the table, after the grid's own."""
 WORDS = ("status", "verified", "start", "modes")
 """Columns between those that hold words."""
 STOPS_SEPARATOR = "; "
@@ -44,7 +38,7 @@ class Sweep(Plotted):
 
     Attributes
     ----------
-    problem, grid : what was asked.
+    problem, grid : of the request.
     records : of every point in the order of the grid: ``at`` (values by dotted key), ``status``, and where there is a
         gait its scalars; after a fresh sweep all keys of a gait.
     """
@@ -69,7 +63,7 @@ class Sweep(Plotted):
     def to_frame(self) -> "DataFrame":
         """One row per point: the columns of ``table.csv``, units in ``attrs["units"]``."""
         table = sweep_table(self.grid, self.records)
-        units = {name: column_unit(name) for name in table.header}
+        units = {name: unit_of(name) for name in table.header}
         return data_frame(table.header, table.rows, units, problem=self.problem.name)
 
     def to_xarray(self) -> "Dataset":
@@ -79,7 +73,7 @@ class Sweep(Plotted):
         columns = columns_of(table.header, table.rows)
         variables = {n: (keys, v.reshape(self.grid.shape)) for n, v in columns.items() if n not in keys}
         places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
-        units = {name: column_unit(name) for name in table.header}
+        units = {name: unit_of(name) for name in table.header}
         return data_set(variables, places, units, problem=self.problem.name)
 
 

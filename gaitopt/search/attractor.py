@@ -35,7 +35,7 @@ def solve_attractor(
     p = system.values(problem.parameters)
     mode = attractor.impact
     xi = attractor.state if mode.slips else attractor.state[:-1]
-    walked = ReturnMap(Simulator(system, p), mode, attractor.period)(xi)
+    walked = ReturnMap(Simulator(system, p), mode, attractor.period * system.walker.n_sides())(xi)
     if walked.xi is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
     found = closed(problem, cycle_record(system, walked.steps, "attractor"))

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Status, Step
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.nlp import free_parameters
@@ -23,11 +23,12 @@ from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
 from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.study.return_map import step_map
 
-Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
 """Half widths of the default box of start states, in rad and natural units."""
+RATE_OF_FLIGHT = 2.0
+"""The same for walkers that fly: they come down from some height."""
 SMALLEST_SCALE = 0.3
 """Samples of the default box lie in boxes from this part of it to its whole: walkers make small steps too."""
 STANDING = 0.05
@@ -95,9 +96,11 @@ def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] 
 
 def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[str, tuple[float, float]]) -> Box:
     """The box of start states: that of the walker, changed by ``within``."""
-    scales, n_section = system.scales(p), len(problem.walker.section)
     names = problem.walker.section_names(slipping=True)
-    half = np.array([ANGLE] * n_section + [RATE / scales.time] * system.n_shape + [SLIP * scales.speed])
+    units = dict(zip(system.state_names, system.state_scales(system.scales(p)), strict=True))
+    sizes = {"dx": SLIP} | dict.fromkeys(problem.walker.section, ANGLE)
+    rate = RATE_OF_FLIGHT if problem.walker.flies else RATE
+    half = np.array([sizes.get(name, rate) * units[name] for name in names])
     lower, upper = -half, half.copy()
     for name, span in within.items():
         lower[names.index(name)], upper[names.index(name)] = span
@@ -115,9 +118,10 @@ def _walks(
     history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
     simulator = Simulator(system, p, stepper=make_stepper(system, p, engine))
     candidates = []
-    for n_steps in range(1, job.n_steps + 1):
-        maps = {mode: ReturnMap(simulator, mode, n_steps) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
-        for row, state in _near_returns(history, n_steps, box):
+    sides = system.walker.n_sides()
+    for n_returns in range(1, job.n_steps // sides + 1):
+        maps = {mode: ReturnMap(simulator, mode, n_returns * sides) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
+        for row, state in _near_returns(history, n_returns, box):
             if should_stop():
                 raise KeyboardInterrupt
             mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
@@ -133,7 +137,8 @@ def _samples(system: HybridSystem, p: Array, box: Box, rng: np.random.Generator)
     xi = rng.uniform(box.lower, box.upper, (WALKS, box.lower.size))
     if not box.given:
         xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
-        _turn_forward(system, p, xi)
+        if not system.walker.flies:
+            _turn_forward(system, p, xi)
     if box.lower[-1] <= 0 <= box.upper[-1]:
         xi[::2, -1] = 0.0
     return xi
@@ -176,6 +181,8 @@ def _guesses(
     job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
+    if system.walker.n_sides() > 1:
+        return [], 0  # a guess is one step, and the cycle of legs that differ has two
     time, n = system.scales(p).time, len(job.problem.walker.section)
     within = {
         name.removeprefix("state."): (span.minimum, span.maximum)
@@ -201,9 +208,9 @@ def _guesses(
 
 def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
     """A simulated cycle, without repetitions, from the smallest of its states in lexical order."""
-    starts = [step.arcs[0].states[0] for step in steps]
-    n = next(k for k in range(1, len(steps) + 1) if len(steps) % k == 0 and _repeats(starts, k))
-    first = min(range(n), key=lambda k: tuple(starts[k]))
+    starts, sides = [step.arcs[0].states[0] for step in steps], system.walker.n_sides()
+    n = next(k for k in range(sides, len(steps) + 1, sides) if len(steps) % k == 0 and _repeats(starts, k))
+    first = min(range(0, n, sides), key=lambda k: tuple(starts[k]))
     turned = [*steps[first:n], *steps[:first]]
     records = [_step_record(step.phases, step.impact.mode) for step in turned if step.impact is not None]
     return {"steps": records, "state": _state_record(system, starts[first]), "parameters": {}, "start": start}

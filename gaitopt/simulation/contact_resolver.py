@@ -21,15 +21,13 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import CONTACTS, ONSETS, HybridSystem, ImpactLaw, Mode, margin_names
+from gaitopt.mechanics import ONSETS, HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import natural_system, units
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ class _Candidate:
 
 
 class ContactResolver:
-    """ContactResolver about the foot of one system at fixed parameters.
+    """Decides about the foot of one system at fixed parameters.
 
     Parameters
     ----------
@@ -74,9 +72,10 @@ class ContactResolver:
         self._system, self._law, self._p = system, system.law, np.array(p)
         self._friction, self._drops = float(system.static_friction(p)), system.friction_drops(p)
         self._n_x = system.n_shape
+        self._ground = tuple(contact for contact in system.walker.contacts() if contact is not Mode.FLIGHT)
         self._units = units(system, p)
         self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in system.walker.modes()}
-        self._approach = BufferedFunction(system.approach)
+        self._approach, self._push = BufferedFunction(system.approach), BufferedFunction(system.push)
         self._impacts = {mode: BufferedFunction(system.impact(mode)) for mode in system.walker.modes()}
 
     def mode_at_rest(self, mode: Mode, t: float, z: Array, data: Array) -> Mode | Termination:
@@ -86,7 +85,7 @@ class ContactResolver:
         ----------
         mode : any with the states of the stops.
         """
-        stuck, *slipping = (mode.with_contact(contact) for contact in CONTACTS)
+        stuck, *slipping = (mode.with_contact(contact) for contact in self._ground)
         tau, zeta = t / self._units.time, z / self._units.state
         point = [output.copy() for output in self._point(stuck, tau, zeta, data)]
         stick = dict(zip(margin_names(stuck), point[1].tolist(), strict=True))
@@ -94,31 +93,49 @@ class ContactResolver:
             return Termination(Ending.NUMERICAL, "the contact forces are not finite")
         slips = {slip: self._margins(slip, tau, zeta, data) for slip in slipping}
         leaves = self._leaves(stuck, tau, zeta, data, point)
-        possible = [stuck] if stick["normal_force"] > 0 and not any(leaves.values()) else []
+        possible = [stuck] if not self._pulled(stuck, point) and not any(leaves.values()) else []
         possible += [m for m, s in slips.items() if leaves[m] and s["painleve"] > 0 and s["normal_force"] > 0]
         lifts = any(s["normal_force"] * s["painleve"] < 0 for s in slips.values())
+        if lifts and not possible and self._system.walker.flies:
+            return mode.with_contact(Mode.FLIGHT)
         if lifts and not possible:
             return Termination(Ending.LIFT_OFF, "no mode keeps the foot on the ground")
         if len(possible) == 1 and not lifts:
             return possible[0]
+        if not slipping:
+            return Termination(Ending.PAINLEVE, "a foot without mass cannot slip, and friction does not hold it")
         choices = " and ".join([*possible, *(["lift-off"] if lifts else [])]) or "neither a mode nor lift-off"
         values = " and ".join(f"{self._painleve(m, t, z, data):.6g} kg in {m}" for m in slips)
         return Termination(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")
 
     def impact(self, z_minus: Array) -> ImpactRecord | Termination:
         """The impact at touchdown in state ``z_minus``."""
+        if self._system.walker.pushes:
+            p_t, p_n = self._push(z_minus, self._p)[0]
+            if abs(p_t) > self._friction * p_n * (1 + EDGE):
+                words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
+                return Termination(Ending.PUSH_SLIPS, f"{words}, has {self._friction:g}")
         v_n = float(self._approach(z_minus, self._p)[0][0])
         if v_n >= -EDGE * self._units.speed:
             words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
             return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
         released = self._system.walker.released
-        chosen = self._consistent_one([self._candidate(released(contact), z_minus) for contact in CONTACTS])
-        return chosen if isinstance(chosen, Termination) else self._record(*chosen)
+        candidates = [self._candidate(released(contact), z_minus) for contact in self._ground]
+        if self._system.walker.massless_feet:
+            return self._record(candidates[0], candidates[0], z_minus)
+        chosen = self._consistent_one(candidates)
+        return chosen if isinstance(chosen, Termination) else self._record(*chosen, z_minus)
 
     def strike(self, mode: Mode, stop: str, z_minus: Array) -> tuple[Mode, Array] | Termination:
         """What the foot does just after a stop has locked in state ``z_minus``, and the state there."""
-        locked = mode.with_locked(stop)
-        candidates = [self._candidate(locked.with_contact(contact), z_minus) for contact in CONTACTS]
+        locked = mode.with_next(stop)
+        if mode.flies:
+            return locked, self._candidate(locked, z_minus).z_plus
+        candidates = [self._candidate(locked.with_contact(contact), z_minus) for contact in self._ground]
+        if self._system.walker.flies and not any(map(self._consistent, candidates)):
+            flight = self._candidate(locked.with_contact(Mode.FLIGHT), z_minus)
+            if flight.lift_velocity > 0:
+                return flight.mode, flight.z_plus
         if all(candidate.impulse[1] < 0 for candidate in candidates):
             words = f"the stop {stop} would pull the stance foot off the ground"
             return Termination(Ending.LIFT_OFF, f"{words}: {'; '.join(map(str, candidates))}")
@@ -146,6 +163,12 @@ class ContactResolver:
         touchdown = margin_names(mode).index("touchdown")
         return bool(is_touchdown(margins[touchdown], rates[touchdown]))
 
+    def _pulled(self, mode: Mode, point: list[Array]) -> bool:
+        """Whether the ground would have to pull at the foot; at touchdown the force of a spring rises from zero."""
+        row = margin_names(mode).index("normal_force")
+        force, rate = point[1][row], point[2][row]
+        return bool(force < -EDGE or (force <= EDGE and rate <= 0))
+
     def _leaves(self, mode: Mode, tau: float, zeta: Array, data: Array, point: list[Array]) -> dict[Mode, bool]:
         """Which slips the foot is pushed into: the margins of the cone that do not hold for longer than an instant."""
         flow, margins, rates = point
@@ -156,7 +179,7 @@ class ContactResolver:
         left = {name: falls(name, value, rate, change / LOOK) for name, value, rate, change in rows}
         return {mode.with_contact(onset): left[name] for name, onset in ONSETS.items()}
 
-    def _record(self, chosen: _Candidate, stick: _Candidate) -> ImpactRecord | Termination:
+    def _record(self, chosen: _Candidate, stick: _Candidate, z_minus: Array) -> ImpactRecord | Termination:
         if chosen.lift_velocity <= 0:
             words = f"the former stance foot would move into the ground at {chosen.lift_velocity:.6g} m/s"
             return Termination(Ending.DOUBLE_SUPPORT, f"{words} after an impact with {chosen.mode}")
@@ -168,6 +191,7 @@ class ContactResolver:
             step_length=float(chosen.z_plus[self._n_x]),
             impulse=chosen.impulse,
             stick_impulse=stick.impulse,
+            push_work=float(self._push(z_minus, self._p)[1][0]) if self._system.walker.pushes else 0.0,
         )
 
     def _consistent(self, candidate: _Candidate) -> bool:

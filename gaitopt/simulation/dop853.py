@@ -10,14 +10,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 from math import inf, nextafter, sqrt
 
-import numpy as np
 from casadi import DM, MX, Function, fabs, fmax, horzcat, sumsqr, vertcat
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.buffered import BufferedFunction
-
-Array = NDArray[np.float64]
 
 SAFETY, LEAST_FACTOR, LARGEST_FACTOR = 0.9, 0.2, 10.0
 """Of the step size control, as in scipy."""

@@ -3,15 +3,11 @@
 from enum import StrEnum
 from importlib.util import find_spec
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitopt.arrays import Array
 from gaitopt.errors import UnknownNameError
 from gaitopt.mechanics import HybridSystem
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.stepper import Stepper
-
-Array = NDArray[np.float64]
 
 MANY_STEPS = 1000
 """Steps from which ``auto`` compiles: on scipy they take as long as the compiler does the first time."""

@@ -16,12 +16,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.margins import margin as known
-
-Array = NDArray[np.float64]
 
 PRIORITY = (
     "painleve", "normal_force", "upright", "clearance", "touchdown", "", "slip_velocity", "cone_forward",

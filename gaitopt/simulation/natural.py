@@ -12,11 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, repmat, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names, margin_scales
-
-Array = NDArray[np.float64]
 
 PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")
 """Its place among the margins of every slip."""
@@ -81,7 +79,8 @@ class NaturalSystem:
         self._p, self._time = SX.sym("p", len(system.parameters)), SX.sym("T")
         n_margins = len(margin_names(system.walker.released(Mode.STICK)))
         self._state, self._margins = SX.sym("D", n_z), SX.sym("S", n_margins)
-        self._d = vertcat(SX.ones(system.n_shape), self._state[system.n_shape :])  # angles are their own unit
+        angles = {*system.walker.shape} - {*system.walker.lengths}  # they are their own unit
+        self._d = vertcat(*(1 if name in angles else self._state[k] for k, name in enumerate(system.state_names)))
         self._all = vertcat(self._p, self._time, self._state, self._margins)
 
     def flow(self, mode: Mode) -> Function:

@@ -1,14 +1,10 @@
 """States along an arc at Chebyshev points, as many as it takes to resolve it."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.mechanics import Mode
 from gaitopt.simulation.natural import Units
 from gaitopt.simulation.stepper import Stepper
-
-Array = NDArray[np.float64]
 
 COUNTS = (33, 65, 129, 257)
 """Numbers of points that are tried in turn; 33 resolve a phase of walking."""

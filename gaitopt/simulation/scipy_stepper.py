@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.dop853 import CompiledStep, Integration, StepSizeError
@@ -13,14 +13,12 @@ from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival
 
-Array = NDArray[np.float64]
-
 RTOL = 1e-12
 """Relative tolerance: a walking step is then right to about 1e-12, in some 25 integration steps."""
 ATOL = 1e-14
 """Absolute tolerance, far below rtol: a slip that sets in gently is integrated to its own digits, at no extra cost."""
 VARIATIONAL_ATOL = 1e-13
-"""Deviations are scaled to size one: two digits below the agreement that is asked of the multipliers."""
+"""Deviations are scaled to size one: two digits below the agreement that is required of the multipliers."""
 FIRST_STEP = 0.025
 """First integration step that is tried: about what walking takes; the step size control mends it at once."""
 DEPARTURE_FACTOR = 4
@@ -44,12 +42,18 @@ class ScipyStepper:
     """
 
     def __init__(self, system: HybridSystem, p: Array, *, rtol: float = RTOL, atol: float = ATOL) -> None:
+        self._system = system
         self._natural, self._units = natural_system(system), units(system, p)
         self._tolerances = rtol, atol
         self._fields: dict[Mode, _Field] = {}
         self._variations: dict[tuple[Mode, int], tuple[CompiledStep, BufferedFunction]] = {}
 
-    @np.errstate(all="ignore")  # a motion that blows up is told by the step size that vanishes
+    def at(self, p: Array) -> "ScipyStepper":
+        """The same tolerances at other parameters; see ``Stepper``."""
+        rtol, atol = self._tolerances
+        return ScipyStepper(self._system, p, rtol=rtol, atol=atol)
+
+    @np.errstate(all="ignore")  # a motion that blows up is seen from a vanishing step size
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
         unit, field = self._units, self._field(mode, data)

@@ -6,10 +6,11 @@ mode follows from the forces, and at touchdown the impact from the impulses. Gam
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import ONSETS, PHASE_MARGINS, HybridSystem, Mode
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
@@ -18,8 +19,6 @@ from gaitopt.simulation.natural import units
 from gaitopt.simulation.sampling import sample
 from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
 from gaitopt.simulation.stepper import Arrival, Stepper
-
-Array = NDArray[np.float64]
 
 MAX_STEP_TIME = 50.0
 """A walker that has not touched down by then, in units of sqrt(l / g), no longer walks: 20 s for legs of 1.6 m."""
@@ -68,6 +67,7 @@ class Simulator:
     max_step_time : longest time from impact to impact [s]; ``MAX_STEP_TIME`` natural units unless given.
     max_switches : largest number of mode switches within a step.
     stepper : what integrates the arcs; scipy's DOP853 unless given.
+    side : which leg stands at parameters ``p``, see ``Walker.side``.
 
     Attributes
     ----------
@@ -89,16 +89,29 @@ class Simulator:
         max_step_time: float | None = None,
         max_switches: int = MAX_SWITCHES,
         stepper: Stepper | None = None,
+        side: int = 0,
     ) -> None:
         p = _finite_vector("parameters", p, system.parameters)
         self.system, self.p = system, p
-        self._max_switches = max_switches
+        self._max_switches, self._max_step_time, self._side = max_switches, max_step_time, side
         self.stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
         self._resolver = ContactResolver(system, p)
         self._units = units(system, p)
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         self._limit = min(longest, system.control.horizon)
         self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
+
+    @cached_property
+    def sides(self) -> tuple["Simulator", ...]:
+        """The simulator itself and, where the legs differ, that of the steps in which the other leg stands."""
+        others = []
+        for side in range(1, self.system.walker.n_sides()):
+            p = self.system.walker.standing(self.p, side)
+            stepper, longest, switches = self.stepper.at(p), self._max_step_time, self._max_switches
+            others.append(
+                Simulator(self.system, p, max_step_time=longest, max_switches=switches, stepper=stepper, side=side)
+            )
+        return (self, *others)
 
     def run(
         self,
@@ -129,7 +142,8 @@ class Simulator:
         while len(made) < steps:
             if should_stop is not None and should_stop():
                 break
-            outcome = self.step(z, dense=dense, number=len(made) + 1)
+            simulator = self.sides[self.system.walker.side(len(made))]
+            outcome = simulator.step(z, dense=dense, number=len(made) + 1)
             if outcome.step is not None:
                 made.append(outcome.step)
             if outcome.step is None or outcome.step.impact is None:
@@ -188,7 +202,7 @@ class Simulator:
             data = self.system.data(moment.segment)
             times, states = sample(self.stepper, self._units, mode, data, moment.time, arrival.time, moment.state)
             states[-1] = arrival.state
-        return Arc(mode=mode, segment=moment.segment, times=times, states=states)
+        return Arc(mode=mode, segment=moment.segment, times=times, states=states, side=self._side)
 
     def _follow(
         self, mode: Mode, moment: _Moment, arrival: Arrival
@@ -200,13 +214,18 @@ class Simulator:
         event = "touchdown" if arrival.event is None and self._is_touchdown(mode, here) else arrival.event
         if event is None:
             return self._pass_breakpoint(mode, here)
-        if event in FATAL:
+        leaves = event == "normal_force" and self.system.walker.flies
+        if event in FATAL and not leaves:
             return FATAL[event], here
         if event == "touchdown":
             return self._resolver.impact(here.state), here
         here = replace(here, switches=here.switches + 1)
         if here.switches > self._max_switches:
             return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
+        if leaves:
+            return mode.with_contact(Mode.FLIGHT), here
+        if event in mode.off:
+            return self._throw(mode, event, here)
         if event in mode.free:
             return self._lock(mode, event, here)
         onset = ONSETS.get(event)
@@ -219,6 +238,11 @@ class Simulator:
             return struck, moment
         after = replace(moment, state=struck[1])
         return (self._mode_at_rest(struck[0], after) if struck[0].sticks else struck[0]), after
+
+    def _throw(self, mode: Mode, switch: str, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
+        """What follows where a switch is thrown: forces may jump, and the mode of a foot at rest is decided again."""
+        after = mode.with_next(switch)
+        return (self._mode_at_rest(after, moment) if after.sticks else after), moment
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
         """The next segment of the control; its torques may jump, and the mode of a foot at rest is decided again."""

@@ -1,6 +1,6 @@
 """The seam between the hybrid simulator and the integrator: advance along one arc, until an event or a time limit.
 
-A mode takes its margins for granted (``gaitopt.mechanics.margin_names``); an event is a margin falling through zero.
+A mode assumes its margins (``gaitopt.mechanics.margin_names``); an event is a margin falling through zero.
 
 * ``touchdown`` is armed once it has been positive after the impact: the feet are level at the start of every step,
   and the legs pass each other in mid-swing, where this margin rises through zero.
@@ -15,9 +15,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 
-Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+LIMIT, FAILURE = -1, -2
+"""Codes of arcs that end at their time limit, or because the integrator cannot go on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,8 +42,27 @@ class Arrival:
     failure: str = ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arrivals:
+    """Where arcs end, and why.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n,) - time since the last impact [s].
+    states : ndarray, shape (n, n_z).
+    events : ndarray, shape (n,) - index in ``margin_names`` of the margin that fell to zero, ``LIMIT`` or ``FAILURE``.
+    """
+
+    times: Array
+    states: Array
+    events: Indices
+
+
 class Stepper(Protocol):
     """An integrator of one system at fixed parameters."""
+
+    def at(self, p: Array) -> "Stepper":
+        """The same integrator at other parameters, shape (n_p,)."""
 
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``.
@@ -63,4 +86,19 @@ class Stepper(Protocol):
         state : ndarray, shape (n_z,) - state at the start of the arc.
         deviations : ndarray, shape (n_z, m) - deviations there, one per column.
         times : ndarray, shape (2,) - start and end of the arc [s].
+        """
+
+
+class BatchStepper(Protocol):
+    """A stepper of many states at once, each with its own time; what happens to one does not depend on the others."""
+
+    def advance(self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array) -> Arrivals:
+        """Integrate arcs in one mode to their first events or time limits.
+
+        Parameters
+        ----------
+        mode : contact mode of the stance foot.
+        segments : ndarray, shape (n,) - segments of the control.
+        times, limits : ndarray, shape (n,) - times since the last impact [s].
+        states : ndarray, shape (n, n_z) - states at ``times``.
         """

@@ -48,11 +48,10 @@ def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -
         return []
     records = list(stored_lines(folder, BRANCH_FILE))
     if records and _core(records[0]) != _core(request):
-        asked = ", ".join(f"{key} {value}" for key, value in _core(records[0]).items() if value is not None)
+        words = ", ".join(f"{key} {value}" for key, value in _core(records[0]).items() if value is not None)
         raise StorageError(
-            f"{folder} holds another branch ({asked}); it was left alone: "
-            "name another folder with -o, or delete this one"
-        )
+            f"{folder} holds another branch ({words}); it was left alone: delete it, or name another folder"
+        ).about("output")
     return records[1:]
 
 

@@ -29,8 +29,8 @@ def check_folder(folder: Path, problem: Problem) -> None:
     if manifest.hash != problem.digest:
         raise StorageError(
             f"{folder} holds another problem ({manifest.problem}, hash {manifest.hash[:8]}, not {problem.name}, "
-            f"hash {problem.digest[:8]}); it was left alone: name another folder with -o, or delete this one"
-        )
+            f"hash {problem.digest[:8]}); it was left alone: delete it, or name another folder"
+        ).about("output")
 
 
 def check_writable(path: Path) -> None:
@@ -44,10 +44,12 @@ def check_writable(path: Path) -> None:
     try:
         place = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
     except OSError as error:
-        raise StorageError(f"cannot write {path}: {reason(error)}; name another place with -o") from error
+        raise StorageError(f"cannot write {path}: {reason(error)}; name another place").about("output") from error
     folder = place.parent if place == path.absolute() and place.is_file() else place
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        raise StorageError(f"cannot write {path}: {folder} is no folder that you may write; name another with -o")
+        raise StorageError(f"cannot write {path}: {folder} is no folder that you may write; name another").about(
+            "output"
+        )
 
 
 @contextmanager
@@ -136,6 +138,8 @@ def _entries(folder: Path) -> list[str]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another with -o") from error
+        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another").about(
+            "output"
+        ) from error
     ours = {LOCK_FILE, WRITER_FILE}
     return [n for n in names if n not in ours and not (n.startswith(".") and n.endswith(TEMPORARY_SUFFIX))]

@@ -42,8 +42,8 @@ def only_writer(folder: Path) -> Iterator[None]:
         lock = FileLock(folder.resolve() / LOCK_FILE, timeout=0, is_singleton=True)
         lock.acquire()
     except Timeout as error:
-        remedy = "wait for it, or name another folder with -o"
-        raise StorageError(f"{folder} is being written by {_holder(folder)}; {remedy}") from error
+        remedy = "wait for it, or name another folder"
+        raise StorageError(f"{folder} is being written by {_holder(folder)}; {remedy}").about("output") from error
     except (OSError, ValueError) as error:
         raise StorageError(f"cannot lock {folder}: {reason(error)}") from error
     outermost = lock.lock_counter == 1
@@ -67,7 +67,9 @@ def _folders(folder: Path) -> list[Path]:
     try:
         return [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
     except OSError as error:
-        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another with -o") from error
+        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another").about(
+            "output"
+        ) from error
 
 
 def _writer(folder: Path) -> Writer:

@@ -95,8 +95,8 @@ def read_manifest(folder: Path) -> Manifest:
     if isinstance(schema, int) and schema < SCHEMA:
         raise StorageError(
             f"{folder} was written by an older gaitopt, without checksums (schema {schema}); "
-            "it was left alone: delete it, or name another folder with -o"
-        )
+            "it was left alone: delete it, or name another folder"
+        ).about("output")
     checksum = record.pop(CHECKSUM, None)
     if checksum != _checksum(record):
         raise StorageError(f"{path}: altered since it was written (SHA-256 differs); the run was left alone")

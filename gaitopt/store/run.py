@@ -110,6 +110,19 @@ def _write_motion(
     return folder
 
 
+def is_complete(folder: Path) -> bool:
+    """Whether a folder holds a gait whose writer got to its end.
+
+    Raises
+    ------
+    StorageError
+        If its manifest is broken or newer.
+    """
+    if not (folder / GAIT_FILE).is_file():
+        return False
+    return {GAIT_FILE, TRAJECTORY_FILE} <= read_manifest(folder).files.keys()
+
+
 def read_run(folder: Path) -> Run:
     """Read a run.
 

@@ -4,13 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, ImpactRecord, Step, curves, measure, measure_scales
 from gaitopt.mechanics import Scales
 from gaitopt.study.claims import Claim, claim
-
-Array = NDArray[np.float64]
 
 AGREEMENT = 1e-9
 """Period, switching times and states just after the impact."""
@@ -64,7 +62,7 @@ def _states(step: Step, ours: Arc) -> Array:
     Arcs are found by time, among those with the same stops locked: where a switch falls on a breakpoint of the control,
     rounding decides which comes first.
     """
-    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked]
+    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked and arc.mode.flies == ours.mode.flies]
     times = ours.times
     index = np.searchsorted([arc.end for arc in arcs[:-1]], times)
     states = np.empty((times.size, ours.states.shape[1]))

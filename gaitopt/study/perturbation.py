@@ -5,12 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending, Gait, floquet_multipliers, multiplier_distance
 from gaitopt.orbit import FixedPoint, Return, ReturnMap
 from gaitopt.study.claims import Claim, claim, failed_claim
 from gaitopt.study.comparison import AGREEMENT
-
-Array = NDArray[np.float64]
 
 MULTIPLIER_AGREEMENT = 1e-7
 PERTURBATION = 1e-6

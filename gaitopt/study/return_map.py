@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.gait import Gait
 from gaitopt.mechanics import CONTACTS, HybridSystem, Mode
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine
 from gaitopt.simulation.batch.functions import RowMap
-from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, phase_names, stack_outcomes
+from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, followed_by, phase_names, stack_outcomes
 from gaitopt.study.system import build_system
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 if TYPE_CHECKING:
     from gaitopt.simulation.batch.simulator import BatchSimulator
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 CHUNK = 4096
@@ -28,8 +28,8 @@ CHUNK = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Returns:
-    """One step of each of n states.
+class Returns(ReadOnlyArrays):
+    """One return to the section of each of n states: a step, or where the legs differ one with either of them.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ def return_map(
     workers: int = 1,
     should_stop: Callable[[], bool] | None = None,
 ) -> Returns:
-    """Walk one step from each of many states just after an impact.
+    """Walk one step, or where the legs differ one with either of them, from each of many states just after an impact.
 
     The result of a state does not depend on the others, nor on their number, order or distribution over processes.
 
@@ -142,25 +142,34 @@ class StepMap:
         self._lift = RowMap(system.lift)
 
     def __call__(self, xi: Array) -> Returns:
-        """One step of every state; checked as ``section_states`` does."""
+        """One return of every state, a step or, where the legs differ, one with either; see ``section_states``."""
         (states,) = self._lift(xi, self.p)
-        found = self._batch.step(states) if self._engine is Engine.HEYOKA else self._one_by_one(states)
-        fields = {name: getattr(found, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
         modes = self.system.walker.modes()
-        return Returns(names=self.names, states=found.states[:, self._indices], modes=modes, **fields)
+        walked = self._step(states, 0)
+        for side in range(1, self.system.walker.n_sides()):
+            going = np.flatnonzero(walked.endings == 0)
+            if going.size:
+                walked = followed_by(walked, self._step(walked.states[going], side), going, modes)
+        fields = {name: getattr(walked, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
+        return Returns(names=self.names, states=walked.states[:, self._indices], modes=modes, **fields)
 
     @cached_property
-    def _batch(self) -> "BatchSimulator":
+    def _batches(self) -> "list[BatchSimulator]":
         from gaitopt.simulation.batch.simulator import BatchSimulator  # needs heyoka, which is optional
 
-        return BatchSimulator(self.system, self.p)
+        walker = self.system.walker
+        return [BatchSimulator(self.system, walker.standing(self.p, side)) for side in range(walker.n_sides())]
 
     @cached_property
     def _simulator(self) -> Simulator:
         return Simulator(self.system, self.p)
 
-    def _one_by_one(self, states: Array) -> BatchSteps:
-        return stack_outcomes([self._simulator.step(state) for state in states], states, self.system.walker.modes())
+    def _step(self, states: Array, side: int) -> BatchSteps:
+        """One step of every state, shape (n, n_z), while the leg of this ``side`` stands."""
+        if self._engine is Engine.HEYOKA:
+            return self._batches[side].step(states)
+        simulator = self._simulator.sides[side]
+        return stack_outcomes([simulator.step(state) for state in states], states, self.system.walker.modes())
 
 
 @lru_cache(maxsize=8)

@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
@@ -21,11 +21,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, kw_only=True)
-class Walk(Moving):
+class Walk(Moving, ReadOnlyArrays):
     """A simulated walk.
 
     Attributes

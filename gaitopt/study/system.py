@@ -1,11 +1,10 @@
 """From a problem to its hybrid system; the reference of a PD law is solved first, from its own file."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Arc, Gait, curves
@@ -28,8 +27,6 @@ from gaitopt.mechanics import (
 from gaitopt.mechanics.control.reference import continued
 from gaitopt.nlp import find_gait, integrate_to
 from gaitopt.problem import ConstantTorqueSpec, CurveReference, PDSpec, Problem
-
-Array = NDArray[np.float64]
 
 FLOW_PERIODS = 2
 """A reference that flows on is known for so many of its own periods past its end; no step takes that long."""
@@ -73,7 +70,6 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
 
     ``flow`` continues the motion of the gait's last mode as if the swing foot did not touch the ground.
     """
-    assert len(gait.steps) == 1, "only a converged gait of one step can be a reference"
     tracked = [gait.system.walker.shape.index(name) for name in gait.system.walker.tracked]
     pieces = [_piece(gait, arc, tracked) for arc in gait.arcs]
     if beyond_end is not BeyondEnd.FLOW:
@@ -115,8 +111,7 @@ def _control_structure(problem: Problem) -> tuple[object, ...]:
     if isinstance(spec, ConstantTorqueSpec):
         return (spec.type, *spec.torques)
     if isinstance(spec, PDSpec):
-        source = problem.reference_problem()
-        assert source is not None, "a reference names a problem"
+        source = _source(problem)
         return (spec.type, spec.reference.model_dump_json(), source.digest, type(source.walker))
     return (spec.type,)
 
@@ -135,8 +130,7 @@ def _control(problem: Problem, should_stop: Callable[[], bool] | None) -> Contro
 
 
 def _reference_gait(problem: Problem, should_stop: Callable[[], bool] | None) -> Gait:
-    source = problem.reference_problem()
-    assert source is not None, "a reference names a problem"
+    source = _source(problem)
     if source.walker.shape != problem.walker.shape:
         raise ProblemError(
             f"{problem.name}: control.reference: {source.name} moves {', '.join(source.walker.shape)}, "
@@ -148,9 +142,15 @@ def _reference_gait(problem: Problem, should_stop: Callable[[], bool] | None) ->
     return gait
 
 
+def _source(problem: Problem) -> Problem:
+    """The problem of a PD law's reference."""
+    if problem.reference is None:
+        raise ProblemError(f"{problem.name}: control.reference names no problem")
+    return problem.reference
+
+
 def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start: Gait) -> BezierTracking:
     """Curves through the guessed control points, or as close to the start's joint angles as their degree allows."""
-    assert len(start.steps) == 1, "only a converged gait of one step can be a start"
     points = curve.curve.points or _fitted_points(problem, curve, start)
     return BezierTracking(
         kp=spec.kp,
@@ -180,5 +180,6 @@ def _flow_on(gait: Gait, arc: Arc, duration: float) -> Arc:
     """The motion of an arc's mode for a while after its end."""
     times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
     data = gait.system.control.data(arc.segment)
-    states = integrate_to(gait.system, arc.mode, arc.states[-1], times, gait.p, data)
-    return Arc(mode=arc.mode, segment=arc.segment, times=times, states=states)
+    p = gait.system.walker.standing(gait.p, arc.side)
+    states = integrate_to(gait.system, arc.mode, arc.states[-1], times, p, data)
+    return replace(arc, times=times, states=states)

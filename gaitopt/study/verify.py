@@ -3,18 +3,16 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Ending, Gait, Trajectory, curves, observe
+from gaitopt.gait.measures import friction_ratio
 from gaitopt.mechanics import ModeSequence
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Engine, Simulator, make_stepper
 from gaitopt.study.claims import Claim, Verification, claim, failed_claim
 from gaitopt.study.comparison import AGREEMENT, motion_claims, record_claims
 from gaitopt.study.perturbation import return_map_claims
-
-Array = NDArray[np.float64]
 
 FORCE_SLACK = 1e-8
 """Excess over the friction coefficient that rounding at the edge of the cone can cause."""
@@ -89,10 +87,12 @@ def _margin_claims(gait: Gait) -> Iterator[Claim]:
     friction, scales = float(gait.system.static_friction(gait.p)), gait.system.scales(gait.p)
     cone, backward, lowest = -np.inf, 0.0, np.inf
     for arc in gait.arcs:
+        if arc.mode.flies:
+            continue
         force = observe(gait.system, gait.p, arc).force
         lowest = min(lowest, -curves.maximum(-force[:, 1])[1])
         if arc.mode.sticks:
-            ratio = force[:, 0] / force[:, 1]
+            ratio = friction_ratio(force)
             needed = max(curves.maximum(ratio)[1], curves.maximum(-ratio)[1])
             cone = max(cone, needed - friction)
         else:
@@ -100,15 +100,16 @@ def _margin_claims(gait: Gait) -> Iterator[Claim]:
     if np.isfinite(cone):
         yield claim("friction cone", cone, FORCE_SLACK, "needed minus available friction while sticking")
     yield claim("slip direction", backward / scales.speed, AGREEMENT, "against the mode, in units of sqrt(g l)")
-    yield claim("normal force", -lowest / scales.force, 0.0, f"at least {lowest:.4g} N")
+    pull = FORCE_SLACK if gait.system.walker.massless_feet else 0.0  # their force falls to zero in every step
+    yield claim("normal force", -lowest / scales.force, pull, f"at least {lowest:.4g} N")
 
 
 def _energy_claim(gait: Gait) -> Claim:
-    """Energy gained equals motor work plus work of the friction force, phase by phase."""
+    """Energy gained equals work of motors and friction less what dampers take, phase by phase."""
     worst, scale = 0.0, gait.system.scales(gait.p).energy
     for arc in gait.arcs:
         o = observe(gait.system, gait.p, arc)
-        power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1]
+        power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1] - o.loss
         worst = max(worst, abs(o.energy[-1] - o.energy[0] - curves.integral(power, arc.duration)))
         scale = max(scale, abs(o.energy[-1] - o.energy[0]))
     return claim("energy balance", worst / scale, ENERGY_AGREEMENT, "relative")

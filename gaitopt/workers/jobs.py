@@ -83,7 +83,7 @@ def run_jobs(
     jobs : in the order in which they are started, parents before their children.
     workers : where.
     done : results of parents that are not among the jobs.
-    should_stop : looked at all the time; when true, jobs that are not finished are dropped.
+    should_stop : polled; when true, jobs that are not finished are dropped.
 
     Raises
     ------

@@ -2,14 +2,18 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from gaitopt.errors import StorageError
+from gaitopt.families import continuer
 from gaitopt.families.continuer import Continuer
 from gaitopt.store import BRANCH_FILE, LineWriter, read_lines
 from gaitopt.store.manifest import seal
+from gaitopt.study.claims import Verification
+from gaitopt.study.verify import confirm
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
 
@@ -109,6 +113,20 @@ def test_impossible_requests_are_refused_before_anything_is_written(run, argumen
     assert ended == code
     assert words in err
     assert not Path("branch").exists()
+
+
+def test_gait_that_the_simulator_refutes_ends_the_branch_and_the_command_with_5(run, monkeypatch):
+    def refuted_in_the_end(gait):
+        check = confirm(gait)
+        wrong = [replace(claim, passed=False) if claim.name == "period" else claim for claim in check.claims]
+        return check if gait.p[gait.system.parameters.index("friction")] > 0.95 else Verification(claims=tuple(wrong))
+
+    monkeypatch.setattr(continuer, "confirm", refuted_in_the_end)
+    code, out, _ = run(*COMMAND, "--json", "--verify-every", "1")
+    end = records(out)[-1]
+    assert (code, end["type"]) == (5, "end")
+    assert not end["gait"]["verification"]["passed"]
+    assert run(*COMMAND, "--json", "--verify-every", "1")[0] == 5  # also from what is stored
 
 
 def test_start_that_is_no_gait_ends_with_4(run):

@@ -59,7 +59,7 @@ def test_point_of_a_branch_is_the_guess(run):
 @pytest.mark.parametrize(
     ("start", "code", "words"),
     [
-        ("compass-passive-stick", 3, "a gait of compass_biped, but rimless-wheel-slip asks for rimless_wheel"),
+        ("compass-passive-stick", 3, "a gait of compass_biped, but rimless-wheel-slip has rimless_wheel"),
         ("no-such-problem", 2, "no-such-problem"),
         ("nowhere@0.1", 6, "nowhere holds no branch"),
     ],

@@ -13,6 +13,7 @@ import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.families import continuation
 from gaitopt.families.continuer import Continuer, Limits
+from gaitopt.families.request import Request
 from gaitopt.families.segment import Metric, Point, Segment
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
 from gaitopt.mechanics import Cycle, Mode
@@ -147,9 +148,9 @@ def test_a_target_must_differ_and_lie_within_the_bounds() -> None:
 @pytest.mark.parametrize(
     ("parameter", "to", "words"),
     [
-        ("friction", -1.0, r"--to -1: friction: -1\.0 must be at least 0"),
-        ("walker.slope", 3.0, r"--to 3: walker\.slope: 3\.0 must be at least -1\.39626 and at most 1\.39626"),
-        ("walker.mass", 0.0, r"--to 0: walker\.mass: 0\.0 must be greater than 0"),
+        ("friction", -1.0, r"^-1: friction: -1\.0 must be at least 0"),
+        ("walker.slope", 3.0, r"^3: walker\.slope: 3\.0 must be at least -1\.39626 and at most 1\.39626"),
+        ("walker.mass", 0.0, r"^0: walker\.mass: 0\.0 must be greater than 0"),
     ],
 )
 def test_a_target_that_no_walker_can_have_is_refused_with_the_range(parameter: str, to: float, words: str) -> None:
@@ -204,3 +205,24 @@ def test_the_short_period_gait_goes_on_above_its_impact_change_and_in_slope() ->
     assert down[-1].value == pytest.approx(0.0005, abs=1e-14)
     assert abs(down[-1].gait.state[0]) < 0.5 * abs(down[0].gait.state[0])
     assert len(up) > 10
+
+
+def test_zeros_of_functions_of_the_caller_are_located_and_named() -> None:
+    start = named("rimless-wheel-stick")
+    events = {
+        "flat": lambda gait: gait.problem.parameters["walker.slope"] - 0.22,
+        "slow": lambda gait: gait.scalar("speed") - 0.74,
+        "never": lambda gait: gait.period,
+    }
+    branch = continuation(start, "walker.slope", 0.2, events=events, verify_every=0)
+    (flat,), (slow,) = branch.special("flat"), branch.special("slow")
+    assert {special.type for special in branch.specials} == {"flat", "slow", "end"}
+    assert flat.value == pytest.approx(0.22, abs=1e-12)
+    assert (slow.status, slow.gait.verification["passed"]) == ("converged", True)
+    assert solved("rimless-wheel-stick", walker_slope=slow.value).scalar("speed") == pytest.approx(0.74, abs=1e-11)
+    assert "events" not in Request(parameter="friction", to=(1.0,), events=events).to_record()
+
+
+def test_an_event_may_not_have_the_name_of_another_special_point() -> None:
+    with pytest.raises(UnknownNameError, match="fold is a special point already"):
+        continuation(named("rimless-wheel-stick"), "walker.slope", 0.3, events={"fold": lambda gait: 1.0})

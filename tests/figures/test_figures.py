@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection
 from pictured import SEQUENCES, TORSO, branch, gait
 
 from gaitopt.figures.branches import UNSTABLE, over_parameter
-from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, telling
+from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, informative
 from gaitopt.figures.comparison import differences, simulated
 from gaitopt.figures.front import front_figure, pareto_front
 from gaitopt.figures.labels import label, symbol
@@ -23,9 +23,9 @@ from gaitopt.runs.grid import Axis, Grid
 
 
 def figures():
-    one = [((word, name), GAIT_FIGURES[word]([gait(name)])) for name in SEQUENCES for word in telling([gait(name)])]
+    one = [((word, name), GAIT_FIGURES[word]([gait(name)])) for name in SEQUENCES for word in informative([gait(name)])]
     pair = [gait("compass-passive-a"), gait("compass-passive-b")]
-    two = [((word, "both"), GAIT_FIGURES[word](pair)) for word in telling(pair)]
+    two = [((word, "both"), GAIT_FIGURES[word](pair)) for word in informative(pair)]
     paths = [(word, branch_figure(word, "gait", "friction", branch())) for word in ("multipliers", "spectral_radius")]
     front = pareto_front({"front": [record for record in branch() if record["record"] == "point"]}, "speed", "period")
     return dict([*one, *two, *paths, ("front", front)])
@@ -82,8 +82,8 @@ def test_the_force_ratio_stays_between_the_edges_of_the_cone_and_the_cross_is_th
 
 
 def test_torques_of_a_passive_walker_are_not_drawn_unasked():
-    assert "torques" not in telling([gait("compass-passive-a")])
-    assert "torques" in telling([gait("compass-pd-impact-slip")])
+    assert "torques" not in informative([gait("compass-passive-a")])
+    assert "torques" in informative([gait("compass-pd-impact-slip")])
 
 
 @pytest.mark.parametrize("name", [*SEQUENCES, TORSO])

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from named import named
 
 import gaitopt as go
+from gaitopt.errors import SolveError
 from gaitopt.gait import Arc, Step, floquet_multipliers, multiplier_distance
 from gaitopt.mechanics import Mode
 
@@ -31,7 +32,7 @@ def test_only_a_converged_gait_may_be_trusted() -> None:
     for status in set(go.Status) - {go.Status.CONVERGED}:
         failed = replace(gait, status=status, steps=())
         assert not failed.converged
-        with pytest.raises(ValueError, match=f"rimless-wheel-stick is {status}"):
+        with pytest.raises(SolveError, match=f"rimless-wheel-stick is {status}"):
             _ = failed.state
 
 
@@ -60,3 +61,15 @@ def test_distance_of_multipliers_does_not_depend_on_their_order(matrix, order) -
 def test_distance_is_that_of_the_worst_pair() -> None:
     first, second = np.array([1.0, 0.5, 0.5j]), np.array([0.5j, 1.0, 0.6])
     assert multiplier_distance(first, second) == pytest.approx(0.1)
+
+
+def test_arrays_of_results_cannot_be_written_to_but_those_they_came_from_can() -> None:
+    gait = named("rimless-wheel-stick")
+    walk = go.simulate(gait, steps=1)
+    own = gait.arcs[0].states
+    for values in (own, gait.p, gait.multipliers, gait.shooting.states, gait.steps[0].impact.state, walk.p):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0.0
+    times = np.array([0.0, 1.0])
+    assert not Arc(mode=Mode.STICK, segment=0, times=times, states=np.zeros((2, 4))).times.flags.writeable
+    assert times.flags.writeable

@@ -15,7 +15,7 @@ from pictured import gait
 import gaitopt as go
 from gaitopt.errors import ProblemError, StorageError
 from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES
-from gaitopt.gait.quantities import QUANTITIES
+from gaitopt.problem import SCALARS
 
 pd, xr = pytest.importorskip("pandas"), pytest.importorskip("xarray")
 LONGEST_LINE = 200
@@ -121,7 +121,7 @@ def test_datasets_survive_a_file_bit_by_bit(name, branch, walk, swept):
 
 def test_columns_of_a_branch_have_the_units_of_its_scalars(branch):
     frame = branch.to_frame()
-    assert frame.attrs["units"]["speed"] == QUANTITIES["speed"][1]
+    assert frame.attrs["units"]["speed"] == SCALARS["speed"].unit
     np.testing.assert_array_equal(frame["spectral_radius"][: len(branch)], branch.column("spectral_radius"))
 
 

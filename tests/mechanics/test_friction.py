@@ -168,7 +168,7 @@ def test_friction_moves_both_coefficients_only_where_they_are_equal(gait):
     problem = gait.problem
     equal = problem.replace({"friction": {"static": 0.2, "kinetic": 0.2}})
     assert equal.replace({"friction": 0.3}).friction_data == {"static": 0.3, "kinetic": 0.3, "viscous": 0}
-    with pytest.raises(ProblemError, match=r"--set friction: there are two coefficients, .* set friction\.static or"):
+    with pytest.raises(ProblemError, match=r"friction: there are two coefficients, .* set friction\.static or"):
         problem.replace({"friction": 0.3})
     with pytest.raises(ProblemError, match=r"vary friction\.static, friction\.kinetic"):
         go.continuation(gait, "friction", 0.2)

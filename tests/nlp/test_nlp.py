@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from gaitopt.errors import SolveError
 from gaitopt.gait import Status
 from gaitopt.mechanics import CONTACTS, CompassBiped, HybridSystem, Mode, NoControl
 from gaitopt.nlp import integrate_to, roll_out, solve_gait
@@ -130,7 +131,7 @@ def test_failure_says_what_hurts_in_physical_words(name, overrides, words):
     problem, system = passive(name, **overrides)
     gait = solve_gait(problem, system)
     assert gait.status in (Status.INFEASIBLE, Status.NOT_CONVERGED)
-    with pytest.raises(ValueError, match="no gait to take a state from"):
+    with pytest.raises(SolveError, match="so there is no motion"):
         _ = gait.state
     assert not gait.steps
     assert re.search(words, gait.message), gait.message

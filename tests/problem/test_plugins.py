@@ -58,7 +58,7 @@ def test_a_broken_plugin_is_named_and_the_others_work(plugins, value, words):
     with pytest.raises(UnknownNameError, match="no walker is called 'broken'") as refused:
         find_walker("broken")
     assert words in str(refused.value)
-    with pytest.raises(ProblemError, match=r"--set walker.model: the plugin other_walkers:broken") as refused:
+    with pytest.raises(ProblemError, match=r"walker.model: the plugin other_walkers:broken") as refused:
         load_problem("rimless-wheel-stick").replace({"walker.model": "broken"})
     assert words in str(refused.value)
 

@@ -176,30 +176,30 @@ def test_durations_go_with_the_phases_they_belonged_to():
     assert problem.replace({"gait.phases": ["stick", "slip_backward", "stick"]}).guess.durations == (0.1, 0.6, 0.03)
     assert problem.replace({"gait.phases": ["stick"]}).guess.durations is None
     message = error_of(problem, {"gait.phases": ["stick"], "gait.guess.durations": [0.1, 0.6]})
-    assert message.startswith("--set gait.guess.durations: 2 given, but it takes one duration per phase (stick)")
+    assert message.startswith("gait.guess.durations: 2 given, but it takes one duration per phase (stick)")
 
 
 def test_the_slip_velocity_goes_with_the_slipping_impact():
     problem = load_problem("compass-passive-b")
     assert problem.replace({"gait.impact": "stick"}).guess.state["dx"] == 0.0
     assert error_of(load_problem("compass-passive-a"), {"gait.impact": "slip_forward"}).startswith(
-        "--set gait.impact: gait.guess.state.dx: is missing"
+        "gait.impact: gait.guess.state.dx: is missing"
     )
 
 
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        ({"friction": -1}, "--set friction: -1 must be at least 0 and at most 1000 (coefficient of friction mu)"),
-        ({"walker.leg_mas": 3}, "--set walker.leg_mas: unknown key; did you mean leg_mass or leg_com?"),
-        ({"impact_law.x": 1}, "--set impact_law.x: impact_law is 'coulomb' and has no keys: set it as a whole"),
-        ({"frction": 1, "name": "a/b"}, "--set frction: unknown key; did you mean friction?\n--set name: 'a/b' has"),
-        ({"walker.leg_com": 2}, "--set walker.leg_com: walker: leg_com = 2 m must be less than leg_length = 1.6 m"),
-        ({"control.type": "pd"}, "--set control.type: control.kd: is missing"),
-        ({"gait.guess.state.theta1": "x"}, "--set gait.guess.state.theta1: write an angle as a number in rad"),
-        ({"control": 3}, "--set control: control.type: is missing"),
-        ({"gait": None}, "--set gait: nothing (null) stands where a mapping belongs"),
-        ({"objective": "speed"}, "--set objective: too few unknowns"),
+        ({"friction": -1}, "friction: -1 must be at least 0 and at most 1000 (coefficient of friction mu)"),
+        ({"walker.leg_mas": 3}, "walker.leg_mas: unknown key; did you mean leg_mass or leg_com?"),
+        ({"impact_law.x": 1}, "impact_law.x: impact_law is 'coulomb' and has no keys: set it as a whole"),
+        ({"frction": 1, "name": "a/b"}, "frction: unknown key; did you mean friction?\nname: 'a/b' has"),
+        ({"walker.leg_com": 2}, "walker.leg_com: walker: leg_com = 2 m must be less than leg_length = 1.6 m"),
+        ({"control.type": "pd"}, "control.type: control.kd: is missing"),
+        ({"gait.guess.state.theta1": "x"}, "gait.guess.state.theta1: write an angle as a number in rad"),
+        ({"control": 3}, "control: control.type: is missing"),
+        ({"gait": None}, "gait: nothing (null) stands where a mapping belongs"),
+        ({"objective": "speed"}, "objective: too few unknowns"),
     ],
 )
 def test_a_wrong_override_is_reported_under_its_key(overrides, message):

@@ -59,7 +59,7 @@ def test_what_no_walker_can_have_is_refused_with_its_range(name, key, value, wor
     with pytest.raises(ProblemError) as caught:
         go.load_problem(name).replace({key: value})
     (line,) = str(caught.value).splitlines()
-    assert line.startswith(f"--set {key}")
+    assert line.startswith(f"{key}")
     assert words in line
 
 
@@ -83,7 +83,7 @@ def test_what_is_merely_unusual_is_remarked(name, key, value, words):
     problem = go.load_problem(name)
     assert not problem.remarks
     changed = problem.replace({key: value})
-    assert any(line.startswith(f"--set {key}") and words in line for line in changed.remarks)
+    assert any(line.startswith(f"{key}") and words in line for line in changed.remarks)
 
 
 def test_a_remark_on_a_file_has_its_line():
@@ -100,7 +100,7 @@ def test_a_remark_names_the_value_it_is_about_wherever_that_was_given_last():
         (remark,) = stated.replace(changes).remarks
         assert remark.startswith(in_file)
     (remark,) = stated.replace({"friction": 30}).replace({"walker.hip_mass": 2.5}).remarks
-    assert remark.startswith("--set friction: 30 is unusual")
+    assert remark.startswith("friction: 30 is unusual")
     assert not stated.replace({"friction": 0.2}).remarks
 
 

@@ -309,9 +309,19 @@ def test_a_family_beside_its_orbits_is_refused():
         assert failures(spoiled_family).keys() == {"existence and uniqueness"}
 
 
-def test_a_walker_with_joint_stops_is_refused_by_name():
-    result = prove(gait("kneed-passive"))
-    assert "kneed_walker has joint stops" in failed(result)["statement"]
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("kneed-passive", "joint stops"),
+        ("hopper", "flight"),
+        ("compass-push-off", "a push-off"),
+        ("compass-unequal", "legs that differ"),
+    ],
+)
+def test_what_no_proof_knows_is_refused_by_name(name, reason):
+    result = prove(gait(name))
+    assert not result.proved
+    assert reason in failed(result)["statement"]
 
 
 def test_a_certificate_of_an_older_format_is_named():

@@ -81,7 +81,8 @@ def test_basin_that_was_stopped_goes_on_where_it_was(gait, basin, tmp_path, monk
     monkeypatch.setattr(basin_run, "TILE", 32)
     done = []
     plan = plan_in(tmp_path, gait)
-    assert walk_basin(plan, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2) is None
+    with pytest.raises(KeyboardInterrupt):
+        walk_basin(plan, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
     resumed = []
     whole = walk_basin(plan, HERE, progress=lambda k, n: resumed.append((k, n)))
     assert resumed == [(3, 4), (4, 4)]
@@ -158,7 +159,7 @@ def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     assert set(outcomes.periods) == {period}
     attractors = Attractors(load_problem("compass-passive-a"))
     assert set(attractors.add(outcomes)) == {0}
-    assert attractors.found[0].count == len(cycle)
+    assert attractors.gaits[0].count == len(cycle)
 
 
 def test_walk_that_never_settles_is_undecided_and_one_that_falls_is_not():
@@ -179,7 +180,7 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
     assert set(outcomes.periods) <= {0, period}
     attractors = Attractors(problem)
     attractors.add(outcomes)
-    (attractor,) = attractors.found
+    (attractor,) = attractors.gaits
     assert str(attractor).startswith("sticking")
     gait = go.solve(attractor)
     assert len(gait.steps) == period
@@ -189,7 +190,7 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
 
 
 def test_grid_over_something_else_is_refused(gait, tmp_path):
-    with pytest.raises(UnknownNameError, match="--over friction: not a coordinate just after an impact; use theta1"):
+    with pytest.raises(UnknownNameError, match="friction: not a coordinate just after an impact; use theta1"):
         check_basin(plan_in(tmp_path, gait, grid=Grid((Axis(key="friction", lower=0.1, upper=0.2, count=2),))))
 
 

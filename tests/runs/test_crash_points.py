@@ -37,7 +37,7 @@ COMMANDS = {
     "report": ("report", WHEEL),
 }
 REST = (("kill", False), ("tear", True), ("tear", False), ("full", True), ("full", False))
-TIMES = re.compile(rb'"seconds": [^,}\s]+|"crc": "[^"]+"')
+TIMES = re.compile(rb'(, )?"seconds": [^,}\s]+|(, )?"crc": "[^"]+"|seconds</th><td>[^<]+')
 """How long something took, and the checksums of lines that say so."""
 SAME = 1e-9
 """A walk along a family that was taken up agrees with one that was not, to this, and everything else exactly."""

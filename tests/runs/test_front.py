@@ -46,7 +46,8 @@ def test_front_goes_on_where_it_was(front, folder, monkeypatch):
 
 
 def test_front_that_is_stopped_says_so(tmp_path):
-    assert design_front(asked(), AXIS, tmp_path, should_stop=lambda: True) is None
+    with pytest.raises(KeyboardInterrupt):
+        design_front(asked(), AXIS, tmp_path, should_stop=lambda: True)
 
 
 def test_front_without_objective_is_refused(tmp_path):

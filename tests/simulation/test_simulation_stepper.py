@@ -57,36 +57,6 @@ def test_the_event_is_as_accurate_as_the_integration() -> None:
     assert all(error < rtol for error, rtol in zip(errors, (1e-7, 1e-9, 1e-11, 2e-13), strict=True))
 
 
-def test_an_arc_without_an_event_ends_exactly_at_its_limit() -> None:
-    arrival = stepper().advance(Mode.STICK, NO_DATA, 0.1, START, 0.25)
-    assert (arrival.time, arrival.event, arrival.failure) == (0.25, None, "")
-
-
-def test_an_arc_of_no_length_is_where_it_starts() -> None:
-    arrival = stepper().advance(Mode.STICK, NO_DATA, 0.25, START, 0.25)
-    assert arrival.time == 0.25
-    assert np.array_equal(arrival.state, START)
-
-
-def test_an_arc_may_be_cut_anywhere() -> None:
-    whole = stepper().advance(Mode.STICK, NO_DATA, 0.0, START, 5.0)
-    middle = stepper().advance(Mode.STICK, NO_DATA, 0.0, START, 0.4)
-    rest = stepper().advance(Mode.STICK, NO_DATA, middle.time, middle.state, 5.0)
-    assert rest.time == pytest.approx(whole.time, abs=1e-13)
-    assert rest.state == pytest.approx(whole.state, abs=1e-12)
-
-
-def test_samples_lie_on_the_arc() -> None:
-    one = stepper()
-    end = one.advance(Mode.STICK, NO_DATA, 0.0, START, 5.0)
-    times = np.array([0.0, 1e-9, 0.1, 0.1 + 1e-14, 0.5, end.time])
-    states = one.sample(Mode.STICK, NO_DATA, START, times)
-    for t, z in zip(times[1:], states[1:], strict=True):
-        assert z == pytest.approx(one.advance(Mode.STICK, NO_DATA, 0.0, START, t).state, abs=1e-12)
-    energy = states[:, 2] ** 2 * (1 + KAPPA) / 2 + np.cos(states[:, 0] + SLOPE)
-    assert energy == pytest.approx(energy[0], abs=1e-13)
-
-
 def test_a_motion_that_becomes_singular_is_a_numerical_ending() -> None:
     trajectory = Simulator(HybridSystem(Cliff, NoControl()), P).run(START)
     assert trajectory.ending is Ending.NUMERICAL
@@ -110,14 +80,14 @@ def test_endless_integration_is_a_numerical_ending(monkeypatch: pytest.MonkeyPat
 
 
 class Recorder:
-    """Another stepper behind the same seam: it notes what it is asked and leaves the work to scipy's."""
+    """Another stepper behind the same seam: it notes the modes and leaves the work to scipy's."""
 
     def __init__(self) -> None:
-        self.asked: list[Mode] = []
+        self.modes: list[Mode] = []
         self._inner = stepper()
 
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
-        self.asked.append(mode)
+        self.modes.append(mode)
         return self._inner.advance(mode, data, time, state, limit)
 
     def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
@@ -127,7 +97,7 @@ class Recorder:
 def test_any_stepper_can_take_the_place_of_scipys() -> None:
     system, recorder = HybridSystem(RimlessWheel, NoControl()), Recorder()
     trajectory = Simulator(system, P, stepper=recorder).run(START, 3, dense=True)
-    assert recorder.asked == [mode for step in trajectory.steps for mode, _ in step.phases]
+    assert recorder.modes == [mode for step in trajectory.steps for mode, _ in step.phases]
     assert np.array_equal(trajectory.section_states, Simulator(system, P).run(START, 3).section_states)
 
 

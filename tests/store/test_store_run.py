@@ -239,8 +239,9 @@ def test_a_problem_without_a_run_has_none(tmp_path):
 
 def test_a_file_in_place_of_the_folder_is_named(tmp_path):
     (tmp_path / "run").write_text("")
-    with pytest.raises(StorageError, match="Not a directory; name another with -o"):
+    with pytest.raises(StorageError, match="Not a directory; name another") as refused:
         write_run(tmp_path / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+    assert refused.value.argument == "output"
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):

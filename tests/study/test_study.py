@@ -16,7 +16,7 @@ from gaitopt.study import Walk, build_system, gait_reference
 SIMULATED = {"problem", "status", "friction", "phases", "impact", "state", *MEASURES}
 RESULT = {
     "problem", "status", "friction", "phases", "impact", "state", "period", "step_length", "speed", "work",
-    "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque", "slip_distance",
+    "damping_loss", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque", "slip_distance",
     "foot_clearance", "multipliers", "spectral_radius", "required_friction", "impulse_ratio", "min_normal_force",
     "parameters", "verification",
 }  # fmt: skip

@@ -20,7 +20,7 @@ function set(element, attributes) {
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
 }
 
-const MODE_WORDS = { stick: "stick", slip_forward: "slip forward", slip_backward: "slip backward" };
+const MODE_WORDS = { stick: "stick", slip_forward: "slip forward", slip_backward: "slip backward", flight: "flight" };
 
 function modeKey(modes) {
   const key = html("p", { class: "key" });

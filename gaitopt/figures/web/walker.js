@@ -74,9 +74,9 @@ class Walker {
     this.join(this.legs, this.film.legs, points, step);
     this.join(this.ties, this.film.ties, points, 0);
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
-    this.drawForce(points[0], frame);
+    this.drawForce(points[this.film.contact], frame);
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
-    const about = Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
+    const about = phase.mode === "flight" || Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
   }
 

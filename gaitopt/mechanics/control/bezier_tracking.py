@@ -12,12 +12,10 @@ from math import comb
 
 import numpy as np
 from casadi import SX, reshape, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.control.reference import BeyondEnd
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

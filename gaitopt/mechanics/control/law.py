@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from casadi import SX
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.control.reference import Reference, evaluate
 
 
@@ -50,7 +50,7 @@ class Control(ABC):
         """Time since impact up to which the law is defined [s]."""
         return np.inf
 
-    def data(self, segment: int) -> NDArray[np.float64]:
+    def data(self, segment: int) -> Array:
         """Segment data r; always of the same length."""
         return np.zeros(0)
 
@@ -111,11 +111,11 @@ class ProportionalDerivative(Control):
         """End of the reference."""
         return self.reference.horizon
 
-    def data(self, segment: int) -> NDArray[np.float64]:
+    def data(self, segment: int) -> Array:
         """The piece of the reference that holds in ``segment``."""
         return self.reference.data(segment)
 
     def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
         """Feedback on the error of each tracked joint."""
-        wanted, active = evaluate(r, t, angles.numel(), self.reference.degree, (p[0], p[1]))
-        return -active * (p[0] * angles + p[1] * rates - wanted)
+        target, active = evaluate(r, t, angles.numel(), self.reference.degree, (p[0], p[1]))
+        return -active * (p[0] * angles + p[1] * rates - target)

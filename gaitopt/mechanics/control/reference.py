@@ -11,9 +11,8 @@ from enum import StrEnum
 import numpy as np
 from casadi import SX, horzsplit, reshape, vertcat, vertsplit
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaitopt.arrays import Array
 
 BLOCK = 6
 """Terms of a series that are summed directly; about the root of their number, which is 33 for a phase of walking."""

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from casadi import MX, nlpsol, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Status
 from gaitopt.nlp.ipopt import ENDINGS, Progress, Watch
 
-Array = NDArray[np.float64]
 Bounds = tuple[Array, Array]
 
 SIGMAS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)

@@ -20,14 +20,13 @@ from itertools import groupby
 
 import numpy as np
 from casadi import MX, sum1, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Status
 from gaitopt.mechanics import HybridSystem, Mode, ModeSequence
 from gaitopt.nlp.complementarity.homotopy import Homotopy
 from gaitopt.nlp.ipopt import Progress
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 ELEMENTS = 14
@@ -82,7 +81,7 @@ class Complementarity:
     p : ndarray, shape (n_p,) - parameters, from which natural units follow.
     period : typical one [s]; breakpoints of the control before it are ends of elements.
     free : bounds of the parameters that are unknowns, by dotted key.
-    within : bounds of the state just after the impact by name, where a design asks for some.
+    within : bounds of the state just after the impact by name, where a design has some.
     """
 
     def __init__(

@@ -4,11 +4,9 @@ Relabelling is affine, s_plus = A s_minus + b, so that the shape just before an 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode
-
-Array = NDArray[np.float64]
 
 
 def swing(system: HybridSystem, p: Array, shape: Array, period: float) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""The gait that a problem asks for; where parameters are unknowns, the best one that meets the constraints.
+"""The gait of a problem; where parameters are unknowns, the best one that meets the constraints.
 
 A design starts from a gait: a given one, or that of the guessed parameters. From there IPOPT looks for the optimum of a
 smoothed problem over nodes, durations and freed parameters (``program``). Sequential quadratic programming in the freed
@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
@@ -31,8 +32,6 @@ from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_sta
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
-Array = NDArray[np.float64]
-
 MAX_ROUNDS = 12
 """Times that a smoothed search may be taken up again where its reach or a breakpoint of the control has stopped it."""
 MAX_MESHES = 3
@@ -51,7 +50,7 @@ def find_gait(
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Gait:
-    """The gait that ``problem`` asks for: designed where parameters are unknowns, solved otherwise.
+    """The gait of ``problem``: designed where parameters are unknowns, solved otherwise.
 
     Parameters
     ----------

@@ -7,14 +7,12 @@ left, the multipliers name the bounds and constraints against which the search w
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Status
 from gaitopt.nlp.design.program import Program, Rows
 from gaitopt.nlp.ipopt import IpoptResult
 from gaitopt.problem import Problem, Range
-
-Array = NDArray[np.float64]
 
 MISSED = 1e-6
 """Slack, relative to the bound or to one, beyond which a constraint is not met."""

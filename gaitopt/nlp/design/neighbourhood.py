@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.errors import SolveError
 from gaitopt.gait import Gait, curves
 from gaitopt.mechanics import margin_names, margin_scales
@@ -21,8 +22,6 @@ from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.start import free_parameters, step_states
 from gaitopt.nlp.transcription import Transcription
-
-Array = NDArray[np.float64]
 
 RADII = (1e-2, 1e-3, 1e-4)
 """Distances of neighbours, relative to the sizes of the freed parameters."""
@@ -133,7 +132,7 @@ class _Search:
             by_freed.append((ahead.rows - behind.rows) / (2 * step.sum()))
             slopes.append((ahead.w - behind.w) / (2 * step.sum()))
         self._by_freed, self._slopes = np.array(by_freed).T, np.array(slopes).T
-        self._objective = sum(weight * _scalar(gait, name) for name, weight in gait.problem.objective.items())
+        self._objective = sum(weight * gait.scalar(name) for name, weight in gait.problem.objective.items())
 
     def feasible(self, freed: Array) -> tuple[float, Array] | None:
         """Relative gain and place of the feasible point next to ``freed``; None where there is none."""
@@ -176,7 +175,7 @@ def _measured(gait: Gait, w: Array) -> _Values:
     rows = [(value, False) for value in _margins(gait)]
     for name, span in gait.problem.constraints.items():
         unit = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
-        values = np.abs(gait.multipliers) if name == RADIUS else np.array([_scalar(gait, name)])
+        values = np.abs(gait.multipliers) if name == RADIUS else np.array([gait.scalar(name)])
         if span.minimum == span.maximum:
             rows.append((span.maximum - values.max(), True))
             continue
@@ -184,26 +183,14 @@ def _measured(gait: Gait, w: Array) -> _Values:
             rows += [((span.maximum - value) / unit, False) for value in values]
         if np.isfinite(span.minimum):
             rows.append(((values.max() - span.minimum) / unit, False))
-    objective = sum(weight * _scalar(gait, name) for name, weight in gait.problem.objective.items())
+    objective = sum(weight * gait.scalar(name) for name, weight in gait.problem.objective.items())
     values, equality = (np.array(column) for column in zip(*rows, strict=True))
     return _Values(w=w, objective=objective, rows=values, equality=equality)
-
-
-def _scalar(gait: Gait, name: str) -> float:
-    """A scalar of the result by name."""
-    if name in gait.system.parameters:
-        return float(gait.p[gait.system.parameters.index(name)])
-    if name.startswith("state."):
-        return float(gait.state[gait.system.state_names.index(name.removeprefix("state."))])
-    value = gait.spectral_radius if name == RADIUS else gait.measures[name]
-    assert value is not None, "a constraint is on something that the gait has"
-    return value
 
 
 def _margins(gait: Gait) -> list[float]:
     """The least value of every margin along every arc, and those of the impact, in natural units."""
     (step,) = gait.steps
-    assert step.impact is not None
     system, scales, rows = gait.system, gait.system.scales(gait.p), list[float]()
     for arc in step.arcs:
         values = system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, system.control.data(arc.segment))
@@ -211,7 +198,7 @@ def _margins(gait: Gait) -> list[float]:
         for name, row, unit in zip(names, np.asarray(values), margin_scales(arc.mode, scales), strict=True):
             if name not in ("touchdown", "upright"):
                 rows.append(-curves.maximum(-row)[1] / float(unit))
-    impact, friction = step.impact, float(system.static_friction(gait.p))
+    impact, friction = step.final_impact, float(system.static_friction(gait.p))
     if impact.mode.sticks:
         f_t, f_n = impact.stick_impulse / scales.impulse
         return [*rows, f_n, friction * f_n + f_t, friction * f_n - f_t]

@@ -8,13 +8,11 @@ not Lipschitz; the inequalities of ``nlp.moduli`` that stand for them are smooth
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.design.reduced import Point
 from gaitopt.nlp.design.trust_region import SMALL
-
-Array = NDArray[np.float64]
 
 ACTIVE = 1e-7
 """A constraint is active where so small a change of the unknowns, relative to their sizes, would violate it."""

@@ -11,13 +11,11 @@ from functools import cached_property
 
 import numpy as np
 from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.integrator import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.nlp.transcription import Transcription
-
-Array = NDArray[np.float64]
 
 RADIUS = "spectral_radius"
 EXTREMA = {
@@ -118,7 +116,7 @@ class Outcome:
             fractions = (np.arange(arc.intervals)[:, None] + LOBATTO_POINTS).ravel()
             observe = system.observation(arc.mode).map(fractions.size)
             times = start + h * MX(DM(fractions)).T
-            force, torque, power, foot, _, _ = observe(times, states, *self._t.constants(arc, fractions.size))
+            force, torque, power, foot, *_ = observe(times, states, *self._t.constants(arc, fractions.size))
             weights = h * MX(DM(np.tile(LOBATTO_WEIGHTS, arc.intervals))).T
             ahead = foot[0, :] - states[system.n_shape, :]
             samples.append(
@@ -147,10 +145,14 @@ class Outcome:
         return self._t.system.weight(self._t.p) * self._step_length()
 
     def _work(self) -> MX:
-        return self._integral(lambda s: sum1(s.power))
+        return self._push_work() + self._integral(lambda s: sum1(s.power))
 
     def _absolute_work(self) -> MX:
-        return self._integral(lambda s: sum1(sqrt(s.power**2 + self._width**2)))
+        return self._push_work() + self._integral(lambda s: sum1(sqrt(s.power**2 + self._width**2)))
+
+    def _push_work(self) -> MX:
+        """Work of the push before the impact; that of a foot at rest is positive."""
+        return self._t.system.push(self._t.Z[:, -1], self._t.p)[1]
 
     def _slip_distance(self) -> MX:
         x = self._t.system.n_shape

@@ -1,4 +1,4 @@
-"""The NLP of a design: the equations of the step, what is asked of its scalars, and what is to be minimised.
+"""The NLP of a design: the equations of the step, the constraints on its scalars, and the objective.
 
     min   sum of weight x scalar
     s.t.  equalities = 0, margins >= 0                     nlp.transcription
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from casadi import MX, Function, sum1, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS, Outcome
 from gaitopt.nlp.design.rows import CLEARANCE
 from gaitopt.nlp.design.spectral_radius import certified_radius
@@ -23,8 +23,6 @@ from gaitopt.nlp.design.trust_region import SMALL, search
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem, Range
-
-Array = NDArray[np.float64]
 
 SMOOTHING = 3e-5
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
@@ -153,7 +151,7 @@ class Program:
         return rows
 
     def _inflates(self, name: str) -> bool:
-        """Whether what is asked would push an extremum away from its curve."""
+        """Whether objective or constraints would push an extremum away from its curve."""
         span = self._problem.constraints.get(name, Range(minimum=-np.inf, maximum=np.inf))
         bound = span.minimum if EXTREMA[name] > 0 else -span.maximum
         return bool(np.isfinite(bound)) or EXTREMA[name] * self._problem.objective.get(name, 0.0) < 0
@@ -184,8 +182,8 @@ class Program:
 
     def _size_at_start(self, objective: MX, unknowns: MX, parameters: MX) -> float:
         function = Function("objective", [unknowns, parameters], [objective])
-        found = float(function(self._search.start, self._p))
-        return max(abs(found), SMALL) if np.isfinite(found) else 1.0
+        value = float(function(self._search.start, self._p))
+        return max(abs(value), SMALL) if np.isfinite(value) else 1.0
 
     def _objective(self) -> MX | None:
         if self._slack.numel():

@@ -2,15 +2,14 @@
 
     min  g' d + d' H d / 2    s.t.  A d + b >= 0
 
-With H = L L' and y = L' d + L^-1 g it asks for the shortest y in a polyhedron, which nonnegative least squares finds.
+With H = L L' and y = L' d + L^-1 g it is that of the shortest y in a polyhedron, solved by nonnegative least squares.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
-Array = NDArray[np.float64]
+from gaitopt.arrays import Array
 
 CONTRADICTION = 1e-9
 """Distance in the problem of nonnegative least squares that means a polyhedron without points."""

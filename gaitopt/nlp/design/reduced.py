@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS
 from gaitopt.nlp.design.rows import Radius, Row, Values, margin_rows, span_rows
 from gaitopt.nlp.design.scalars import Scalars
@@ -21,8 +21,6 @@ from gaitopt.nlp.newton import Linearisation, polish
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
-
-Array = NDArray[np.float64]
 
 SOLVED = 1e-10
 """Residual of the equations of the step at a point."""

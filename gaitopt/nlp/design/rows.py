@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.design.moduli import circle_rows, modulus_gradient
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS
 from gaitopt.nlp.design.scalars import Piece, Scalars, Valued
@@ -17,8 +17,6 @@ from gaitopt.nlp.design.sensitivity import Sensitivity
 from gaitopt.nlp.design.spectral_radius import ResponseSlope
 from gaitopt.nlp.newton import section_sensitivity
 from gaitopt.problem import Problem, Range
-
-Array = NDArray[np.float64]
 
 CLEARANCE = 1e-10
 """Force or impulse, in natural units, that a design keeps from the edge of the friction cone, where optima like to lie:

@@ -7,17 +7,17 @@ place, since there the place does not matter. |power| is integrated between its 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import chain
 
 import numpy as np
 from casadi import MX, Function, jacobian, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.mechanics import Mode, margin_scales
 from gaitopt.nlp.design.sensitivity import ArcCurves, Curve, Sensitivity
 from gaitopt.nlp.transcription import Transcription
 
-Array = NDArray[np.float64]
 Valued = tuple[float, Array]
 """A number and its derivatives in the freed parameters, shape (n_free,)."""
 
@@ -49,12 +49,13 @@ class Scalars:
             "period": self._period,
             "step_length": self._step_length,
             "speed": lambda: _ratio(self._step_length(), self._period()),
-            "work": lambda: _total(c.integral() for a in sensitivity.arcs for c in a.power),
+            "work": lambda: self._plus_push(c.integral() for a in sensitivity.arcs for c in a.power),
             "torque_squared": lambda: _total(_squared(c).integral() for a in sensitivity.arcs for c in a.torque),
             "slip_distance": self._slip_distance,
             "cost_of_transport": lambda: _ratio(self._smooth["work"](), self._weighted_length()),
             "absolute_cost_of_transport": lambda: _ratio(
-                _total(c.absolute_integral() for a in sensitivity.arcs for c in a.power), self._weighted_length()
+                self._plus_push(c.absolute_integral() for a in sensitivity.arcs for c in a.power),
+                self._weighted_length(),
             ),
         }
         self._known: dict[str, Valued] = {}
@@ -111,7 +112,7 @@ class Scalars:
                 ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]
                 for piece in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), piece
-        for row, (_, label) in enumerate(t.impact_margins(), start=4):
+        for row, (_, label) in enumerate(t.impact_margins(), start=5):
             value, slope = float(self._impact[row]), self._impact_slopes[row]
             yield label.name, label.unit(scales), Piece(key=f"impact {label.name}", value=value, gradient=slope)
 
@@ -126,6 +127,10 @@ class Scalars:
     def _weighted_length(self) -> Valued:
         length, slope = self._step_length()
         return length * self._impact[1], slope * self._impact[1] + length * self._impact_slopes[1]
+
+    def _plus_push(self, terms: Iterator[Valued]) -> Valued:
+        """The sum of works, with that of the push before the impact."""
+        return _total(chain(terms, [(float(self._impact[4]), self._impact_slopes[4])]))
 
     def _slip_distance(self) -> Valued:
         t, s, x = self._t, self._s, self._t.system.n_shape
@@ -162,11 +167,12 @@ class Scalars:
 
 @lru_cache(maxsize=8)
 def at_impact(t: Transcription) -> Function:
-    """(w, p) -> step length, weight, impulse (F_t, F_n) of a sticking impact, margins; and their Jacobian in w."""
+    """(w, p) -> step length, weight, impulse (F_t, F_n) of a sticking impact, work of the push, margins; by w."""
     landed = t.system.impact(t.layout.cycle.impact)(t.Z[:, -1], t.p)[0]
     impulse = t.system.impact(Mode.STICK)(t.Z[:, -1], t.p)[1]
     margins = [expression for expression, _ in t.impact_margins()]
-    values = vertcat(landed[t.system.n_shape], MX(t.system.weight(t.p)), impulse, *margins)
+    work = t.system.push(t.Z[:, -1], t.p)[1]
+    values = vertcat(landed[t.system.n_shape], MX(t.system.weight(t.p)), impulse, work, *margins)
     return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])
 
 

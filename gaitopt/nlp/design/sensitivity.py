@@ -13,8 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, jacobian, vertcat
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.nlp.assembly import assemble_steps
@@ -22,9 +22,6 @@ from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.shooting_jacobian import step_derivatives
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import factorise
-
-Array = NDArray[np.float64]
-
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved; every point costs a step."""
@@ -151,7 +148,7 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
     """(t, z, p, r) -> force, swing foot's height and lead, torques, motor rates, powers, margins; their Jacobian."""
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
-    force, torque, power, foot, _, rate = system.observation(mode)(t, z, p, r)
+    force, torque, power, foot, _, rate, _ = system.observation(mode)(t, z, p, r)
     margins = system.margins(mode)(t, z, p, r)
     values = vertcat(force, foot[1], foot[0] - z[system.n_shape], torque, rate, power, margins)
     by = vertcat(t, z, *(p[system.parameters.index(name)] for name in free))

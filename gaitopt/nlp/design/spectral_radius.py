@@ -23,15 +23,13 @@ from typing import Any
 
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.newton import linearise, section_sensitivity
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
-
-Array = NDArray[np.float64]
 
 EPSILON = 1e-6
 """A matrix of norm N is certified with a radius whose square exceeds that of its largest modulus by some eps N^2;
@@ -148,22 +146,22 @@ class _Sensitivity:
 
 
 class _SensitivityCache:
-    """How the step answers to deviations; the last answer is kept, for IPOPT asks for value and slope in turn."""
+    """How the step answers to deviations; the last answer is kept, for IPOPT evaluates value and slope in turn."""
 
     def __init__(self, transcription: Transcription) -> None:
         self._t = transcription
-        self._asked: tuple[bytes, bytes] | None = None
+        self._key: tuple[bytes, bytes] | None = None
         self._answer: _Sensitivity | None = None
 
     def at(self, w: Array, p: Array) -> _Sensitivity | None:
         """The answer, or None where it is not definite."""
-        asked = (w.tobytes(), p.tobytes())
-        if asked != self._asked:
-            self._asked, self._answer = asked, self._found(w, p)
+        key = (w.tobytes(), p.tobytes())
+        if key != self._key:
+            self._key, self._answer = key, self._evaluated(w, p)
         return self._answer
 
     @overflow_allowed()
-    def _found(self, w: Array, p: Array) -> _Sensitivity | None:
+    def _evaluated(self, w: Array, p: Array) -> _Sensitivity | None:
         if not np.isfinite(w).all():
             return None
         try:

@@ -11,14 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.design.optimality import NEGLIGIBLE, kkt_residual, objective_size
 from gaitopt.nlp.design.quadratic import least_distance
 from gaitopt.nlp.design.reduced import Point, Reduced
 from gaitopt.nlp.ipopt import Progress
-
-Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 200
 OPTIMALITY, MET = 1e-6, 1e-9
@@ -53,7 +51,7 @@ class Optimum:
     kkt : least norm of the objective's gradient less nonnegative multiples of those of the active constraints.
     multipliers : of the active constraints, by their keys.
     iterations : how many.
-    interrupted : whether it was asked to stop.
+    interrupted : whether it was stopped on request.
     """
 
     point: Point
@@ -152,7 +150,8 @@ class _Model:
             H[:n, :n], H[n, n] = self.H, RELAXED
             slack = np.maximum(0.0, -c)[:, None]
             solution = least_distance(H, np.append(self.gradient, 0.0), np.hstack([A, slack]), c)
-        assert solution is not None, "relaxed constraints have a solution"
+        if solution is None:
+            raise np.linalg.LinAlgError("the relaxed quadratic program, which has a solution, was not solved")
         d, weights = solution
         m = self.b.size
         multipliers = weights[:m].copy()

@@ -7,11 +7,9 @@ it keeps clear of motions that are no walk. The same values are their sizes.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.nlp.transcription import Transcription
-
-Array = NDArray[np.float64]
 
 LONGEST = 3.0
 """No phase grows longer in one search than so many periods."""

@@ -20,7 +20,7 @@ const MARKS = {
 };
 const CROSS = [[-0.8, -0.8], [0, -0.25], [0.8, -0.8], [0.25, 0], [0.8, 0.8], [0, 0.25], [-0.8, 0.8], [-0.25, 0]]; // where families end
 
-// Whether a branch ends only where it was asked to end.
+// Whether a branch ends at a bound of its request.
 function isBound(special) {
   return special.type === "end" && special.reason?.startsWith("reached ");
 }

@@ -2,16 +2,17 @@
 // `fellows` are all motions that stand side by side, this one among them: they share their axes.
 
 const COLOURS = ["first", "second", "third"];
+const CARRIES = 0.01; // part of the weight
 const REACH = 2; // of the plane of multipliers: beyond it they stand at its edge with their value
 
 // Times, columns and phases of an unrolled film, and the slip of the stance foot since its own step began.
 function motion(film) {
   const t = new Float64Array(film.columns.x0.length);
   const slipped = new Float64Array(t.length);
-  for (const { start, end, first, last, origin } of film.phases)
+  for (const { mode, start, end, first, last, origin } of film.phases)
     for (let k = first; k <= last; k += 1) {
       t[k] = start + ((end - start) * (k - first)) / (last - first);
-      slipped[k] = 1000 * (film.columns.x0[k] - origin);
+      slipped[k] = mode === "flight" ? NaN : 1000 * (film.columns.x0[k] - origin);
     }
   return { film, t, slipped, ...film.columns };
 }
@@ -28,17 +29,26 @@ function timeAxis({ film }) {
   return film.steps > 1 ? "time since the start [s]" : "time since impact [s]";
 }
 
-// Draw y over x, phase by phase.
+const STROKES = { stick: "", flight: "flying" };
+
+// Draw y over x, phase by phase, as far as y is a number: there is no force in flight.
 function stroke(chart, moving, x, y, colour) {
   for (const { mode, first, last } of moving.film.phases) {
-    const points = Array.from({ length: last - first + 1 }, (_, k) => [x[first + k], y[first + k]]);
-    chart.line(points, `curve ${colour} ${mode === "stick" ? "" : "slipping"}`);
+    const points = Array.from({ length: last - first + 1 }, (_, k) => [x[first + k], y[first + k]]).filter((point) => point.every(Number.isFinite));
+    if (points.length) chart.line(points, `curve ${colour} ${STROKES[mode] ?? "slipping"}`);
   }
 }
 
+// What the lines of a figure mean, as far as they occur.
+function strokesMean({ film }) {
+  const modes = film.phases.map((phase) => phase.mode);
+  return (modes.some((mode) => !(mode in STROKES)) ? "Dashed: the foot slips. " : "") + (modes.includes("flight") ? "Dotted, thin: flight. " : "");
+}
+
 function portrait(host, moving, fellows, labels) {
-  const { shape } = moving.film;
-  const options = { title: `Phase portrait of ${shape.map((name) => labels.symbols[name]).join(" and ")}`, x: "angle [rad]", y: "rate [rad/s]" };
+  const { film } = moving;
+  const { shape } = film;
+  const options = { title: `Phase portrait of ${shape.map((name) => labels.symbols[name]).join(" and ")}`, x: film.lengths ? "angle [rad], length [m]" : "angle [rad]", y: film.lengths ? "rate [rad/s, m/s]" : "rate [rad/s]" };
   const all = (name) => fellows.flatMap((fellow) => [...(fellow[name] ?? [])]);
   options.xRange = extent(shape.flatMap(all));
   options.yRange = extent(shape.flatMap((name) => all(`d${name}`)));
@@ -54,11 +64,12 @@ function portrait(host, moving, fellows, labels) {
       stroke(chart, moving, x, y, colour);
     });
   });
-  legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), "Dashed: the foot slips. Dotted: the impact. Dot: just after it.");
+  legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}Dotted: the impact. Dot: just after it.`);
 }
 
-function ratios({ f_t, f_n }) {
-  return f_t.map((force, k) => force / f_n[k]);
+// Where the foot carries nothing, there is no ratio.
+function ratios({ film, f_t, f_n }) {
+  return f_t.map((force, k) => (f_n[k] > CARRIES * film.weight ? force / f_n[k] : NaN));
 }
 
 function longest(fellows) {
@@ -75,7 +86,9 @@ function forceRatio(host, moving, fellows) {
     chart.band(film.friction, Infinity, "beyond");
     chart.band(-Infinity, -film.friction, "beyond");
     stroke(chart, moving, moving.t, ratio, "first");
-    stepEnds(film).forEach(([, last], step) => chart.cross(moving.t[last], film.impulse_ratios[step], "curve second"));
+    stepEnds(film).forEach(([, last], step) => {
+      if (Number.isFinite(film.impulse_ratios[step])) chart.cross(moving.t[last], film.impulse_ratios[step], "curve second");
+    });
   });
   const cone = `Shaded: beyond the friction cone ±μ = ±${Number(film.friction.toPrecision(4))}.`;
   legend(host, [["first", "stance foot"], ["second", "impulse ratio that a sticking impact needs (cross)"]], film.friction < reach * 1.05 ? cone : `The cone ±${film.friction} is wider than the picture.`);
@@ -83,7 +96,7 @@ function forceRatio(host, moving, fellows) {
 
 function slip(host, moving, fellows) {
   const range = extent(fellows.flatMap((fellow) => [...fellow.slipped]));
-  if (range.every((value) => Math.abs(value) < 1e-3)) return;
+  if (range.every((value) => Math.abs(value) < 0.05)) return;
   const options = { title: "Slip of the stance foot", x: timeAxis(moving), y: "x [mm]", xRange: [0, longest(fellows)], yRange: range };
   new Chart(host, options, (chart) => stroke(chart, moving, moving.t, moving.slipped, "first"));
 }

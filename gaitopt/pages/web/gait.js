@@ -1,7 +1,5 @@
 // One gait: what it is, how it moves, its figures.
 
-const MOTORS = ["work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque"]; // no rows of zeros without any
-
 function radius(gait) {
   return Math.max(0, ...gait.multipliers.map(([re, im]) => Math.hypot(re, im)));
 }
@@ -58,15 +56,14 @@ function numbersTable(host, gaits, labels) {
     if (values.length === 2) cells.push(values.every((v) => typeof v === "number") ? shown(values[1] - values[0]) : "");
     body.append(html("tr", {}, html("th", { scope: "row" }, words), html("td", {}, unit), ...cells.map((cell) => html("td", { class: "number" }, cell))));
   };
-  const passive = gaits.every((gait) => !gait.scalars.peak_torque);
-  for (const [key, { words, unit }] of Object.entries(labels.scalars).filter(([key]) => !(passive && MOTORS.includes(key)))) row(words, unit, gaits.map((gait) => gait.scalars[key]));
+  const passive = gaits.every((gait) => !gait.scalars.peak_torque && !gait.scalars.work);
+  for (const [key, { words, unit }] of Object.entries(labels.scalars).filter(([key]) => !(passive && labels.motors.includes(key)))) row(words, unit, gaits.map((gait) => gait.scalars[key]));
   const states = [...new Set(gaits.flatMap((gait) => Object.keys(gait.state)))];
   for (const name of states.filter((name) => name !== "x")) {
-    const unit = (name === "dx" ? "m" : "rad") + (name.startsWith("d") ? "/s" : "");
-    row(`${labels.symbols[name] ?? name} after impact`, unit, gaits.map((gait) => gait.state[name]));
+    row(`${labels.symbols[name] ?? name} after impact`, labels.units[name], gaits.map((gait) => gait.state[name]));
   }
   const freed = [...new Set(gaits.flatMap((gait) => Object.keys(gait.parameters)))];
-  for (const key of freed) row(`${labels.parameters[key].words} (found)`, labels.parameters[key].unit, gaits.map((gait) => gait.parameters[key]));
+  for (const key of freed) row(`${labels.parameters[key].words} (free)`, labels.parameters[key].unit, gaits.map((gait) => gait.parameters[key]));
   const titles = head.map((words) => html("th", { scope: "col" }, words));
   host.replaceChildren(html("table", {}, html("thead", {}, html("tr", {}, ...titles)), body));
 }

@@ -4,11 +4,9 @@ from typing import Any
 
 import numpy as np
 from casadi import Function
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics.buffered import BufferedFunction
-
-Array = NDArray[np.float64]
 
 WIDTH = 256
 """Rows of one call: a call costs less than two of them."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import ImpactRecord
 from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode
 from gaitopt.simulation.batch.steps import ENDINGS, NONE
@@ -17,12 +18,11 @@ from gaitopt.simulation.events import EDGE, INSTANT
 from gaitopt.simulation.heyoka.functions import HeyokaRowMap
 from gaitopt.simulation.natural import natural_system, units
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Codes = NDArray[np.int64]
 
 CONE_EDGE = 1e-9
-"""Relative distance from the edge of the cone within which an impact is looked at by itself."""
+"""Relative distance from the edge of the cone within which an impact is resolved by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,14 +56,18 @@ class BatchResolver:
             HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in self._modes
         ]
         self._approach = HeyokaRowMap(system.approach, {1: p})
-        self._impacts = [HeyokaRowMap(system.impact(mode), {1: p}) for mode in CONTACTS]
+        self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
+        self._contacts = system.walker.contacts()
+        self._ground = tuple(mode for mode in self._contacts if not mode.flies)
+        self._lifts = not system.walker.flies
+        self._impacts = [HeyokaRowMap(system.impact(mode), {1: p}) for mode in self._ground]
 
     def mode_at_rest(self, stops: int, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
         """Modes of feet at rest and, where there is none, endings; both of shape (n,).
 
         Parameters
         ----------
-        stops : index of the states of the stops, the same for all: code of the mode divided by three.
+        stops : index of the states of the stops, the same for all: code of the mode divided by the number of contacts.
         times : ndarray, shape (n,) - times since the last impact [s].
         states : ndarray, shape (n, n_z).
         data : ndarray, shape (n, n_r) - segment data of the control.
@@ -71,14 +75,14 @@ class BatchResolver:
         if not times.size:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         taus, zetas = times / self._units.time, states / self._units.state
-        first = stops * len(CONTACTS)
-        functions = self._events[first : first + len(CONTACTS)]
+        first = stops * len(self._contacts)
+        functions = self._events[first : first + len(self._ground)]
         (stick, rates), *slips = (events(taus[:, None], zetas, data) for events in functions)
         cones = stick[:, 3:5]
         clear = np.abs(cones) > EDGE + INSTANT * np.abs(rates[:, 3:5])
         carries = [margins[:, 2] > 0 for margins in (stick, *(margins for margins, _ in slips))]
         unique = [margins[:, 4] > 0 for margins, _ in slips]
-        plain = np.all([*carries, *unique, *clear.T], axis=0)
+        plain = np.all([*carries, *unique, *clear.T], axis=0) & (len(self._ground) > 1)
         modes = first + np.select([cones[:, 0] < 0, cones[:, 1] < 0], _SLIPS, default=CONTACTS.index(Mode.STICK))
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
@@ -103,7 +107,7 @@ class BatchResolver:
     def land(self, states: Array) -> Landing:
         """Impacts at touchdown in the given states, shape (n, n_z)."""
         candidates = [impact(states) for impact in self._impacts]
-        consistent = np.column_stack([self._consistent(*pair) for pair in zip(CONTACTS, candidates, strict=True)])
+        consistent = np.column_stack([self._consistent(*pair) for pair in zip(self._ground, candidates, strict=True)])
         if self._stick_first:
             consistent[:, 1:] &= ~consistent[:, :1]
         modes, rows = np.argmax(consistent, axis=1), np.arange(len(states))
@@ -112,7 +116,11 @@ class BatchResolver:
         step_lengths, endings = after[:, self._n_x].copy(), np.zeros_like(modes)
         after[:, self._n_x] = 0.0
         comes_down = self._approach(states)[0][:, 0] < -EDGE * self._units.speed
-        plain = comes_down & (consistent.sum(axis=1) == 1) & (lift_velocities > 0) & ~self._at_edge(candidates[0][1])
+        lifts = lift_velocities > 0 if self._lifts else True
+        plain = comes_down & (consistent.sum(axis=1) == 1) & lifts & ~self._at_edge(candidates[0][1])
+        if self._push is not None:
+            p_t, p_n = self._push(states)[0].T
+            plain &= np.abs(p_t) < self._friction * p_n
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.impact(states[k])
             if isinstance(decision, ImpactRecord):

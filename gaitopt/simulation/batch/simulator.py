@@ -7,16 +7,17 @@ all with the same event through what follows, until every step has ended.
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending
 from gaitopt.mechanics import CONTACTS, ONSETS, HybridSystem, Mode, margin_names
 from gaitopt.simulation.batch.resolver import BatchResolver, Landing
-from gaitopt.simulation.batch.stepper import Arrivals, HeyokaBatch
+from gaitopt.simulation.batch.stepper import HeyokaBatch
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, base, max_phases
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES
+from gaitopt.simulation.stepper import Arrivals
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 Indices = NDArray[np.intp]
 
@@ -79,7 +80,7 @@ class BatchSimulator:
             motion.end(rows, Ending.NUMERICAL)
         elif event == "limit":
             self._pass_breakpoint(motion, rows)
-        elif event in FATAL:
+        elif event in FATAL and not (event == "normal_force" and self.system.walker.flies):
             motion.end(rows, FATAL[event].ending)
         elif event == "touchdown":
             motion.land(rows, self._resolver.land(motion.states[rows]))
@@ -91,7 +92,12 @@ class BatchSimulator:
         chattering = motion.switches[rows] > self._max_switches
         motion.end(rows[chattering], Ending.CHATTERING)
         rows = rows[~chattering]
-        if event in mode.free:
+        if event == "normal_force":
+            motion.modes[rows] = self._modes.index(mode.with_contact(Mode.FLIGHT))
+        elif event in mode.off:
+            motion.modes[rows] = self._modes.index(mode.with_next(event))
+            self._choose_at_rest(motion, rows if mode.sticks else rows[:0])
+        elif event in mode.free:
             self._lock(motion, mode, event, rows)
         elif event in ONSETS:
             motion.modes[rows] = self._modes.index(mode.with_contact(ONSETS[event]))
@@ -104,17 +110,20 @@ class BatchSimulator:
         modes, states, endings = self._resolver.strike(mode, stop, motion.states[rows])
         motion.modes[rows], motion.states[rows] = modes, states
         motion.endings[rows[endings > 0]] = endings[endings > 0]
-        self._choose_at_rest(motion, rows[(endings == 0) & (modes % len(CONTACTS) == CONTACTS.index(Mode.STICK))])
+        self._choose_at_rest(motion, rows[(endings == 0) & self._sticks(modes)])
 
     def _pass_breakpoint(self, motion: "_Motion", rows: Indices) -> None:
         last = motion.segments[rows] == len(self._ends) - 1
         motion.end(rows[last], Ending.NO_TOUCHDOWN)
         rows = rows[~last]
         motion.segments[rows] += 1
-        self._choose_at_rest(motion, rows[motion.modes[rows] % len(CONTACTS) == CONTACTS.index(Mode.STICK)])
+        self._choose_at_rest(motion, rows[self._sticks(motion.modes[rows])])
+
+    def _sticks(self, codes: Codes) -> NDArray[np.bool_]:
+        return codes % len(self.system.walker.contacts()) == CONTACTS.index(Mode.STICK)
 
     def _choose_at_rest(self, motion: "_Motion", rows: Indices) -> None:
-        stops = motion.modes[rows] // len(CONTACTS)
+        stops = motion.modes[rows] // len(self.system.walker.contacts())
         for k in np.unique(stops):
             own = rows[stops == k]
             data = self._stepper.data[motion.segments[own]]
@@ -134,8 +143,9 @@ class _Motion:
         self.states[np.abs(self.states[:, -1]) <= at_rest, -1] = 0.0
         self.times, self.step_lengths = np.zeros(n), np.full(n, np.nan)
         self.segments, self.switches = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
-        forward, backward = CONTACTS.index(Mode.SLIP_FORWARD), CONTACTS.index(Mode.SLIP_BACKWARD)
-        self.modes = np.where(self.states[:, -1] > 0, forward, backward)  # with all stops free
+        slips = CONTACTS.index(Mode.SLIP_FORWARD), CONTACTS.index(Mode.SLIP_BACKWARD)
+        dx = self.states[:, -1]
+        self.modes = np.select([dx > 0, dx < 0], slips, default=CONTACTS.index(Mode.STICK))  # with all stops free
         self.endings, self.impacts = np.full(n, -1), np.full(n, -1)
         self.phases, self._n_phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.intp)
 

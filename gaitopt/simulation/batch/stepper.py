@@ -5,13 +5,13 @@ in one lane does not depend on the others, to the last bit. The rules at the sta
 of ``events``; inside, all is in natural units.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import heyoka as hy
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.events import (
     EDGE,
@@ -29,34 +29,15 @@ from gaitopt.simulation.heyoka.functions import HeyokaRowMap
 from gaitopt.simulation.heyoka.integrators import LANES, batch_integrator
 from gaitopt.simulation.heyoka.stepper import MAX_TAYLOR_STEPS, HeyokaStepper
 from gaitopt.simulation.natural import natural_system, units
+from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals, Indices
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
-LIMIT, FAILURE = -1, -2
-"""Codes of arcs that end at their time limit, or because the integrator cannot go on."""
 SUCCESS, TIME_LIMIT = int(hy.taylor_outcome.success), int(hy.taylor_outcome.time_limit)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arrivals:
-    """Where arcs end, and why.
-
-    Attributes
-    ----------
-    times : ndarray, shape (n,) - time since the last impact [s].
-    states : ndarray, shape (n, n_z).
-    events : ndarray, shape (n,) - index in ``margin_names`` of the margin that fell to zero, ``LIMIT`` or ``FAILURE``.
-    """
-
-    times: Array
-    states: Array
-    events: Indices
-
-
 class HeyokaBatch:
-    """What a ``Stepper`` does, for many states of one system at fixed parameters.
+    """A ``BatchStepper`` on heyoka, for one system at fixed parameters.
 
     Parameters
     ----------

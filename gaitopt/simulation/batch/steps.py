@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait import Ending
 from gaitopt.mechanics import CONTACTS, Mode
 from gaitopt.simulation.simulator import StepOutcome
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 ENDINGS = tuple(Ending)
@@ -87,3 +87,21 @@ def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array, modes: Sequen
             impacts[k] = CONTACTS.index(step.impact.mode)
     endings = np.array([ENDINGS.index(outcome.ending) for outcome in outcomes], dtype=np.int64)
     return BatchSteps(states=states, endings=endings, times=times, step_lengths=lengths, phases=phases, impacts=impacts)
+
+
+def followed_by(first: BatchSteps, second: BatchSteps, rows: NDArray[np.intp], modes: Sequence[Mode]) -> BatchSteps:
+    """Two steps as one: ``first`` and, of those of its ``rows`` that were completed, the steps that followed."""
+    codes = [
+        (*phase_names(int(a), modes), *phase_names(int(b), modes))
+        for a, b in zip(first.phases[rows], second.phases, strict=True)
+    ]
+    phases = [phase_code(names, modes) for names in codes]
+    both = {
+        name: getattr(first, name).copy()
+        for name in ("states", "endings", "times", "step_lengths", "phases", "impacts")
+    }
+    both["states"][rows], both["endings"][rows], both["impacts"][rows] = second.states, second.endings, second.impacts
+    both["times"][rows] += second.times
+    both["step_lengths"][rows] += second.step_lengths
+    both["phases"][rows] = phases
+    return BatchSteps(**both)

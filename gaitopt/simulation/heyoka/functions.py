@@ -6,11 +6,9 @@ from typing import Any
 import heyoka as hy
 import numpy as np
 from casadi import Function
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.simulation.heyoka.convert import convert
-
-Array = NDArray[np.float64]
 
 BLOCK = 256
 """Rows of one call. Every call has so many, so that a row is rounded the same wherever it stands: what is left over of

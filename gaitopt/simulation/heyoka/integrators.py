@@ -15,14 +15,12 @@ from typing import Any
 import heyoka as hy
 import numpy as np
 from casadi import Function
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.events import INSTANT
 from gaitopt.simulation.heyoka.convert import convert
 from gaitopt.simulation.natural import natural_system
-
-Array = NDArray[np.float64]
 
 LANES = 8
 """States that a batch integrator advances at once: the doubles of one AVX-512 register, or of two of AVX2. It is the

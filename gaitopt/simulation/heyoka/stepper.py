@@ -10,8 +10,8 @@ from typing import Any
 
 import heyoka as hy
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import (
@@ -36,8 +36,6 @@ from gaitopt.simulation.heyoka.integrators import (
 from gaitopt.simulation.natural import natural_system, units
 from gaitopt.simulation.stepper import Arrival
 
-Array = NDArray[np.float64]
-
 MAX_TAYLOR_STEPS = 20_000
 """Bound on the work for one arc: walking takes ten, only a very stiff control law takes more."""
 NOT_FINITE = "the equations of motion are not finite"
@@ -61,6 +59,10 @@ class HeyokaStepper:
             function.inputs[2][:] = self._units.parameters[mode]
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
         self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
+
+    def at(self, p: Array) -> "HeyokaStepper":
+        """The same precision at other parameters; see ``Stepper``."""
+        return HeyokaStepper(self._system, p, precision=self._precision)
 
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""

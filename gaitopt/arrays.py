@@ -1,0 +1,28 @@
+"""Arrays of real numbers, and results whose arrays cannot be written to."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class ReadOnlyArrays:
+    """Base of frozen dataclasses: their arrays are read-only views of those that they are given."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]  # of every subclass
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, field.name, read_only(value))
+
+
+def read_only(values: NDArray[Any]) -> NDArray[Any]:
+    """A view of ``values`` that cannot be written to."""
+    view = values.view()
+    view.flags.writeable = False
+    return view

@@ -1,0 +1,90 @@
+"""A branch in its run folder: every record is on the disk before it is used, and a walk that was cut short goes on."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from gaitopt.families import Request, follow_family, resumable
+from gaitopt.gait import Gait, SpecialPoint, branch_header, branch_rows
+from gaitopt.problem import Problem
+from gaitopt.store import (
+    BRANCH_FILE,
+    begin_branch,
+    branch_folder,
+    growing,
+    stored_lines,
+    stored_records,
+    write_branch_table,
+)
+
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BranchRun:
+    """A family that is kept in a folder.
+
+    Attributes
+    ----------
+    problem : of the gait from which it starts.
+    request : what is continued.
+    start_type : type of the special point from which it starts; empty for a gait.
+    output : the folder; by default that of problem and request.
+    """
+
+    problem: Problem
+    request: Request
+    start_type: str = ""
+    output: Path | None = None
+
+    @property
+    def head(self) -> dict[str, Any]:
+        """The first line of the file: the request, and the kind of special point from which it starts."""
+        return self.request.to_record() | ({"start": self.start_type} if self.start_type else {})
+
+    @cached_property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.output or branch_folder(self.problem, self.head)
+
+    def stored(self) -> list[dict[str, Any]]:
+        """All records that are on the disk, without the request.
+
+        Raises
+        ------
+        StorageError
+            If the folder holds something else, or a branch with another request.
+        """
+        return stored_records(self.folder, self.problem, self.head)
+
+    def walk(
+        self, start: Gait | SpecialPoint, *, should_stop: Callable[[], bool] | None = None
+    ) -> tuple[list[Record], Iterator[Record]]:
+        """The records that are there, and those to come, each on the disk when it is yielded.
+
+        The folder is held for writing by the caller.
+
+        Raises
+        ------
+        StorageError
+            As ``stored``, or if the disk is full; what was found before is kept.
+        """
+        done = resumable(self.stored())
+        begin_branch(self.folder, self.problem, self.head, done)
+        return done, self._new(start, done, should_stop)
+
+    def _new(
+        self, start: Gait | SpecialPoint, done: list[Record], should_stop: Callable[[], bool] | None
+    ) -> Iterator[Record]:
+        with growing(self.folder, BRANCH_FILE) as lines:
+            for point in follow_family(start, self.request, done=done, should_stop=should_stop):
+                record = point.to_record()
+                lines.append(record)
+                yield record
+        if should_stop is not None and should_stop():
+            raise KeyboardInterrupt
+        records = list(stored_lines(self.folder, BRANCH_FILE))[1:]
+        header = branch_header(records)
+        write_branch_table(self.folder, header, branch_rows(records, header))

@@ -1,0 +1,163 @@
+"""Dampers and springs in joints: the torso and the telescopic leg against equations of their own."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from casadi import vertcat
+from named import named, verification
+from scipy.integrate import solve_ivp
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.gait import observe
+from gaitopt.mechanics import Damper, Mode, check_walker
+from gaitopt.mechanics.walkers.telescopic import TelescopicCompass
+from gaitopt.mechanics.walkers.torso import TorsoWalker
+
+
+def up(angle):
+    return np.array([np.sin(angle), np.cos(angle)])
+
+
+def torso_positions(w, q):
+    """Leg, leg, torso of ``torso_walker``, in rows; q = (theta1, theta2, torso)."""
+    hip = w.leg_length * up(q[0])
+    return np.array([
+        w.leg_com * up(q[0]), hip - (w.leg_length - w.leg_com) * up(-q[1]), hip + w.torso_com * up(q[2]),
+    ])  # fmt: skip
+
+
+def torso_forces(w, q, dq):
+    """Springs and dampers of both hips: what acts on theta1, theta2 and torso."""
+    stance, swing = (w.hip_stiffness * a + w.hip_damping * r for a, r in ((q[2] - q[0], dq[2] - dq[0]),
+                                                                          (q[2] + q[1], dq[2] + dq[1])))  # fmt: skip
+    return np.array([stance, -swing, -stance - swing])
+
+
+def telescopic_positions(w, q):
+    """Leg, hip, leg of ``telescopic_compass``, in rows; q = (theta1, theta2, retraction)."""
+    hip = w.leg_length * up(q[0])
+    foot = hip - w.leg_length * (1 - q[2]) * up(-q[1])
+    return np.array([w.leg_com * up(q[0]), hip, foot + w.leg_com * up(-q[1])])
+
+
+def telescopic_forces(w, q, dq):
+    shortened = w.leg_length * q[2]
+    force = -w.stiffness * (shortened - w.travel) - w.damping * w.leg_length * dq[2]
+    return np.array([0, 0, w.leg_length * force])
+
+
+CASES = {
+    "torso-passive": (torso_positions, torso_forces, lambda w: [w.leg_mass, w.leg_mass, w.torso_mass], 1),
+    "telescopic-passive": (telescopic_positions, telescopic_forces, lambda w: [w.leg_mass, w.hip_mass, w.leg_mass], 0),
+}
+
+
+def newton(name):
+    """(t, y) -> rates of (q, dq) of a sticking walker: J'M(J ddq + dJ dq - g) = forces, with J by complex steps."""
+    positions, forces, masses, turns = CASES[name]
+    w = named(name).problem.walker
+    weights = np.repeat(masses(w), 2)
+    gravity = np.tile(w.gravity * np.array([np.sin(w.slope), -np.cos(w.slope)]), 3)
+    inertia = np.diag([0, 0, w.torso_inertia]) if turns else np.zeros((3, 3))
+
+    def jacobian(q):
+        return np.array([positions(w, q + 1e-30j * e).imag.ravel() / 1e-30 for e in np.eye(3)]).T
+
+    def rates(t, y):
+        q, dq = y[:3], y[3:]
+        J, h = jacobian(q), 1e-6
+        bias = (jacobian(q + h * dq) - jacobian(q - h * dq)) @ dq / (2 * h)
+        right = J.T @ (weights * (gravity - bias)) + forces(w, q, dq)
+        return [*dq, *np.linalg.solve(J.T * weights @ J + inertia, right)]
+
+    return rates
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_first_phase_is_that_of_newtons_law_by_hand(name):
+    gait = named(name)
+    arc = gait.steps[0].arcs[0]
+    start = np.delete(arc.states[0], [3, 7])
+    motion = solve_ivp(newton(name), (0, arc.end), start, method="DOP853", rtol=1e-11, atol=1e-12)
+    assert motion.y[:, -1] == pytest.approx(np.delete(arc.states[-1], [3, 7]), abs=1e-8)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_energy_is_lost_to_dampers_and_impacts_alone(name):
+    """The gain of potential energy over a step is what dampers and impacts have taken."""
+    gait = named(name)
+    assert verification(name).passed
+    observed = [observe(gait.system, gait.p, arc) for arc in gait.arcs]
+    jumps = [o.energy[-1] - after.energy[0] for o, after in pairwise(observed)]
+    w = gait.problem.walker
+    last, first = observed[-1].energy[-1], observed[0].energy[0]
+    weight = float(gait.system.weight(gait.p))
+    descent = weight * gait.measures["step_length"] * np.sin(w.slope)
+    lost = sum(o.energy[0] - o.energy[-1] for o in observed)
+    assert gait.measures["damping_loss"] == pytest.approx(lost, abs=1e-9)
+    assert gait.measures["damping_loss"] > 0.05
+    impact = last - (first - descent)  # the stance foot is the origin after it
+    assert impact > 0
+    assert gait.measures["damping_loss"] + sum(jumps) + impact == pytest.approx(descent, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_both_engines_confirm_gaits_with_dampers(name):
+    pytest.importorskip("heyoka")
+    assert go.verify(named(name), engine="heyoka").passed
+
+
+def test_the_swing_foot_of_the_telescopic_leg_clears_the_ground():
+    gait = named("telescopic-passive")
+    arc = gait.steps[0].arcs[0]
+    heights = observe(gait.system, gait.p, arc).swing_foot[:, 1]
+    assert arc.mode == "stick, leg free"
+    assert heights[2:].min() > 0
+    softer = gait.problem.replace({"walker.stiffness": 100})
+    assert go.simulate(softer).trajectory.ending == "scuffing"
+
+
+@pytest.mark.parametrize(("name", "key", "to"), [("torso-passive", "walker.hip_damping", 0.0),
+                                                 ("telescopic-passive", "walker.damping", 1.2)])  # fmt: skip
+def test_gaits_are_continued_in_their_damping(name, key, to):
+    branch = go.continuation(named(name), key, to)
+    assert branch.points[-1].gait.converged
+    if to == 0.0:
+        ends = [point.gait for point in branch.points if abs(dict(point.gait.problem.walker)["hip_damping"]) < 1e-9]
+        assert ends
+        assert ends[0].measures["damping_loss"] == pytest.approx(0, abs=1e-9)
+        assert ends[0].spectral_radius == pytest.approx(0.7664, abs=5e-5)
+
+
+def test_torso_slips_where_friction_is_short():
+    branch = go.continuation(named("torso-passive"), "friction", 0.22)
+    (change, *_) = branch.special("mode_change")
+    assert change.value == pytest.approx(named("torso-passive").measures["required_friction"], abs=1e-8)
+    gait = min((point.gait for point in branch.points), key=lambda gait: gait.p[-1])
+    assert any(mode.slips for mode, _ in gait.phases)
+    assert go.verify(gait).passed
+
+
+def test_a_damper_that_drives_is_refused():
+    class Driven(TorsoWalker):
+        @classmethod
+        def mechanism(cls, q, p):
+            return replace(super().mechanism(q, p), dampers=(Damper(coefficient=-0.1, across=q.torso),))
+
+    with pytest.raises(ProblemError, match="dampers give energy"):
+        check_walker(Driven, named("torso-passive").problem.walker.model_dump())
+
+
+def test_a_damper_at_the_ankle_acts_on_the_leg_that_stands():
+    """It may jump from one leg to the other when the feet swap roles: it stores no energy."""
+
+    class Ankle(TelescopicCompass):
+        @classmethod
+        def mechanism(cls, q, p):
+            return replace(super().mechanism(q, p), dampers=(Damper(coefficient=p.damping, across=vertcat(q.theta1)),))
+
+    check_walker(Ankle, named("telescopic-passive").problem.walker.model_dump())
+    assert Mode("stick, leg free") in Ankle.modes()

@@ -1,0 +1,193 @@
+"""Walkers that fly: runners and hoppers against closed forms and against equations written out by hand."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+import gaitopt as go
+from gaitopt.errors import ProblemError, SolveError
+from gaitopt.simulation import Simulator, make_stepper
+from tests.named import named, verification
+
+Array = NDArray[np.float64]
+
+
+@pytest.mark.parametrize("name", ["hopper", "slip-run", "slip-run-foot"])
+def test_gaits_with_flight_are_confirmed_by_the_simulator(name: str) -> None:
+    assert verification(name).passed
+
+
+@pytest.mark.parametrize(
+    ("body", "foot", "stiffness", "thrust"),
+    [(8.0, 2.0, 4000.0, 200.0), (10.0, 1.0, 3000.0, 120.0), (5.0, 2.5, 9000.0, 300.0)],
+)
+def test_hopper_lands_with_the_speed_and_the_multiplier_of_its_closed_form(
+    body: float, foot: float, stiffness: float, thrust: float
+) -> None:
+    g, rho = 9.81, body / (body + foot)
+    depth = (rho**-2 - 1) * body / (2 * thrust)  # by the square of the speed: the thrust gives what the stop takes
+    speed = np.sqrt(body * (1 + 2 * depth * g) / (stiffness * depth**2))
+    walker = {"body_mass": body, "foot_mass": foot, "stiffness": stiffness, "thrust": thrust}
+    changes = {f"walker.{key}": value for key, value in walker.items()} | {
+        "gait.guess.state": {"dshortening": 0.9 * speed}
+    }
+    gait = go.solve(go.load_problem("hopper").replace(changes))
+    assert gait.converged, gait.message
+    assert gait.state[gait.system.state_names.index("dshortening")] == pytest.approx(speed, rel=1e-11)
+    assert gait.multipliers == pytest.approx([rho**2 + (1 - rho**2) / (2 * (1 + depth * g))], rel=1e-9)
+
+
+def _apex_map(height: float, energy: float, attack: float, stiffness: float) -> float:
+    """Height of the next apex of a spring-mass model of unit mass, leg and gravity, in Cartesian terms."""
+
+    def stance(t: float, s: Array) -> Array:
+        length = np.hypot(s[0], s[1])
+        pull = stiffness * (1 - length) / length
+        return np.array([s[2], s[3], pull * s[0], pull * s[1] - 1])
+
+    def takes_off(t: float, s: Array) -> float:
+        return float(np.hypot(s[0], s[1]) - 1)
+
+    takes_off.terminal, takes_off.direction = True, 1  # type: ignore[attr-defined]
+    fall = -np.sqrt(2 * (height - np.sin(attack)))
+    start = np.array([-np.cos(attack), np.sin(attack), np.sqrt(2 * (energy - height)), fall])
+    s = solve_ivp(stance, (0, 5), start, "DOP853", events=takes_off, rtol=1e-13, atol=1e-14).y[:, -1]
+    return float(s[1] + s[3] ** 2 / 2)
+
+
+@pytest.mark.parametrize(("rate", "height", "multiplier"), [(1.1, 0.9349, 0.368), (0.93, 1.0159, 1.3325)])
+def test_runner_returns_to_its_apex_as_a_spring_mass_model_does(rate: float, height: float, multiplier: float) -> None:
+    attack, energy = np.radians(68), 1.7
+    gait = go.solve(go.load_problem("slip-run").replace({"gait.guess.state": {"dtheta": rate}}))
+    apex = np.sin(attack) + gait.measures["foot_clearance"]  # the next foot is highest with the body
+    assert apex == pytest.approx(height, abs=1e-4)
+    assert _apex_map(apex, energy, attack, 20.0) == pytest.approx(apex, abs=1e-10)
+    slope = (_apex_map(apex + 1e-5, energy, attack, 20.0) - _apex_map(apex - 1e-5, energy, attack, 20.0)) / 2e-5
+    assert gait.multipliers == pytest.approx([slope], abs=1e-6)  # a central difference
+    assert slope == pytest.approx(multiplier, abs=1e-3)
+    assert gait.measures["required_friction"] == pytest.approx(1 / np.tan(attack), rel=1e-9)
+
+
+def test_a_massless_foot_needs_the_friction_of_its_angle_of_attack() -> None:
+    friction = 1 / np.tan(np.radians(68))
+    assert go.solve(go.load_problem("slip-run").replace({"friction": friction + 1e-6})).converged
+    gait = go.solve(go.load_problem("slip-run").replace({"friction": friction - 1e-3}))
+    assert not gait.converged
+    assert "needs friction 0.404" in gait.message
+
+
+def _by_hand(gait: go.Gait) -> Array:
+    """State after a step of the runner with a foot that sticks, from equations in Cartesian coordinates."""
+    v = {name.removeprefix("walker."): gait.p[k] for k, name in enumerate(gait.system.parameters)}
+    m, mf, k, kh, slope = (v[name] for name in ("body_mass", "foot_mass", "stiffness", "hip_stiffness", "slope"))
+    pull = np.array([np.sin(slope), -np.cos(slope)])
+
+    def forces(arm: Array) -> Array:
+        """Force of the springs on the body."""
+        length = np.hypot(*arm)
+        theta = np.arctan2(arm[0], arm[1])
+        return k * (1 - length) * arm / length - kh * theta / length * np.array([np.cos(theta), -np.sin(theta)])
+
+    def stance(t: float, s: Array) -> Array:
+        return np.concatenate([s[2:], forces(s[:2]) / m + pull])
+
+    def extended(t: float, s: Array) -> float:
+        return float(1 - np.hypot(*s[:2]))
+
+    def flight(t: float, s: Array) -> Array:
+        # body, foot and their velocities; the rod between them holds its length
+        arm, rate = s[:2] - s[2:4], s[4:6] - s[6:]
+        own = forces(arm)
+        reduced = m * mf / (m + mf)
+        rod = -reduced * (rate @ rate) - own @ arm  # arm'' . arm = - rate^2
+        push = own + rod * arm / (arm @ arm)
+        return np.concatenate([s[4:], push / m + pull, -push / mf + pull])
+
+    def down(t: float, s: Array) -> float:
+        return float(s[3])
+
+    extended.terminal, extended.direction = True, -1  # type: ignore[attr-defined]
+    down.terminal, down.direction = True, -1  # type: ignore[attr-defined]
+    theta, dtheta, shortens = (gait.state[gait.system.state_names.index(n)] for n in ("theta", "dtheta", "dshortening"))
+    along, across = np.array([np.sin(theta), np.cos(theta)]), np.array([np.cos(theta), -np.sin(theta)])
+    start = np.concatenate([along, dtheta * across - shortens * along])
+    options = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
+    s = solve_ivp(stance, (0, 5), start, events=extended, **options).y[:, -1]
+    arm = s[:2] / np.hypot(*s[:2])
+    speed = m / (m + mf) * (s[2:] @ arm)  # of the foot: the stop is plastic and acts along the leg
+    lost = s[2:] + (speed - s[2:] @ arm) * arm
+    s = solve_ivp(flight, (0, 5), np.concatenate([arm, [0, 0], lost, speed * arm]), events=down, **options).y[:, -1]
+    arm = s[:2] - s[2:4]
+    after = np.array([arm[1], -arm[0]])
+    return np.array([np.arctan2(arm[0], arm[1]), s[4:6] @ after, -s[4:6] @ arm])
+
+
+def test_a_runner_whose_foot_sticks_moves_as_in_cartesian_equations() -> None:
+    data = {"friction": 2.0, "gait.phases": [{"mode": "stick", "leg": "free"}, {"mode": "flight", "leg": "locked"}]}
+    gait = go.solve(go.load_problem("slip-run-foot").replace(data))
+    names = gait.system.state_names
+    section = gait.state[[names.index(name) for name in ("theta", "dtheta", "dshortening")]]
+    assert _by_hand(gait) == pytest.approx(section, abs=1e-9)
+
+
+@pytest.mark.parametrize(("name", "spread"), [("hopper", 0.3), ("slip-run", 0.1), ("slip-run-foot", 0.05)])
+def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
+    pytest.importorskip("heyoka")
+    from gaitopt.simulation.batch.simulator import BatchSimulator
+    from gaitopt.simulation.batch.steps import ENDINGS
+
+    gait = named(name)
+    system, p = gait.system, gait.p
+    xi, rng = gait.state[system.section(gait.problem.cycle.impact)], np.random.default_rng(0)
+    states = np.array([system.lift_state(xi * (1 + spread * rng.uniform(-1, 1, xi.size)), p) for _ in range(20)])
+    scipy, heyoka = (Simulator(system, p, stepper=make_stepper(system, p, engine)) for engine in ("scipy", "heyoka"))
+    batch = BatchSimulator(system, p).step(states)
+    completed = 0
+    for k, state in enumerate(states):
+        ours, theirs = scipy.step(state), heyoka.step(state)
+        assert ours.ending == theirs.ending == ENDINGS[batch.endings[k]]
+        if ours.step is not None and ours.step.impact is not None:
+            completed += 1
+            assert [mode for mode, _ in ours.step.phases] == [mode for mode, _ in theirs.step.phases]
+            for other in (theirs.step.impact.state, batch.states[k]):
+                assert other == pytest.approx(ours.step.impact.state, abs=1e-10)
+    assert completed >= 10
+
+
+def test_energy_of_a_runner_on_massless_legs_is_what_it_states() -> None:
+    gait = named("slip-run")
+    energies = np.concatenate([go.gait.observe(gait.system, gait.p, arc).energy for arc in gait.arcs])
+    assert energies[: len(gait.arcs[0].times)] == pytest.approx(1.7, abs=1e-10)
+
+
+def test_a_branch_of_runners_ends_where_its_impact_starts_to_slip() -> None:
+    branch = go.continuation(named("slip-run-foot"), "friction", 0.6)
+    (end,) = branch.specials
+    assert end.type == "end"
+    assert "the impact can no longer stick" in str(end)
+    ratio = [point.gait.measures["impulse_ratio"] for point in branch.points[-2:]]
+    values = [point.value for point in branch.points[-2:]]
+    slope = (ratio[1] - ratio[0]) / (values[1] - values[0])
+    assert values[1] + (ratio[1] - values[1]) / (1 - slope) == pytest.approx(end.value, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "phases", "words"),
+    [
+        ("compass-passive-a", ["stick", "flight"], "has no flight"),
+        ("slip-run", ["stick"], "last phase of a step must be flight"),
+        ("slip-run", ["stick", "slip_forward", "flight"], "has no slip_forward"),
+        ("slip-run", ["stick", "flight", "stick"], "is a flight"),
+        ("hopper", ["stick", "flight"], "must be written {mode: stick, leg: free, thrust: off}"),
+    ],
+)
+def test_what_a_walker_cannot_do_is_refused_in_words(name: str, phases: list[str], words: str) -> None:
+    with pytest.raises(ProblemError, match=words):
+        go.load_problem(name).replace({"gait.phases": phases})
+
+
+def test_flight_is_not_proved_and_says_so() -> None:
+    pytest.importorskip("flint")
+    with pytest.raises(SolveError, match="flight"):
+        go.prove(named("slip-run"))

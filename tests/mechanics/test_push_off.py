@@ -1,0 +1,152 @@
+"""Push-off against momentum balances of its own, the limit of light legs, friction under the pushing foot, designs."""
+
+from functools import cache
+from math import cos, sin, tan
+
+import numpy as np
+import pytest
+from named import named, verification
+from oracles import compass_oracle
+from scipy.integrate import solve_ivp
+
+import gaitopt as go
+from gaitopt.simulation import Simulator
+from gaitopt.study import return_map
+
+NAME = "compass-push-off"
+W = np.eye(4)[2:]
+
+
+def by_hand():
+    """Oracle of the named walker: positions differentiated in numbers, without CasADi."""
+    numbers = dict(named(NAME).problem.walker)
+    del numbers["push"]
+    return compass_oracle(**numbers)
+
+
+def one_step(xi, period=None):
+    """Section coordinates after one step from (theta1, dtheta1, dtheta2), the step length, and the period."""
+    oracle, P = by_hand(), named(NAME).problem.walker.push
+
+    def flow(t, y):
+        q, dq = y[:4], y[4:]
+        saddle = np.block([[oracle.M(q), -W.T], [W, np.zeros((2, 2))]])
+        return np.concatenate([dq, np.linalg.solve(saddle, [*(-oracle.B(q, dq) - oracle.G(q)), 0, 0])[:4]])
+
+    def touchdown(t, y):
+        return y[0] - y[1] if t > 0.5 else -1.0
+
+    touchdown.terminal, touchdown.direction = True, 1
+    start = np.array([xi[0], xi[0], 0, 0, xi[1], xi[2], 0, 0])
+    motion = solve_ivp(flow, (0, 3), start, method="DOP853", rtol=1e-11, atol=1e-12, events=touchdown)
+    q, dq = motion.y[:4, -1], motion.y[4:, -1]
+    M, foot = oracle.M(q), oracle.swing_foot.jacobian(q)
+    pushed = dq + np.linalg.solve(M, W.T @ (P * np.array([sin(q[0]), cos(q[0])])))
+    response = np.linalg.solve(M, foot.T)
+    after = pushed - response @ np.linalg.solve(foot @ response, foot @ pushed)
+    work = (pushed @ M @ pushed - dq @ M @ dq) / 2
+    return np.array([-q[1], -after[1], -after[0]]), oracle.swing_foot.position(q)[0], motion.t[-1], work
+
+
+def test_the_gait_is_a_fixed_point_of_the_step_by_hand():
+    gait = named(NAME)
+    xi = gait.state[[0, 3, 4]]
+    back, length, period, work = one_step(xi)
+    assert back == pytest.approx(xi, abs=1e-8)
+    assert gait.measures["step_length"] == pytest.approx(length, abs=1e-9)
+    assert gait.measures["period"] == pytest.approx(period, abs=1e-9)
+    assert (period, length) == pytest.approx((0.6933, 0.4004), abs=5e-5)
+    assert gait.measures["work"] == pytest.approx(work, rel=1e-7)
+    weight = 20 * 9.81
+    assert gait.measures["cost_of_transport"] == pytest.approx(work / (weight * length), rel=1e-7)
+    h = 1e-5
+    J = np.array([(one_step(xi + h * e)[0] - one_step(xi - h * e)[0]) / (2 * h) for e in np.eye(3)]).T
+    assert np.poly(gait.multipliers) == pytest.approx(np.poly(J), abs=1e-6)
+
+
+def test_both_methods_and_both_engines_agree_on_the_push():
+    assert verification(NAME).passed
+    pytest.importorskip("heyoka")
+    gait = named(NAME)
+    assert go.verify(gait, engine="heyoka").passed
+    xi = gait.state[[0, 3, 4]] + np.array([0.01, 0.05, 0.05]) * np.random.default_rng(0).standard_normal((60, 3))
+    problem = gait.problem.replace({"friction": 0.205})
+    scipy, heyoka = (return_map(problem, xi, engine=engine) for engine in ("scipy", "heyoka"))
+    assert (scipy.endings == heyoka.endings).all()
+    assert {"completed", "push_slips"} <= set(scipy.outcomes)
+    assert scipy.states == pytest.approx(heyoka.states, abs=1e-9)
+
+
+def test_with_light_legs_the_push_is_that_of_the_closed_form():
+    """P = m l |dtheta| tan(theta): hip and push alone decide."""
+    light = {"walker.leg_mass": 1e-5, "walker.push": {"free": [0.5, 10], "guess": 4}}
+    asked = {"constraints": {"step_length": 0.4}, "friction": 1}
+    gait = go.solve(named(NAME).problem.replace({**light, **asked}))
+    assert gait.converged, gait.message
+    theta, rate = gait.arcs[-1].states[-1][[0, 3]]
+    assert gait.freed["walker.push"] == pytest.approx(10 * abs(rate) * tan(theta), rel=1e-4)
+
+
+@cache
+def downhill():
+    """A gait whose push needs more friction than its impact; on level ground both need the same."""
+    return go.solve(named(NAME).problem.replace({"walker.slope": "0.3 deg", "friction": 1}))
+
+
+def test_push_needs_the_friction_of_the_direction_of_the_leg():
+    gait = downhill()
+    needed = tan(gait.arcs[-1].states[-1][0])
+    for factor, ending in ((1 + 1e-9, "completed"), (1 - 1e-9, "push_slips")):
+        p = gait.p.copy()
+        p[-1] = factor * needed
+        assert Simulator(gait.system, p).step(gait.state).ending == ending
+    state = dict(zip(gait.system.state_names, map(float, gait.state), strict=True))
+    changes = {"friction": 0.999 * needed, "gait.guess.state": state}
+    failed = go.solve(gait.problem.replace(changes))
+    assert not failed.converged
+    assert "push-off: needs friction 0.2272" in failed.message
+
+
+def test_families_end_where_the_push_slips():
+    end = go.continuation(downhill(), "friction", 0.15).specials[-1]
+    assert end.value == pytest.approx(tan(downhill().arcs[-1].states[-1][0]), abs=1e-8)
+    assert end.reason == "the foot that pushes off slips"
+
+
+def test_uphill_the_impact_slides_before_the_push_does():
+    gait = go.solve(named(NAME).problem.replace({"walker.slope": "-0.3 deg", "friction": 1}))
+    branch = go.continuation(gait, "friction", 0.2)
+    assert branch.special("impact_change")[0].value == pytest.approx(gait.measures["impulse_ratio"], abs=1e-8)
+    last = min((point.gait for point in branch.points), key=lambda gait: gait.p[-1])
+    assert last.steps[0].impact.mode == "slip_forward"
+    assert go.verify(last).passed
+
+
+def test_a_push_is_designed_for_speed_and_for_cost():
+    problem = named(NAME).problem
+    free = {"walker.push": {"free": [1, 8], "guess": 4}}
+    fast = go.solve(problem.replace({**free, "constraints": {"speed": 0.62}, "friction": 1}))
+    assert fast.converged, fast.message
+    assert fast.measures["speed"] == pytest.approx(0.62, abs=1e-8)
+    assert go.verify(fast).passed
+    changes = {**free, "constraints": {"speed": {"min": 0.6}}, "objective": "cost_of_transport", "friction": 1}
+    cheap = go.solve(problem.replace(changes))
+    assert cheap.converged, cheap.message
+    assert cheap.measures["speed"] == pytest.approx(0.6, abs=1e-6)
+    assert cheap.measures["cost_of_transport"] > named(NAME).measures["cost_of_transport"]
+
+
+def test_without_a_push_nothing_replaces_what_the_impact_takes():
+    failed = go.solve(named(NAME).problem.replace({"walker.push": 0}))
+    assert not failed.converged
+    assert "no energy" in failed.message
+
+
+def test_a_push_of_nothing_leaves_the_compass():
+    compass = named("compass-passive-stick")
+    numbers = {f"walker.{key}": value for key, value in compass.problem.walker}
+    state = dict(zip(compass.system.state_names, map(float, compass.state), strict=True))
+    gait = go.solve(named(NAME).problem.replace({**numbers, "walker.push": 0, "gait.guess.state": state}))
+    assert gait.state == pytest.approx(compass.state, abs=1e-11)
+    assert gait.multipliers == pytest.approx(compass.multipliers, abs=1e-9)
+    assert gait.measures["work"] == 0

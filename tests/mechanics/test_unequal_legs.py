@@ -1,0 +1,207 @@
+"""A compass whose legs differ, against a walk by hand: equations written out, masses that change legs at every step."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from named import named, verification
+from scipy.integrate import solve_ivp
+
+import gaitopt as go
+from gaitopt.errors import GaitoptError, SolveError
+from gaitopt.mechanics import HybridSystem, NoControl, Walker, check_walker
+from gaitopt.mechanics.walkers.unequal_compass import UnequalCompass
+from gaitopt.simulation import Simulator
+from gaitopt.study import return_map
+
+L, A, HIP, G, SLOPE = 1.6, 0.8, 2.0, 9.8, np.radians(1)
+"""Length of the legs, distance of their masses from the feet and from the hip, hip mass, gravity, slope."""
+
+
+def positions(q):
+    """Stance leg's mass, hip, swing leg's mass, swing foot; q = (theta1, theta2)."""
+    up, down = (np.array([np.sin(q[0]), np.cos(q[0])]), np.array([np.sin(q[1]), -np.cos(q[1])]))
+    return A * up, L * up, L * up + (L - A) * down, L * up + L * down
+
+
+def rate(_, z, stance, swing):
+    """Lagrange's equations of the sticking compass by hand; z = (theta1, theta2, dtheta1, dtheta2)."""
+    (a, b), (da, db), c = z[:2], z[2:], L - A
+    coupling = -swing * L * c
+    M = np.array([
+        [stance * A**2 + (HIP + swing) * L**2, -coupling * np.cos(a + b)],
+        [-coupling * np.cos(a + b), swing * c**2],
+    ])  # fmt: skip
+    h = coupling * np.sin(a + b) * np.array([db**2, da**2])
+    lift = G * np.array([
+        (stance * A + (HIP + swing) * L) * np.sin(a + SLOPE),
+        swing * c * np.sin(b - SLOPE) * -1,
+    ])  # fmt: skip
+    return [da, db, *np.linalg.solve(M, lift - h)]
+
+
+def land(z, stance, swing):
+    """A sticking impact by two balances of angular momentum: of all about the new foot, of the new swing leg about
+    the hip."""
+    e = 1e-30
+    J = [np.array([positions(z[:2] + 1j * e * d)[k].imag / e for d in np.eye(2)]).T for k in range(4)]
+    masses = np.array([stance, HIP, swing])
+    before = [j @ z[2:] for j in J[:3]]
+    places = positions(z[:2])
+
+    def momenta(velocities):
+        cross = [m * (r[0] * v[1] - r[1] * v[0]) for m, r, v in zip(masses, relative, velocities, strict=True)]
+        arm = places[0] - places[1]
+        return np.array([sum(cross), stance * (arm[0] * velocities[0][1] - arm[1] * velocities[0][0])])
+
+    relative = [r - places[3] for r in places[:3]]
+    # afterwards the colliding foot rests: velocities relative to it, from rates of the same angles
+    columns = [momenta([J[k][:, i] - J[3][:, i] for k in range(3)]) for i in range(2)]
+    rates = np.linalg.solve(np.array(columns).T, momenta(before))
+    return np.array([-z[1], -z[0], -rates[1], -rates[0]])
+
+
+def walk(xi, masses=(4.0, 4.4)):
+    """Two steps from (theta1, dtheta1, dtheta2); the section coordinates after them, and the two periods."""
+
+    def touchdown(t, z, *_):
+        return z[0] - z[1] if t > 0.3 else -1.0
+
+    touchdown.terminal, touchdown.direction = True, 1
+    z, periods = np.array([xi[0], xi[0], *xi[1:]]), []
+    for stance, swing in (masses, masses[::-1]):
+        motion = solve_ivp(
+            rate, (0, 3), z, args=(stance, swing), events=touchdown, rtol=1e-11, atol=1e-12, method="DOP853"
+        )
+        z = land(motion.y[:, -1], stance, swing)
+        periods.append(motion.t[-1])
+    return z[[0, 2, 3]], periods
+
+
+@cache
+def derivative():
+    gait, h = named("compass-unequal"), 1e-5
+    xi = gait.state[[0, 3, 4]]
+    return np.array([(walk(xi + h * d)[0] - walk(xi - h * d)[0]) / (2 * h) for d in np.eye(3)]).T
+
+
+def test_the_limp_is_a_fixed_point_of_the_walk_by_hand():
+    gait = named("compass-unequal")
+    xi = gait.state[[0, 3, 4]]
+    back, periods = walk(xi)
+    assert back == pytest.approx(xi, abs=1e-9)
+    assert [step.period for step in gait.steps] == pytest.approx(periods, abs=1e-9)
+    assert periods == pytest.approx([0.7600, 0.7056], abs=5e-5)
+
+
+def test_multipliers_of_the_limp_are_those_of_the_walk_by_hand():
+    gait = named("compass-unequal")
+    by_hand = np.linalg.eigvals(derivative())
+    assert sorted(abs(gait.multipliers)) == pytest.approx(sorted(abs(by_hand)), abs=1e-6)
+    assert sorted(abs(gait.multipliers)) == pytest.approx([0.149, 0.544, 0.544], abs=5e-4)
+
+
+def test_both_methods_and_both_engines_agree_on_the_limp():
+    assert verification("compass-unequal").passed
+    pytest.importorskip("heyoka")
+    assert go.verify(named("compass-unequal"), engine="heyoka").passed
+
+
+@cache
+def slippery():
+    """The family of limps down to friction 0.19."""
+    return go.continuation(named("compass-unequal"), "friction", 0.19)
+
+
+def test_one_impact_slides_where_friction_is_short():
+    branch = slippery()
+    (change,) = branch.special("impact_change")
+    assert change.value == pytest.approx(named("compass-unequal").measures["impulse_ratio"], abs=1e-9)
+    gait = min((point.gait for point in branch.points), key=lambda gait: gait.p[-1])
+    assert gait.p[-1] == pytest.approx(0.19)
+    assert sorted(step.impact.mode for step in gait.steps) == ["slip_forward", "stick"]
+    assert go.verify(gait).passed
+
+
+def test_where_an_impact_begins_to_slide_no_third_family_begins():
+    """The cycles of both sequences in turn are among those that are tried."""
+    (change,) = slippery().special("impact_change")
+    with pytest.raises(SolveError, match="no other branch"):
+        go.continuation(change, "friction", 0.199)
+
+
+def test_the_family_of_limps_starts_from_the_symmetric_gait_walked_twice():
+    symmetric = named("compass-passive-stick")
+    twice = go.solve(named("compass-unequal").problem.replace({"walker.other_leg_mass": 4.0}))
+    for step in twice.steps:
+        assert step.arcs[0].states[0] == pytest.approx(symmetric.state, abs=1e-9)
+    assert np.poly(twice.multipliers) == pytest.approx(np.poly(symmetric.multipliers**2), abs=1e-8)
+    branch = go.continuation(twice, "walker.other_leg_mass", 4.4)
+    end = max((point.gait for point in branch.points), key=lambda gait: gait.problem.walker.other_leg_mass)
+    assert end.state == pytest.approx(named("compass-unequal").state, abs=1e-8)
+
+
+def test_whichever_leg_stands_first_the_walk_is_the_same():
+    gait = named("compass-unequal")
+    changed = {"walker.leg_mass": 4.4, "walker.other_leg_mass": 4.0}
+    second = dict(zip(gait.system.state_names, map(float, gait.steps[1].arcs[0].states[0]), strict=True))
+    other = go.solve(gait.problem.replace({**changed, "gait.guess.state": second}))
+    assert [s.period for s in other.steps] == pytest.approx([s.period for s in gait.steps][::-1], abs=1e-10)
+    assert sorted(abs(other.multipliers)) == pytest.approx(sorted(abs(gait.multipliers)), abs=1e-8)
+
+
+def test_batches_return_after_a_step_with_either_leg():
+    pytest.importorskip("heyoka")
+    gait, rng = named("compass-unequal"), np.random.default_rng(3)
+    xi = np.array([*gait.state[[0, 3, 4]], 0.0]) + np.array([0.01, 0.05, 0.05, 0]) * rng.standard_normal((40, 4))
+    xi[::4, 3] = 0.05 * rng.standard_normal(10)
+    problem = gait.problem.replace({"friction": 0.19})
+    scipy, heyoka = (return_map(problem, xi, engine=engine) for engine in ("scipy", "heyoka"))
+    assert (scipy.endings == heyoka.endings).all()
+    assert (scipy.phases == heyoka.phases).all()
+    assert scipy.states == pytest.approx(heyoka.states, abs=1e-9, nan_ok=True)
+    p = problem.parameters
+    simulator = Simulator(gait.system, gait.system.values(p))
+    row = int(np.flatnonzero(scipy.completed)[0])
+    walked = simulator.run(gait.system.lift_state(xi[row], simulator.p), steps=2)
+    assert scipy.states[row] == pytest.approx(walked.section_states[-1][[0, 3, 4, 5]], abs=1e-12)
+    assert scipy.times[row] == pytest.approx(sum(step.period for step in walked.steps), abs=1e-12)
+
+
+@pytest.mark.slow
+def test_gaits_of_legs_that_differ_are_found_and_explained():
+    problem = named("compass-unequal").problem.replace({"friction": 0.19})
+    (gait,) = go.find(problem.replace({"gait": {"phases": "auto"}}), workers=1)
+    assert sorted(step.impact.mode for step in gait.steps) == ["slip_forward", "stick"]
+    assert not go.explain(problem, workers=1).exists
+
+
+@pytest.mark.parametrize(
+    "gait",
+    [
+        {"phases": ["stick"], "impact": "stick", "guess": {"state": {"theta1": -0.1, "dtheta1": 0.7, "dtheta2": -0.5}}},
+        {"phases": "auto", "steps": 1},
+    ],
+)
+def test_a_cycle_of_an_odd_number_of_steps_is_refused(gait):
+    with pytest.raises(GaitoptError, match=r"where the legs differ, a cycle has 2, 4"):
+        named("compass-unequal").problem.replace({"gait": gait})
+
+
+def test_legs_that_differ_must_be_exchanged():
+    class Forgetful(UnequalCompass):
+        exchanged = {}  # noqa: RUF012
+
+    with pytest.raises(GaitoptError, match="masses jump"):
+        check_walker(Forgetful, named("compass-unequal").problem.walker.model_dump())
+
+    class Misspelt(UnequalCompass):
+        exchanged = {"leg_mass": "other_mass"}  # noqa: RUF012
+
+    with pytest.raises(GaitoptError, match="exchanged names other_mass"):
+        HybridSystem(Misspelt, NoControl())
+
+
+def test_walkers_with_equal_legs_keep_their_parameters():
+    p = np.arange(8.0)
+    assert Walker.standing(p, 1) is p

@@ -1,0 +1,45 @@
+"""The table of scalars agrees with itself, and holds for every law of friction."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from named import named
+from rich.console import Console
+
+from gaitopt.gait import MEASURES
+from gaitopt.library.tables import print_gait
+from gaitopt.mechanics import Scales
+from gaitopt.problem.scalars import SCALARS, scalar_values, unit_of
+
+SCALES = Scales(length=2.0, time=3.0, mass=5.0)
+NEWTON = 5.0 * 2.0 / 3.0**2
+SIZES = {"m": 2.0, "s": 3.0, "N": NEWTON, "J": 2.0 * NEWTON, "m/s": 2.0 / 3.0}
+
+
+@pytest.mark.parametrize("name", SCALARS)
+def test_the_natural_unit_of_a_scalar_has_the_dimension_of_its_unit(name):
+    factors = [(word.partition("^")[0], int(word.partition("^")[2] or 1)) for word in SCALARS[name].unit.split()]
+    expected = math.prod(SIZES[word] ** power for word, power in factors)
+    assert SCALARS[name].within.size(SCALES) == pytest.approx(expected)
+
+
+def test_a_gait_has_a_value_for_every_scalar():
+    gait = named("rimless-wheel-slip")
+    assert set(scalar_values(gait.to_record())) == {"friction", *SCALARS}
+    assert set(MEASURES) == set(SCALARS) - {"spectral_radius"}
+    assert gait.scalar("spectral_radius") == gait.spectral_radius
+    assert gait.scalar("state.dtheta") == gait.state[2]
+    never_sticks = replace(gait, measures={**gait.measures, "required_friction": None})
+    assert math.isnan(never_sticks.scalar("required_friction"))
+    with pytest.raises(KeyError):
+        gait.scalar("elegance")
+
+
+def test_several_coefficients_of_friction_are_printed_one_by_one(capsys):
+    record = named("rimless-wheel-stick").to_record() | {"friction": {"static": 0.3, "kinetic": 0.2, "viscous": 0.1}}
+    values = scalar_values(record)
+    assert (values["friction.static"], values["friction.kinetic"]) == (0.3, 0.2)
+    assert unit_of("friction.viscous") == "N s/m"
+    print_gait(Console(width=100), record)
+    assert "coefficient of kinetic friction" in capsys.readouterr().out
