@@ -16,13 +16,10 @@ from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Linearisation, linearise
-from gaitopt.nlp.refinement import phase_errors, refine
+from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.problem import Problem
-
-ERROR_TOLERANCE = 4e-12
-"""Integration error on a branch: a tenth of a gait's, as special points are located to nine digits of the parameter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +148,7 @@ class Segment:
         """The same gait on a finer mesh where its integration error needs one; None if that fails."""
         if phase_errors(self.transcription, point.curve_point.at).max() < ERROR_TOLERANCE:
             return point
-        refined = refine(self.transcription, point.curve_point.at, ERROR_TOLERANCE)
+        refined = refine(self.transcription, point.curve_point.at)
         forward = resized(point.curve_point.tangent, self.transcription, refined.transcription)
         self._use(refined.transcription)
         curve_point = self.curve.start(refined.at.w, forward)

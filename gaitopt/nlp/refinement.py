@@ -10,12 +10,14 @@ from gaitopt.nlp.newton import Linearisation, integration_error, polish
 from gaitopt.nlp.transcription import Transcription, transcribe
 from gaitopt.nlp.trial import overflow_allowed
 
-ERROR_TOLERANCE = 4e-11
-"""Integration error of states and durations in natural units, more than a digit below the nine that are promised."""
+ERROR_TOLERANCE = 1e-12
+"""Integration error of states and durations in natural units that is aimed at: proofs find a gait within 3e-12."""
+LARGEST_ERROR = 4e-11
+"""The same beyond which a solution is no gait: more than a digit below the nine that are promised."""
 SAFETY = 4.0
 """Factor by which a refinement aims below the tolerance."""
 MAX_REFINEMENTS = 4
-MAX_INTERVALS = 500
+MAX_INTERVALS = 800
 """A step that is not accurate on so many is no walking step: its motion is singular."""
 
 
@@ -36,28 +38,31 @@ class Refined:
 
     @property
     def accurate(self) -> bool:
-        """Whether the errors are below the tolerance."""
-        return bool(self.errors.max() < ERROR_TOLERANCE)
+        """Whether the errors are small enough for a gait."""
+        return bool(self.errors.max() < LARGEST_ERROR)
 
 
 @overflow_allowed()
-def refine(transcription: Transcription, at: Linearisation, tolerance: float = ERROR_TOLERANCE) -> Refined:
-    """Cut phases with too large an error finer, and polish, until the errors are below the tolerance.
+def refine(transcription: Transcription, at: Linearisation) -> Refined:
+    """Cut phases with too large an error finer, and polish, until the errors are below the tolerance or at rounding.
 
-    Freed parameters stay where they are. ``tolerance`` is that of a gait unless something finer is asked for.
+    Freed parameters stay where they are.
     """
     current = Refined(transcription=transcription, at=at, errors=phase_errors(transcription, at))
     for _ in range(MAX_REFINEMENTS):
-        if current.errors.max() < tolerance:
+        if current.errors.max() < ERROR_TOLERANCE:
             break
-        growth = np.maximum((SAFETY * current.errors / tolerance) ** (1 / ORDER), 1.0)
+        growth = np.maximum((SAFETY * current.errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
         layout = current.transcription.layout
         if layout.intervals * growth.max() > MAX_INTERVALS:
             break
         wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
         finer = transcribe(transcription.system, layout.refined(wanted), transcription.free)
         at = polish(finer, _resample(current.transcription, finer, current.at), at.p).at
-        current = Refined(transcription=finer, at=at, errors=phase_errors(finer, at))
+        refined = Refined(transcription=finer, at=at, errors=phase_errors(finer, at))
+        if not refined.errors.max() < current.errors.max():
+            break
+        current = refined
     return current
 
 

@@ -16,15 +16,13 @@ MARGIN_CHANGES = ("mode_change", "impact_change", "lift_off", "painleve")
 CONNECTION, SIGN_CHANGE = "connected family", "sign change"
 
 
-def connection_claim(pieces: Sequence[Piece], interval: Sequence[arb]) -> Claim:
+def connection_claim(pieces: Sequence[Piece], interval: Sequence[str]) -> Claim:
     """Every value of the parameter is covered, and where two boxes meet the orbit of one is that of the other."""
-    lower, upper = interval
     for k, (piece, following) in enumerate(pairwise(pieces), start=1):
         if not _joined(piece, following):
             return Claim(CONNECTION, proved=False, words=f"boxes {k} and {k + 1} are not shown to hold the same orbit")
-    first, last = (piece.inner.hull[-1] for piece in (pieces[0], pieces[-1]) if piece.inner)
-    ends = (first.contains(lower) and last.contains(upper)) or (first.contains(upper) and last.contains(lower))
-    words = f"the orbits form one smooth family, without a gap, in {len(pieces)} overlapping boxes"
+    ends = [pieces[0].interval[0], pieces[-1].interval[1]] == list(interval)
+    words = f"the orbits form one smooth family, without a gap, in {len(pieces)} boxes"
     return Claim(CONNECTION, proved=ends, words=words if ends else "the boxes do not reach both ends of the interval")
 
 
@@ -39,16 +37,21 @@ def sign_change_claim(kind: str, pieces: Sequence[Piece]) -> Claim:
 
 def _joined(piece: Piece, following: Piece) -> bool:
     """Whether the orbit at the end of one box lies where that of the other is unique, at the same parameter."""
-    if piece.inner is None or following.inner is None:
+    if piece.inner is None or following.inner is None or piece.interval[1] != following.interval[0]:
         return False
-    return following.outer.contains(piece.inner.end(1)) or piece.outer.contains(following.inner.end(-1))
+    there, here = (piece.outer.end(1), piece.inner.end(1)), (following.outer.end(-1), following.inner.end(-1))
+    return _within(here[1], there[0]) or _within(there[1], here[0])
+
+
+def _within(inner: Sequence[arb], outer: Sequence[arb]) -> bool:
+    return all(b.contains(a) for a, b in zip(inner, outer, strict=True))
 
 
 def _neimark_sacker(pieces: Sequence[Piece]) -> str:
     outside = [_number_outside(pieces[k].multipliers) for k in (0, -1)]
     if abs(outside[0] - outside[1]) != 2:
         raise NotProved(f"{outside[0]} and {outside[1]} multipliers are outside the unit circle at the ends")
-    for derivative in (piece.derivative for piece in pieces if piece.derivative is not None):
+    for derivative in (derivative for piece in pieces for derivative in piece.derivatives):
         for real in (1, -1):
             if not (derivative - real * identity(derivative.nrows())).det() != 0:
                 raise NotProved(f"a multiplier may pass through {real}")

@@ -5,11 +5,13 @@ y(v) in centre + slope v,      slope encloses dy/dv on the box        (mean valu
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flint import arb, arb_mat
 
 from gaitopt.proof.field import Field
 from gaitopt.proof.graph import NotProved
+from gaitopt.proof.parametric import scattered
 from gaitopt.proof.taylor import Expansion, expand, follow
 
 
@@ -25,22 +27,23 @@ class Bundle:
     """
 
     deviation: arb_mat
-    centre: list[arb]
-    slope: arb_mat
+    centre: list[Any]
+    slope: Any
 
     @property
-    def hull(self) -> list[arb]:
+    def box(self) -> list[Any]:
         """A box around all motions."""
-        return [y + spread for y, spread in zip(self.centre, (self.slope * self.deviation).entries(), strict=True)]
+        spreads = scattered(self.slope * self.deviation, arb_mat.entries)
+        return [y + spread for y, spread in zip(self.centre, spreads, strict=True)]
 
     def fix(self, k: int, value: arb) -> None:
         """State ``k`` is known to have a value."""
         self.centre[k] = value
-        for j in range(self.slope.ncols()):
-            self.slope[k, j] = arb(0)
+        n = len(self.centre)
+        self.slope = arb_mat(n, n, [int(i == j != k) for i in range(n) for j in range(n)]) * self.slope
 
 
-def carry(field: Field, bundle: Bundle, steps: Sequence[float], middle: arb, duration: arb) -> list[Expansion]:
+def carry(field: Field, bundle: Bundle, steps: Sequence[float], middle: Any, duration: Any) -> list[Expansion]:
     """One arc in steps of given lengths and a last one that ends with the arc: after ``middle`` for the centre.
 
     The bundle is moved along; its slope does not know yet that the duration varies.
@@ -51,8 +54,8 @@ def carry(field: Field, bundle: Bundle, steps: Sequence[float], middle: arb, dur
     lengths = [(arb(h), arb(h)) for h in steps] + [(duration - before, middle - before)]
     expansions: list[Expansion] = []
     for h, h_middle in lengths:
-        expansions.append(expand(field, bundle.hull, h))
+        expansions.append(expand(field, bundle.box, h))
         variation = expansions[-1].shooting_jacobian()
-        bundle.centre = follow(expansions[-1], bundle.centre, h_middle, variation)
+        bundle.centre = follow(field, expansions[-1], bundle.centre, h_middle, variation)
         bundle.slope = variation * bundle.slope
     return expansions

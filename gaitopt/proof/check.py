@@ -1,11 +1,11 @@
 """Re-verification of a certificate, in one pass and without any search: what is proved about the gait that it states.
 
-On a box of deviations v = (w, sigma) from its centre, sigma being along the branch of a family, Krawczyk's operator
+On a box of deviations w from its centre, which in a family is a polynomial in the parameter, Krawczyk's operator
 
-    K = -C F(centre) - C F_sigma(box) sigma + (1 - C F_w(box)) w,       C an approximate inverse of F_w
+    K = -C F(centre) + (1 - C F_w(box)) w,       C an approximate inverse of F_w
 
-proves, where K lies in the interior of the box of w, that for every sigma F has exactly one zero in it, and that it
-lies in K. Margins, impact and multipliers are then enclosed for every motion that starts in K.
+proves, where K lies in the interior of the box for every value of the parameter, that F has exactly one zero in it, and
+that it lies in K. Margins, impact and multipliers are then enclosed for every motion that starts in K.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,17 +14,22 @@ from typing import Any
 
 from flint import arb, ctx
 
-from gaitopt.proof.box import Box, identity, vector
+from gaitopt.proof.box import Box, identity
 from gaitopt.proof.branch import MARGIN_CHANGES, connection_claim, sign_change_claim
 from gaitopt.proof.claims import Claim, mode_sequence_claims
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.measures import measures, multipliers
-from gaitopt.proof.orbit import Orbit, Passage, part
-from gaitopt.proof.statement import Statement, restore_arcs, restore_box, restore_statement
+from gaitopt.proof.orbit import Orbit, Passage
+from gaitopt.proof.parametric import Parametric, at, hull
+from gaitopt.proof.statement import Statement, restore_box, restore_statement
 from gaitopt.proof.taylor import PRECISION
-from gaitopt.proof.theorem import Piece, Proof, merged_claims
+from gaitopt.proof.theorem import Piece, Proof, merged_claims, union_of_multipliers
 
-EXISTENCE, MOTION = "existence and uniqueness", "motion"
+STATEMENT, EXISTENCE, MOTION = "statement", "existence and uniqueness", "motion"
+PARTS = 8
+"""Parts of the interval of a parameter, on each of which multipliers are enclosed."""
+INVERSE_ROUNDS = 2
+"""Newton's method doubles the order in the parameter each time."""
 
 
 def silent(words: str) -> None:
@@ -63,8 +68,8 @@ def _check(certificate: Mapping[str, Any], progress: Callable[[str], None]) -> P
             progress(f"box {k + 1} of {len(statement.records)}")
             if pieces[-1].inner is None:
                 break
-    except ValueError as fault:
-        claim = Claim("statement", proved=False, words=str(fault))
+    except (ValueError, NotProved) as fault:
+        claim = Claim(STATEMENT, proved=False, words=str(fault))
         return Proof(problem=str(certificate.get("problem")), claims=(claim,), certificate=certificate)
     return theorem(statement, pieces, certificate)
 
@@ -91,8 +96,7 @@ def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool =
 
     Inside a bracket multipliers are not needed, and beyond a violated margin the orbit is no gait.
     """
-    box = restore_box(statement.orbit, record)
-    orbit = statement.orbit.on(box, restore_arcs(statement.orbit, record))
+    orbit, box = restore_box(statement, record)
     claims: tuple[Claim, ...] = ()
     try:
         inner, words = prove_existence(orbit, box)
@@ -100,24 +104,35 @@ def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool =
         passage = orbit.traverse(inner)
         if at_end or statement.special not in MARGIN_CHANGES:
             claims += tuple(mode_sequence_claims(orbit, passage))
-        return _piece(orbit, box, inner, passage, claims, within=statement.special is not None and not at_end)
+        within = statement.special is not None and not at_end
+        return _piece(orbit, record["interval"], box, inner, passage, claims, within=within)
     except NotProved as failure:
         name = MOTION if claims else EXISTENCE
-        return Piece(box, None, (*claims, Claim(name, proved=False, words=str(failure))))
+        return Piece(box, None, record["interval"], (*claims, Claim(name, proved=False, words=str(failure))))
 
 
-def _piece(orbit: Orbit, box: Box, inner: Box, passage: Passage, claims: tuple[Claim, ...], *, within: bool) -> Piece:
-    durations = inner.hull[orbit.n_xi :][: orbit.n_arcs]
-    derivative = orbit.return_map(passage, inner)
+def _piece(
+    orbit: Orbit,
+    interval: Sequence[str],
+    box: Box,
+    inner: Box,
+    passage: Passage,
+    claims: tuple[Claim, ...],
+    *,
+    within: bool,
+) -> Piece:
+    durations = inner.hull[orbit.n_xi :]
+    derivatives = orbit.return_maps(passage, PARTS)
     return Piece(
         box,
         inner,
+        interval,
         claims,
-        state=dict(zip(orbit.system.state_names, passage.starts[0], strict=False)),
+        state=dict(zip(orbit.system.state_names, map(hull, passage.starts[0]), strict=False)),
         durations=orbit.phase_durations(durations),
         measures=measures(orbit, passage, durations),
-        derivative=derivative,
-        multipliers=() if within else tuple(multipliers(derivative)),
+        derivatives=derivatives,
+        multipliers=() if within else union_of_multipliers(map(multipliers, derivatives)),
     )
 
 
@@ -132,11 +147,10 @@ def prove_existence(orbit: Orbit, box: Box) -> tuple[Box, str]:
         If Krawczyk's test fails.
     """
     first = krawczyk(orbit, box)
-    for k in box.unknown:
-        if not box.deviation[k].contains_interior(first.deviation[k]):
-            inside, outside = first.deviation[k].str(5), box.deviation[k].str(3)
-            raise NotProved(f"Krawczyk's operator moves {orbit.names[k]} by {inside}, out of {outside}")
-    radius = max(box.deviation[k].abs_upper() for k in box.unknown)
+    for name, outside, inside in zip(orbit.names, box.deviation, first.deviation, strict=True):
+        if not outside.contains_interior(inside):
+            raise NotProved(f"Krawczyk's operator moves {name} by {inside.str(5)}, out of {outside.str(3)}")
+    radius = max(w.abs_upper() for w in box.deviation)
     words = f"exactly one periodic orbit lies within {radius.str(3, radius=False)} of the centre in every unknown"
     return krawczyk(orbit, first), words
 
@@ -150,13 +164,24 @@ def krawczyk(orbit: Orbit, box: Box) -> Box:
         If the motion cannot be followed, or F_w is singular.
     """
     passage = orbit.traverse(box)
-    slope, rows, w = orbit.slope(passage, box), range(len(box.unknown)), box.unknown
-    F_w = part(slope, rows, w)
+    F_w, F = orbit.slope(passage), orbit.residual(passage)
+    C = approximate_inverse(F_w)
+    K = hull(identity(len(box.centre)) - C * F_w) * box.column - hull(C * F)
+    return replace(box, deviation=K.entries())
+
+
+def approximate_inverse(matrix: Any) -> Any:
+    """Next to the inverse of the middle of a matrix, by Newton's method where it depends on a parameter.
+
+    Raises
+    ------
+    NotProved
+        If it is singular.
+    """
     try:
-        C = F_w.mid().inv()
+        C = at(matrix, arb(0)).mid().inv().mid()
     except ZeroDivisionError as failure:
         raise NotProved("the derivative of the shooting equations is singular") from failure
-    K = (identity(len(w)) - C * F_w) * vector([box.deviation[k] for k in w]) - C * vector(passage.flat_residual)
-    if box.along is not None:
-        K -= C * part(slope, rows, [box.along]) * box.deviation[box.along].union(arb(0))
-    return box.narrowed(K.entries())
+    for _ in range(INVERSE_ROUNDS if isinstance(matrix, Parametric) else 0):
+        C = (2 * C - C * matrix * C).mid()
+    return C

@@ -14,6 +14,7 @@ from flint import arb
 from gaitopt.mechanics import CONTACTS, ImpactLaw, Mode, margin_names
 from gaitopt.proof.graph import NotProved, Refuted
 from gaitopt.proof.orbit import Impact, Orbit, Passage
+from gaitopt.proof.parametric import hull
 from gaitopt.proof.signs import ENDS, POSITIVE, TOUCHDOWN, Part, check_pattern, parts, smallest
 from gaitopt.proof.taylor import Series
 
@@ -62,14 +63,14 @@ def _checks(orbit: Orbit, passage: Passage) -> Iterator[Check]:
             arc = orbit.arcs[j]
             begins = j == 0 or orbit.arcs[j - 1].phase != arc.phase
             at_end = orbit.field(arc.mode, arc.segment).margins(passage.ends[j])[0]
-            for (name, steps), last in zip(_margins_along(orbit, passage, j).items(), at_end, strict=True):
+            for (name, steps), last in zip(_margins_along(orbit, passage, j).items(), map(hull, at_end), strict=True):
                 order = _order_of_zero(orbit, j, name) if begins else 0
                 found = list(parts(steps, order, monotone=name in ("touchdown", arc.event)))
                 if name == "touchdown":
                     touchdown += found
                     continue
                 pattern = ENDS if name == arc.event else POSITIVE
-                yield f"arc {j + 1}, {arc.mode}: {name}", partial(_margin_claim, name, found, pattern, order, arb(last))
+                yield f"arc {j + 1}, {arc.mode}: {name}", partial(_margin_claim, name, found, pattern, order, last)
             if begins and sequence.impact_before(arc.phase) in (None, Mode.STICK):
                 yield f"arc {j + 1}, {arc.mode}: mode at rest", partial(_rest, orbit, j, passage.starts[j])
         yield f"{prefix}touchdown", partial(_margin_claim, "touchdown", touchdown, TOUCHDOWN, 0, arb(0))
@@ -84,7 +85,7 @@ def _margins_along(orbit: Orbit, passage: Passage, j: int) -> dict[str, list[tup
     steps: dict[str, list[tuple[Series, arb]]] = {name: [] for name in names}
     for expansion in passage.expansions[j]:
         for name, series in zip(names, expansion.along(graph), strict=True):
-            steps[name].append((series, expansion.h))
+            steps[name].append((series, hull(expansion.h)))
     return steps
 
 
@@ -102,7 +103,7 @@ def _order_of_zero(orbit: Orbit, j: int, name: str) -> int:
 
 
 def _friction_drops(orbit: Orbit) -> bool:
-    static, kinetic = orbit.system.static_friction(orbit.p), orbit.system.kinetic_friction(orbit.p)
+    static, kinetic = hull(orbit.system.static_friction(orbit.p)), hull(orbit.system.kinetic_friction(orbit.p))
     if not orbit.system.friction.two_coefficients:
         return False
     if bool(static > kinetic):
@@ -138,7 +139,7 @@ def _rest(orbit: Orbit, j: int, y: list[arb]) -> tuple[str, arb | None]:
     """A foot at rest can only do what the arc says: stick, or slip because sticking would need too much friction."""
     arc = orbit.arcs[j]
     margins = {
-        mode: dict(zip(margin_names(mode), map(arb, orbit.field(mode, arc.segment).margins(y)[0]), strict=True))
+        mode: dict(zip(margin_names(mode), map(hull, orbit.field(mode, arc.segment).margins(y)[0]), strict=True))
         for mode in CONTACTS
     }
     cones = dict(zip(SLIPS, (margins[Mode.STICK][name] for name in ("cone_forward", "cone_backward")), strict=True))
@@ -157,9 +158,9 @@ def _rest(orbit: Orbit, j: int, y: list[arb]) -> tuple[str, arb | None]:
 
 def _impact(orbit: Orbit, mode: Mode, y: list[arb]) -> tuple[str, arb | None]:
     """The impact is consistent, no other one is, and the former stance foot lifts."""
-    cone = orbit.system.static_friction(orbit.p)
+    cone = hull(orbit.system.static_friction(orbit.p))
     own = orbit.impact(mode, y)
-    smallest_margin = _all_positive({"lift velocity": own.lift_velocity, **_impact_margins(own, mode, cone)})
+    smallest_margin = _all_positive({"lift velocity": hull(own.lift_velocity), **_impact_margins(own, mode, cone)})
     for other in CONTACTS:
         if other is not mode and not (mode.sticks and _stick_has_precedence(orbit)):
             margins = _impact_margins(orbit.impact(other, y), other, cone)
@@ -176,10 +177,11 @@ def _stick_has_precedence(orbit: Orbit) -> bool:
 
 def _impact_margins(impact: Impact, mode: Mode, cone: arb) -> dict[str, arb]:
     """What has to be positive for an impact to be consistent."""
-    f_t, f_n = map(arb, impact.impulse)
+    f_t, f_n = map(hull, impact.impulse)
     if mode.sticks:
         return {"normal impulse": f_n, "cone_forward": cone * f_n + f_t, "cone_backward": cone * f_n - f_t}
-    return {"normal impulse": f_n, "painleve": impact.painleve, "slip velocity": mode.direction * impact.slip_velocity}
+    slip = mode.direction * hull(impact.slip_velocity)
+    return {"normal impulse": f_n, "painleve": hull(impact.painleve), "slip velocity": slip}
 
 
 def _all_positive(needed: dict[str, arb]) -> arb:

@@ -1,19 +1,23 @@
 """One mode on one segment of the control as an autonomous vector field with everything that is observed along it.
 
-    dy/dt = F(y),   y = (z, t)  or  (z, t, s)
+    dy/dt = F(y),   y = (z, t)
 
 t, the time since the last impact, is a state like the others, so that events at fixed times and events of the state
-are treated alike; so is s, a parameter that varies in a family of gaits: ds/dt = 0.
+are treated alike.
 """
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any
 
 from casadi import SX, Function, cse, jacobian, sum1, vertcat
-from flint import arb
 
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.proof.graph import Graph
+from gaitopt.proof.parametric import truncated
+
+LOW_DEGREE = 2
+"""Of first variations and of what is observed along the motion."""
 
 
 class Field:
@@ -22,56 +26,70 @@ class Field:
     Parameters
     ----------
     p, r : parameters and segment data.
-    varied : index in ``p`` of the parameter that is a state; its entry in ``p`` does not matter.
     """
 
-    def __init__(
-        self, system: HybridSystem, mode: Mode, p: Sequence[arb], r: Sequence[arb], varied: int | None = None
-    ) -> None:
-        self.system, self.mode = system, mode
-        self.names = (*system.state_names, "t", *(() if varied is None else (system.parameters[varied],)))
-        self.n = len(self.names)
+    def __init__(self, system: HybridSystem, mode: Mode, p: Sequence[Any], r: Sequence[Any]) -> None:
+        self.system, self.mode, self.n = system, mode, system.n_z + 1
         self._constants = (p, r)
-        self._y = SX.sym("y", self.n)
-        self._p, self._r = SX.sym("p", len(p)), SX.sym("r", len(r))
-        z, t, s = self._y[: system.n_z], self._y[system.n_z], self._y[system.n_z + 1 :]
-        self._arguments = (t, z, with_entry(self._p, varied, s), self._r)
+
+    @cached_property
+    def low(self) -> "Field":
+        """The same with polynomials of low degree."""
+        return self._truncated(LOW_DEGREE)
+
+    @cached_property
+    def hull(self) -> "Field":
+        """The same for all values of the parameter at once."""
+        return self._truncated(0)
 
     @cached_property
     def rate(self) -> Graph:
         """y -> dy/dt."""
-        return self._graph("rate", self._rate)
+        return self._graph("rate")
 
     @cached_property
     def jacobian(self) -> Graph:
         """y -> d(dy/dt)/dy, columns one after the other."""
-        return self._graph("jacobian", jacobian(self._rate, self._y))
+        return self._graph("jacobian")
 
     @cached_property
     def margins(self) -> Graph:
         """y -> margins of the mode in the order of ``margin_names``."""
-        return self._graph("margins", self.system.margins(self.mode)(*self._arguments))
+        return self._graph("margins")
 
     @cached_property
     def margin_gradients(self) -> Graph:
         """y -> derivatives of the margins, columns one after the other."""
-        return self._graph("gradients", jacobian(self.system.margins(self.mode)(*self._arguments), self._y))
+        return self._graph("gradients")
 
     @cached_property
     def observation(self) -> Graph:
         """y -> |f_t / f_n| without its modulus, and the power of all motors."""
-        force, _, power, *_ = self.system.observation(self.mode)(*self._arguments)
-        return self._graph("observation", vertcat(force[0] / force[1], sum1(power)))
+        return self._graph("observation")
 
-    @cached_property
-    def _rate(self) -> SX:
-        return vertcat(self.system.flow(self.mode)(*self._arguments), 1, SX.zeros(self.n - self.system.n_z - 1))
+    def _truncated(self, degree: int) -> "Field":
+        p, r = self._constants
+        return Field(self.system, self.mode, [truncated(value, degree) for value in p], r)
 
-    def _graph(self, name: str, expression: SX) -> Graph:
-        arguments = [self._y, self._p, self._r]
-        return Graph(Function(name, arguments, cse([expression])), self._constants)
+    def _graph(self, name: str) -> Graph:
+        return Graph(_function(self.system, self.mode, name), self._constants)
 
 
-def with_entry(p: SX, index: int | None, value: SX) -> SX:
-    """``p`` with one entry replaced, if there is one."""
-    return p if index is None else vertcat(p[:index], value, p[index + 1 :])
+@lru_cache(maxsize=256)
+def _function(system: HybridSystem, mode: Mode, name: str) -> Function:
+    n_z, arguments = (
+        system.n_z,
+        [SX.sym("y", system.n_z + 1), SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)],
+    )
+    y, p, r = arguments
+    of_state = (y[n_z], y[:n_z], p, r)
+    if name in ("rate", "jacobian"):
+        expression = vertcat(system.flow(mode)(*of_state), 1)
+    elif name in ("margins", "gradients"):
+        expression = system.margins(mode)(*of_state)
+    else:
+        force, _, power, *_ = system.observation(mode)(*of_state)
+        expression = vertcat(force[0] / force[1], sum1(power))
+    if name in ("jacobian", "gradients"):
+        expression = jacobian(expression, y)
+    return Function(name, arguments, cse([expression]))

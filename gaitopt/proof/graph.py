@@ -145,6 +145,8 @@ class Graph:
                 values[place] = apply(values[a]) if b is None else apply(values[a], values[b])
         except (ZeroDivisionError, ValueError) as failure:  # of a number, of a series
             raise NotProved(f"{self._name}: a quotient by what may be zero") from failure
+        except AttributeError as failure:  # of a polynomial in a parameter
+            raise NotProved(f"{self._name}: {failure.name} cannot be enclosed along a family") from failure
         outputs: list[list[Any]] = [[arb(0)] * size for size in self._sizes]
         for output, entry, place in self._outputs:
             outputs[output][entry] = values[place]

@@ -7,6 +7,7 @@ from flint import acb, acb_mat, arb, arb_mat
 
 from gaitopt.proof.graph import Graph, NotProved
 from gaitopt.proof.orbit import Orbit, Passage
+from gaitopt.proof.parametric import hull
 from gaitopt.proof.taylor import Series, evaluate
 
 HALVINGS = 16
@@ -17,16 +18,17 @@ def measures(orbit: Orbit, passage: Passage, durations: list[arb]) -> dict[str, 
     """The measures of every gait in the box, by the names of a gait's record."""
     period, length = sum(durations, arb(0)), arb(0)
     for step, impact in enumerate(orbit.sequence.impacts):
-        length += orbit.impact(impact, passage.ends[orbit.arcs_of(step)[-1]]).z_plus[orbit.system.n_shape]
+        after = orbit.impact(impact, passage.ends[orbit.arcs_of(step)[-1]]).z_plus
+        length += hull(after[orbit.system.n_shape])
     ratios: list[tuple[Series, arb]] = []
     work = arb(0)
     for arc, expansions in zip(orbit.arcs, passage.expansions, strict=True):
         graph = orbit.field(arc.mode, arc.segment).observation
         for expansion in expansions:
             ratio, power = expansion.along(graph)
-            work += _integral(power, expansion.h)
+            work += _integral(power, hull(expansion.h))
             if arc.mode.sticks:
-                ratios.append((ratio, expansion.h))
+                ratios.append((ratio, hull(expansion.h)))
     return {
         "period": period,
         "step_length": length,
@@ -92,4 +94,4 @@ def _integral(f: Series, h: arb) -> arb:
 
 def _weight(orbit: Orbit) -> arb:
     p = SX.sym("p", len(orbit.p))
-    return arb(Graph(Function("weight", [p], [orbit.system.weight(p)]), [])(orbit.p)[0][0])
+    return arb(Graph(Function("weight", [p], [orbit.system.weight(p)]), [])([hull(value) for value in orbit.p])[0][0])

@@ -8,16 +8,16 @@ from typing import Any
 
 from flint import ctx
 
-from gaitopt.errors import SolveError, UnknownNameError
+from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Gait
-from gaitopt.proof.check import EXISTENCE, silent, theorem
+from gaitopt.proof.check import EXISTENCE, STATEMENT, silent, theorem
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.control import control_record
 from gaitopt.proof.cover import cover, tight_box
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.parameters import INTERVAL, exact_texts
 from gaitopt.proof.search import arcs_of
-from gaitopt.proof.statement import SCHEMA, restore_statement
+from gaitopt.proof.statement import SCHEMA, refuse_what_is_not_modelled, restore_statement
 from gaitopt.proof.taylor import LOW_ORDER, LOW_PRECISION, ORDER, PRECISION
 from gaitopt.proof.theorem import Proof
 
@@ -85,6 +85,10 @@ def _prove(
     special: str | None = None,
 ) -> Proof:
     """The proof with the boxes that a search has found, or without any."""
+    try:
+        refuse_what_is_not_modelled(gait.problem, gait.system)
+    except NotProved as failure:
+        return Proof(gait.problem.name, (Claim(STATEMENT, proved=False, words=str(failure)),), {})
     header = _header(gait, texts, varied, special)
     with ctx.workprec(PRECISION):
         statement = restore_statement(header)
@@ -111,14 +115,6 @@ def _texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
 def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: str | None) -> dict[str, Any]:
     """Everything that a proof is checked from, except its boxes."""
     system = gait.system
-    if system.walker.stops:
-        raise SolveError(f"{gait.problem.name}: the impact of a stop cannot be proved yet")
-    if system.walker.flies or system.walker.switches:
-        raise SolveError(f"{gait.problem.name}: flight and switches cannot be proved yet")
-    if system.walker.pushes:
-        raise SolveError(f"{gait.problem.name}: a push-off cannot be proved yet")
-    if system.walker.exchanged:
-        raise SolveError(f"{gait.problem.name}: the gait of a walker whose legs differ cannot be proved yet")
     arcs = arcs_of(gait)
     scalars = {name: float(gait.p[system.parameters.index(f"control.{name}")]) for name in system.control.parameters}
     return {

@@ -5,15 +5,18 @@ such that their remainders stay below ``TOLERANCE``.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
-from flint import arb
+from flint import arb, arb_mat
 
 from gaitopt.gait import Gait
 from gaitopt.mechanics import ending_margin
-from gaitopt.proof.box import Box, vector
+from gaitopt.proof.box import Box
+from gaitopt.proof.check import approximate_inverse
 from gaitopt.proof.field import Field
 from gaitopt.proof.graph import NotProved
-from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit, Passage, part
+from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit, Passage
+from gaitopt.proof.parametric import hull, scattered
 from gaitopt.proof.taylor import LOW_ORDER, ORDER, expand
 
 TOLERANCE = 1e-19
@@ -22,7 +25,6 @@ OBSERVED_TOLERANCE = 1e-10
 """Remainder of margins, force ratio and power, in SI."""
 SAFETY, LARGEST_GROWTH, LARGEST_CUT = 0.93, 1.5, 0.4
 """The next step relative to one with the remainder that is allowed, and bounds of its length relative to the last."""
-NEWTON_STEPS = 2
 LAST_STEP = (0.4, 1.1)
 """Range of the last step of an arc, relative to the planned one, in which a plan is used for another orbit."""
 
@@ -43,34 +45,29 @@ def unknowns(orbit: Orbit, gait: Gait) -> list[arb]:
     """u of a gait, in doubles."""
     sections = zip(gait.steps, orbit.sections, strict=True)
     u = [step.arcs[0].states[0][k] for step, section in sections for k in section]
-    u += [arc.duration for arc in gait.arcs]
-    return [arb(float(value)) for value in u] + ([] if orbit.varied is None else [orbit.p[orbit.varied].mid()])
+    return [arb(float(value)) for value in (*u, *(arc.duration for arc in gait.arcs))]
 
 
 def plan(orbit: Orbit, gait: Gait) -> list[list[float]]:
     """Lengths of the steps of every arc of a gait, the last one included."""
-    s = [] if orbit.varied is None else [orbit.p[orbit.varied].mid()]
-    starts = [[*map(arb, map(float, arc.states[0])), arb(arc.start), *s] for arc in gait.arcs]
+    starts = [[*map(arb, map(float, arc.states[0])), arb(arc.start)] for arc in gait.arcs]
     return replan(orbit, starts, [arc.duration for arc in gait.arcs])
 
 
-def replan(orbit: Orbit, starts: Sequence[Sequence[arb]], durations: Sequence[float]) -> list[list[float]]:
+def replan(orbit: Orbit, starts: Sequence[Sequence[Any]], durations: Sequence[float]) -> list[list[float]]:
     """The same from the states in which the arcs start."""
     lengths = []
     for arc, start, duration in zip(orbit.arcs, starts, durations, strict=True):
-        y = [value.mid() for value in start]
+        y = [hull(value).mid() for value in start]
         if arc.mode.sticks:
             y[orbit.system.n_z - 1] = arb(0)
-        lengths.append(_steps(orbit.field(arc.mode, arc.segment), y, duration))
+        lengths.append(_steps(orbit.field(arc.mode, arc.segment).hull, y, duration))
     return lengths
 
 
-def planned(orbit: Orbit, lengths: Sequence[Sequence[float]]) -> list[Arc]:
-    """The arcs with the steps of a plan."""
-    return [
-        Arc(arc.mode, arc.segment, arc.phase, arc.event, tuple(steps[:-1]))
-        for arc, steps in zip(orbit.arcs, lengths, strict=True)
-    ]
+def without_last(lengths: Sequence[Sequence[float]]) -> list[list[float]]:
+    """The steps of a plan as a certificate states them: the last one ends with its arc."""
+    return [list(steps[:-1]) for steps in lengths]
 
 
 def is_usable(lengths: Sequence[Sequence[float]], durations: Sequence[float]) -> bool:
@@ -80,22 +77,12 @@ def is_usable(lengths: Sequence[Sequence[float]], durations: Sequence[float]) ->
     return all(low < ratio < high for ratio in last)
 
 
-def refine(orbit: Orbit, u: list[arb], along: int | None, rounds: int = NEWTON_STEPS) -> tuple[Box, Passage]:
-    """An orbit in long precision as a box without extent, with the tangent there; u_k keeps its value."""
-    n = len(u)
-    tangent = [] if along is None else [arb(int(i == along)) for i in range(n)]
-    box = Box(list(u), [arb(0)] * n, along, tangent)
-    for _ in range(rounds):
-        passage = orbit.traverse(box)
-        slope, rows = orbit.slope(passage, box).mid(), range(len(box.unknown))
-        F_w = part(slope, rows, box.unknown)
-        update = F_w.solve(vector(passage.flat_residual).mid()).entries()
-        for k, change in zip(box.unknown, update, strict=True):
-            box.centre[k] = (box.centre[k] - change).mid()
-    if along is not None:
-        for k, rate in zip(box.unknown, F_w.solve(-part(slope, rows, [along])).entries(), strict=True):
-            tangent[k] = arb(float(rate.mid()))
-    return Box(box.centre, box.deviation, along, tangent), passage
+def refine(orbit: Orbit, centre: Sequence[Any]) -> tuple[list[Any], list[arb], Passage]:
+    """A step of Newton's method, in a family for polynomials; what it leaves open, and the motions before it."""
+    passage = orbit.traverse(Box(centre, [arb(0)] * len(centre)))
+    update = scattered(approximate_inverse(orbit.slope(passage)) * orbit.residual(passage), arb_mat.entries)
+    left = [hull(change - change.mid()).abs_upper() for change in update]
+    return [(value - change).mid() for value, change in zip(centre, update, strict=True)], left, passage
 
 
 def _steps(field: Field, y: list[arb], duration: float) -> list[float]:

@@ -6,14 +6,24 @@ from typing import Any
 
 from flint import arb
 
-from gaitopt.mechanics import CoulombFriction, Cycle, HybridSystem, Mode, StaticKineticFriction, ending_margin
+from gaitopt.mechanics import (
+    CONTACTS,
+    CoulombFriction,
+    Cycle,
+    HybridSystem,
+    Mode,
+    StaticKineticFriction,
+    ending_margin,
+)
 from gaitopt.problem import Problem, restore_problem
 from gaitopt.proof.box import Box
 from gaitopt.proof.control import restore_control
+from gaitopt.proof.graph import NotProved
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit
 from gaitopt.proof.parameters import INTERVAL, ball
+from gaitopt.proof.parametric import Parametric
 
-SCHEMA = "gaitopt-proof-2"
+SCHEMA = "gaitopt-proof-3"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,16 +32,34 @@ class Statement:
 
     Attributes
     ----------
+    p : parameters in balls.
+    arcs : without steps of the integration.
+    varied : index of the parameter along which a family is followed, if one is.
+    interval : its ends as texts; empty where nothing varies.
     special : type of the special point that is bracketed, if one is.
-    interval : ends of the interval of the parameter that varies, or nothing.
-    records : of the boxes, in order of the branch.
+    records : of the boxes, in order of the parameter.
     """
 
     name: str
-    orbit: Orbit
+    system: HybridSystem
+    p: Sequence[arb]
+    sequence: Cycle
+    arcs: Sequence[Arc]
+    varied: int | None
+    interval: tuple[str, ...]
     special: str | None
-    interval: tuple[arb, ...]
     records: Sequence[Mapping[str, Any]]
+
+    def orbit(self, steps: Sequence[Sequence[float]], value: Any = None) -> Orbit:
+        """The equations with steps of the integration, for a value of the parameter that varies."""
+        p = list(self.p)
+        if self.varied is not None:
+            p[self.varied] = value
+        arcs = [
+            Arc(arc.mode, arc.segment, arc.phase, arc.event, tuple(map(float, lengths)))
+            for arc, lengths in zip(self.arcs, steps, strict=True)
+        ]
+        return Orbit(self.system, p, self.sequence, arcs)
 
 
 def restore_statement(certificate: Mapping[str, Any]) -> Statement:
@@ -41,49 +69,89 @@ def restore_statement(certificate: Mapping[str, Any]) -> Statement:
     ------
     ValueError
         If it is of another schema, or does not fit its problem.
+    NotProved
+        If its modes are none that can be proved.
     """
-    if certificate.get("schema") != SCHEMA:
-        raise ValueError(f"not a certificate of the schema {SCHEMA}")
+    schema = certificate.get("schema")
+    if schema != SCHEMA:
+        raise ValueError(f"a certificate of the format {schema}, not {SCHEMA}: check it with the version that wrote it")
     problem = restore_problem(certificate["resolved"])
     friction = CoulombFriction() if isinstance(problem.friction, float) else StaticKineticFriction()
     control = restore_control(certificate["control"])
     system = HybridSystem(type(problem.walker), control, problem.impact_law, friction)
+    refuse_what_is_not_modelled(problem, system)
     texts, varied, records = certificate["parameters"], certificate["varied"], certificate["boxes"]
     _check_parameters(problem, system, texts)
     arcs = [Arc(Mode(a["mode"]), a["segment"], a["phase"], a["event"], ()) for a in certificate["arcs"]]
     _check_arcs(arcs, problem.cycle)
     index = None if varied is None else system.parameters.index(varied)
-    interval = () if varied is None else tuple(ball(text.strip()) for text in texts[varied].split(INTERVAL))
+    interval = () if varied is None else tuple(text.strip() for text in texts[varied].split(INTERVAL))
     if varied is not None and len(interval) != 2:
         raise ValueError(f"{varied} varies, but {texts[varied]} is no interval")
-    orbit = Orbit(system, [ball(texts[key]) for key in system.parameters], problem.cycle, arcs, index)
-    return Statement(problem.name, orbit, certificate["special"], interval, records)
+    p = [ball(texts[key]) for key in system.parameters]
+    return Statement(problem.name, system, p, problem.cycle, arcs, index, interval, certificate["special"], records)
 
 
-def restore_box(orbit: Orbit, record: Mapping[str, Any]) -> Box:
-    """A box of a certificate.
+def restore_box(statement: Statement, record: Mapping[str, Any]) -> tuple[Orbit, Box]:
+    """A box of a certificate, and the equations for it.
 
     Raises
     ------
     ValueError
         If it does not fit the equations.
     """
-    centre = [arb(text).mid() for text in record["centre"]]
-    along, tangent = record["along"], [arb(float(entry)) for entry in record["tangent"]]
-    radii = [arb(0, arb(text).lower()) for text in record["radii"]]
-    n = len(orbit.names)
-    fits = along is None and not tangent if orbit.varied is None else along in range(n) and len(tangent) == n
-    if not len(centre) == len(radii) == n or not fits or (tangent and tangent[along] != 1):
+    degrees = {len(coefficients) - 1 for coefficients in record["centre"]}
+    if len(degrees) != 1:
+        raise ValueError("the unknowns of a box are polynomials of several degrees")
+    (degree,) = degrees
+    centre = [polynomial([arb(text).mid() for text in coefficients]) for coefficients in record["centre"]]
+    deviation = [arb(0, arb(text).lower()) for text in record["radii"]]
+    orbit = statement.orbit(record["steps"], parameter(record["interval"], degree))
+    if not len(centre) == len(deviation) == len(orbit.names) or (degree and statement.varied is None):
         raise ValueError(f"a box of {len(centre)} entries does not fit the unknowns {', '.join(orbit.names)}")
-    return Box(centre, radii, along, tangent)
+    return orbit, Box(centre, deviation)
 
 
-def restore_arcs(orbit: Orbit, record: Mapping[str, Any]) -> list[Arc]:
-    """The arcs with the steps of a box."""
-    return [
-        Arc(arc.mode, arc.segment, arc.phase, arc.event, tuple(map(float, steps)))
-        for arc, steps in zip(orbit.arcs, record["steps"], strict=True)
-    ]
+def parameter(interval: Sequence[str], degree: int) -> Any:
+    """What varies on a box, as a polynomial of the degree of the box's unknowns; None if nothing does."""
+    if not interval:
+        return None
+    lower, upper = map(ball, interval)
+    return (
+        polynomial([(lower + upper) / 2, (upper - lower) / 2, *[arb(0)] * (degree - 1)])
+        if degree
+        else lower.union(upper)
+    )
+
+
+def polynomial(coefficients: Sequence[Any]) -> Any:
+    """A number that depends on the parameter, or one that does not."""
+    return Parametric(list(coefficients)) if len(coefficients) > 1 else coefficients[0]
+
+
+def refuse_what_is_not_modelled(problem: Problem, system: HybridSystem) -> None:
+    """Refuse a walker with modes that no proof here knows.
+
+    Raises
+    ------
+    NotProved
+        If it has joint stops, flight, switches or a push-off, legs that differ, or another mode than that one foot
+        sticks or slips.
+    """
+    walker = system.walker
+    reasons = {
+        "joint stops": walker.stops,
+        "flight": walker.flies,
+        "switches": walker.switches,
+        "a push-off": walker.pushes,
+        "legs that differ": walker.exchanged,
+    }
+    unknown = " and ".join(reason for reason, present in reasons.items() if present)
+    if unknown:
+        raise NotProved(f"{problem.name}: a {walker.model} has {unknown}, of which nothing can be proved")
+    for mode in (*problem.cycle.phases, *problem.cycle.impacts):
+        if mode not in CONTACTS:
+            raise NotProved(f"{problem.name}: nothing can be proved about a phase or an impact with {mode}")
 
 
 def _check_parameters(problem: Problem, system: HybridSystem, texts: Mapping[str, str]) -> None:

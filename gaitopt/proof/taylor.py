@@ -15,8 +15,9 @@ from typing import Any
 
 from flint import arb, arb_mat, arb_series, ctx
 
-from gaitopt.proof.field import Field
+from gaitopt.proof.field import LOW_DEGREE, Field
 from gaitopt.proof.graph import Graph, NotProved
+from gaitopt.proof.parametric import hull, matrix, scattered, series, truncated
 
 ORDER = 22
 """N of the state."""
@@ -53,18 +54,18 @@ class Expansion:
     """
 
     field: Field
-    series: list[list[arb]]
+    series: list[list[Any]]
     beyond: list[list[arb]]
-    h: arb
-    end: list[arb]
+    h: Any
+    end: list[Any]
 
-    def shooting_jacobian(self) -> arb_mat:
+    def shooting_jacobian(self) -> Any:
         """Derivative of the end with respect to the start, shape (n, n)."""
         n = self.field.n
         with ctx.workprec(LOW_PRECISION):
-            at_start, later = (_matrices(self.field, series) for series in (self.series, self.beyond))
+            at_start, later = _matrices(self.field, self.series), _matrices(self.field.hull, self.beyond)
             steepest = max(sum((abs(later[0][i, j]) for j in range(n)), arb(0)).upper() for i in range(n))
-            deviation = arb(0, ((steepest * self.h).exp() - 1).upper())
+            deviation = arb(0, ((steepest * hull(self.h)).exp() - 1).upper())
             passed = arb_mat(n, n, [deviation + int(i == j) for i in range(n) for j in range(n)])
             total = _variations(later, LOW_ORDER)[-1] * passed
             for term in reversed(_variations(at_start, LOW_ORDER - 1)):
@@ -75,11 +76,11 @@ class Expansion:
         """The outputs of a graph of the state along the motions."""
         with ctx.workprec(LOW_PRECISION):
             pairs = zip(_compose(graph, self.series), _compose(graph, self.beyond), strict=True)
-            values = [[*at_start[:LOW_ORDER], later[LOW_ORDER]] for at_start, later in pairs]
+            values = [[*map(hull, at_start[:LOW_ORDER]), hull(later[LOW_ORDER])] for at_start, later in pairs]
             return [Series(c, [k * c[k] for k in range(1, len(c))]) for c in values]
 
 
-def expand(field: Field, start: Sequence[arb], h: arb) -> Expansion:
+def expand(field: Field, start: Sequence[Any], h: Any) -> Expansion:
     """One verified step from every point of the box ``start``.
 
     Raises
@@ -87,16 +88,17 @@ def expand(field: Field, start: Sequence[arb], h: arb) -> Expansion:
     NotProved
         If no box is found that the motion cannot leave, or its series are not finite there.
     """
-    if not h > 0:
-        raise NotProved(f"{field.mode}: a step of {h.str(5)} s")
-    box = confine(field, start, h)
+    if not hull(h) > 0:
+        raise NotProved(f"{field.mode}: a step of {hull(h).str(5)} s")
+    low, h = [truncated(y, LOW_DEGREE) for y in start], truncated(h, LOW_DEGREE)
+    box = confine(field.hull, list(map(hull, start)), hull(h))
     with ctx.workprec(LOW_PRECISION):
-        series = taylor_coefficients(field, start, LOW_ORDER + 1)
-        beyond = taylor_coefficients(field, box, ORDER + 1)
-        end = [evaluate([*c[:LOW_ORDER], b[LOW_ORDER]], h) for c, b in zip(series, beyond, strict=True)]
-    if not all(y.is_finite() for y in end):
+        at_start = taylor_coefficients(field.low, low, LOW_ORDER + 1)
+        beyond = taylor_coefficients(field.hull, box, ORDER + 1)
+        end = [evaluate([*c[:LOW_ORDER], b[LOW_ORDER]], h) for c, b in zip(at_start, beyond, strict=True)]
+    if not all(hull(y).is_finite() for y in end):
         raise NotProved(f"{field.mode}: the series of the motion are not finite")
-    return Expansion(field, series, beyond, h, end)
+    return Expansion(field.low, at_start, beyond, h, end)
 
 
 def confine(field: Field, start: Sequence[arb], h: arb) -> list[arb]:
@@ -120,30 +122,30 @@ def confine(field: Field, start: Sequence[arb], h: arb) -> list[arb]:
     raise NotProved(f"{field.mode}: no box is shown to hold the motion for {h.str(5, radius=False)} s")
 
 
-def follow(expansion: Expansion, centre: Sequence[arb], h: arb, variation: arb_mat) -> list[arb]:
+def follow(field: Field, expansion: Expansion, centre: Sequence[Any], h: Any, variation: Any) -> list[Any]:
     """End after ``h`` of the motion from one point of the box of an expansion, known up to the tiny balls ``centre``.
 
     A mean value form: the midpoint in high order, and the variation times what is left.
     """
     middle = [y.mid() for y in centre]
-    series = taylor_coefficients(expansion.field, middle, ORDER)
-    rest = variation * arb_mat(len(middle), 1, [y - m for y, m in zip(centre, middle, strict=True)])
-    pairs = zip(series, expansion.beyond, strict=True)
-    return [evaluate([*c, b[ORDER]], h) + rest[i, 0] for i, (c, b) in enumerate(pairs)]
+    at_start = taylor_coefficients(field, middle, ORDER)
+    rest = variation * matrix(len(middle), 1, [y - m for y, m in zip(centre, middle, strict=True)])
+    terms = zip(at_start, expansion.beyond, scattered(rest, arb_mat.entries), strict=True)
+    return [evaluate([*c, b[ORDER]], h) + r for c, b, r in terms]
 
 
-def taylor_coefficients(field: Field, start: Sequence[arb], count: int) -> list[list[arb]]:
+def taylor_coefficients(field: Field, start: Sequence[Any], count: int) -> list[list[Any]]:
     """F_0, ..., F_(count - 1) of each state, one after the other from y' = F(y)."""
-    coefficients = [[arb(y)] for y in start]
+    coefficients = [[y] for y in start]
     for k in range(count - 1):
         ctx.cap = k + 1
-        (rates,) = field.rate([arb_series(c, k + 1) for c in coefficients])
+        (rates,) = field.rate([series(c, k + 1) for c in coefficients])
         for c, rate in zip(coefficients, rates, strict=True):
             c.append(_padded(rate, k + 1)[k] / (k + 1))
     return coefficients
 
 
-def evaluate(coefficients: Sequence[arb], t: arb) -> arb:
+def evaluate(coefficients: Sequence[Any], t: Any) -> Any:
     """A polynomial by Horner's rule."""
     total = coefficients[-1]
     for c in reversed(coefficients[:-1]):
@@ -152,18 +154,18 @@ def evaluate(coefficients: Sequence[arb], t: arb) -> arb:
 
 
 def _rates(field: Field, y: Sequence[arb]) -> list[arb]:
-    return [arb(rate) for rate in field.rate(y)[0]]
+    return [hull(rate) for rate in field.rate(y)[0]]
 
 
-def _matrices(field: Field, series: list[list[arb]]) -> list[arb_mat]:
+def _matrices(field: Field, motion: list[list[Any]]) -> list[Any]:
     """Series of the Jacobian DF along a motion."""
-    n, entries = field.n, _compose(field.jacobian, series)
-    return [arb_mat(n, n, [entries[i + n * j][k] for i in range(n) for j in range(n)]) for k in range(LOW_ORDER + 1)]
+    n, entries = field.n, _compose(field.jacobian, motion)
+    return [matrix(n, n, [entries[i + n * j][k] for i in range(n) for j in range(n)]) for k in range(LOW_ORDER + 1)]
 
 
-def _variations(slopes: list[arb_mat], order: int) -> list[arb_mat]:
+def _variations(slopes: list[Any], order: int) -> list[Any]:
     """Taylor coefficients 0 to ``order`` of Phi' = A Phi, Phi(0) = 1, from those of A."""
-    n = slopes[0].nrows()
+    n = hull(slopes[0]).nrows()
     phi = [arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])]
     for k in range(order):
         total = slopes[0] * phi[k]
@@ -173,15 +175,19 @@ def _variations(slopes: list[arb_mat], order: int) -> list[arb_mat]:
     return phi
 
 
-def _compose(graph: Graph, series: list[list[arb]]) -> list[list[arb]]:
+def _compose(graph: Graph, motion: list[list[Any]]) -> list[list[Any]]:
     """Series of the outputs of a graph along a motion, LOW_ORDER + 1 coefficients each."""
     count = LOW_ORDER + 1
     ctx.cap = count
-    outputs = graph([arb_series(c[:count], count) for c in series])
+    outputs = graph([series(c[:count], count) for c in motion])
     return [_padded(value, count) for output in outputs for value in output]
 
 
-def _padded(value: Any, length: int) -> list[arb]:
+def _padded(value: Any, length: int) -> list[Any]:
+    return scattered(value, lambda part: _coefficients(part, length))
+
+
+def _coefficients(value: Any, length: int) -> list[arb]:
     if not isinstance(value, arb_series):
         return [arb(value), *[arb(0)] * (length - 1)]
     coefficients = value.coeffs()[:length]

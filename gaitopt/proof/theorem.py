@@ -1,6 +1,6 @@
 """A theorem about a gait or a family of gaits: its claims, its bounds, and whether all of it is proved."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
@@ -21,17 +21,19 @@ class Piece:
     ----------
     outer, inner : the box in which the orbit is unique, and a narrower one that holds it; None, and nothing after the
         claims, where something could not be computed.
-    derivative : of the return map.
+    interval : ends of the parameter that varies, as texts.
+    derivatives : of the return map, on parts of the interval.
     multipliers : largest modulus first.
     """
 
     outer: Box
     inner: Box | None
+    interval: Sequence[str]
     claims: tuple[Claim, ...]
     state: Mapping[str, arb] | None = None
     durations: tuple[arb, ...] = ()
     measures: Mapping[str, arb | None] | None = None
-    derivative: arb_mat | None = None
+    derivatives: Sequence[arb_mat] = ()
     multipliers: tuple[acb, ...] = ()
 
 
@@ -73,7 +75,7 @@ class Proof:
             state={key: _union([state[key] for state in states]) for key in states[0]},
             durations=tuple(map(_union, zip(*(piece.durations for piece in pieces), strict=True))),
             measures={key: _union([measures[key] for measures in values]) for key in values[0]},
-            multipliers=tuple(map(_union_of_complex, zip(*(piece.multipliers for piece in pieces), strict=False))),
+            multipliers=union_of_multipliers([piece.multipliers for piece in pieces if piece.multipliers]),
         )
 
     @property
@@ -149,6 +151,11 @@ def merged_claims(pieces: Sequence[Piece]) -> Iterator[Claim]:
 
 def _union(values: Sequence[Any]) -> Any:
     return None if None in values else reduce(arb.union, values)
+
+
+def union_of_multipliers(parts: Iterable[Sequence[acb]]) -> tuple[acb, ...]:
+    """Bounds of multipliers, largest modulus first, over the parts of a family."""
+    return tuple(map(_union_of_complex, zip(*parts, strict=True)))
 
 
 def _union_of_complex(values: Sequence[acb]) -> acb:

@@ -116,7 +116,7 @@ def test_special_points_without_other_branches_are_refused() -> None:
 
 def with_followed(start: Gait, done: list[dict[str, object]], **follow: int) -> list[dict[str, object]]:
     """Records of a family and of the other branches that begin on it that are not ``done``."""
-    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=4, verify_every=0, **follow)
+    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0, **follow)
     records = follow_family(start, request, done=done)
     return [json.loads(json.dumps(record.to_record())) for record in records]
 

@@ -30,6 +30,11 @@ def test_constraint_holds_for_the_scalar_that_is_reported(cheapest):
     assert cheapest.measures["speed"] == pytest.approx(0.55, abs=1e-9)
 
 
+def test_gait_of_a_design_solves_its_equations_to_rounding(cheapest):
+    assert cheapest.shooting.residual < 1e-13
+    assert cheapest.shooting.errors.max() < 1e-12
+
+
 def test_freed_values_are_reported_and_verified(cheapest):
     assert set(cheapest.freed) == set(FREE_TORQUES)
     assert verify(cheapest).passed

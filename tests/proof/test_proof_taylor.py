@@ -30,6 +30,7 @@ class Plane:
         self.rate = Graph(Function("rate", [y], [rate]), [])
         self.jacobian = Graph(Function("jacobian", [y], [jacobian(rate, y)]), [])
         self.margins = self.observation = self.rate
+        self.low = self.hull = self
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +50,7 @@ def travel(field, start, duration, steps=40):
     for _ in range(steps):
         expansion = expand(field, y, h)
         variation = expansion.shooting_jacobian()
-        middle, y = follow(expansion, middle, h, variation), expansion.end
+        middle, y = follow(field, expansion, middle, h, variation), expansion.end
         phi = variation if phi is None else variation * phi
     return middle, y, phi
 
