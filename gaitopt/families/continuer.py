@@ -72,7 +72,7 @@ class Continuer:
             yield from self._emit()
         ended = False
         while not ended and not (self._should_stop is not None and self._should_stop()):
-            reason = self._limit_reached()
+            reason = self._bound_reached() or self._limit_reached()
             if reason is not None:
                 yield self._special("end", self._state.point, reason=reason)
                 return
@@ -112,8 +112,6 @@ class Continuer:
             return
         self._move(point)
         yield from self._emit()
-        if bound is not None:
-            yield self._special("end", point, reason=f"reached {self._state.segment.parameter} = {bound:.12g}")
 
     def _bifurcations(self, point: Point, length: float) -> Iterator[SpecialPoint]:
         """Folds, losses of stability and the caller's events between the last point and ``point``, in order."""
@@ -254,6 +252,14 @@ class Continuer:
             gait=point.gait,
             tangent=self._state.segment.curve.entries(point.curve_point.tangent),
         )
+
+    def _bound_reached(self) -> str | None:
+        """Why the walk ends here, if its last point lies at a bound; also where it was cut short just then."""
+        state, lower, upper = self._state, self._limits.lower, self._limits.upper
+        if state.index == 0 or lower < state.point.value < upper:
+            return None
+        bound = lower if state.point.value <= lower else upper
+        return f"reached {state.segment.parameter} = {bound:.12g}"
 
     def _limit_reached(self) -> str | None:
         if self._count >= self._limits.max_points:
