@@ -91,5 +91,5 @@ def _resample(coarse: Transcription, finer: Transcription, at: Linearisation) ->
     for index, (arc, first) in enumerate(zip(finer.layout.arcs, finer.layout.first_nodes, strict=True)):
         fractions = np.linspace(0, 1, arc.intervals + 1)[:-1]
         resampled[:, first : first + arc.intervals] = coarse.states_at(at.w, at.p, index, fractions).T
-    resampled[:, finer.layout.impact_nodes] = nodes[:, coarse.layout.impact_nodes]
+    resampled[:, finer.layout.reset_nodes] = nodes[:, coarse.layout.reset_nodes]
     return finer.pack(resampled, durations, freed)

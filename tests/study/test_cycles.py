@@ -139,7 +139,7 @@ def test_changing_the_number_of_steps_drops_durations_that_no_longer_fit():
     ],
 )
 def test_wrong_steps_are_named(steps, message):
-    with pytest.raises(ProblemError, match=r"--set gait\.steps") as error:
+    with pytest.raises(ProblemError, match=r"gait\.steps") as error:
         go.load_problem("compass-passive-stick").replace({"gait.steps": steps})
     assert message in str(error.value)
 
