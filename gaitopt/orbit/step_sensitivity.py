@@ -13,10 +13,13 @@ from casadi import Function
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step
-from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names
+from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.mechanics.saltation import projection, saltation
 from gaitopt.simulation import Stepper
+
+AT_EVENT = 1e-9
+"""A margin this close to zero, in natural units, has fallen; where a torque jumps at a breakpoint it is far from it."""
 
 
 class StepSensitivity:
@@ -62,12 +65,23 @@ class StepSensitivity:
             data, ends = system.data(arc.segment), arc.times[[0, -1]]
             p, stepper = self._sides[arc.side]
             deviations = stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
-            if after is None or after.segment == arc.segment:
+            if after is None or after.segment == arc.segment or self._ends_at_breakpoint(arc, after, p):
                 deviations = self._event(arc, after, data, p) @ deviations
         reset = self._matrix(system.impact_jacobian(step.final_impact.mode), step.arcs[-1].states[-1], p)
         after_impact = reset @ deviations
         after_impact[system.n_shape] = 0.0  # x is counted from the new stance foot
         return np.asarray(after_impact)
+
+    def _ends_at_breakpoint(self, arc: Arc, after: Arc, p: Array) -> bool:
+        """Whether the event of a mode falls on a breakpoint of the control, so that no arc lies between the two."""
+        if after.mode is arc.mode:
+            return False
+        name = ending_margin(arc.mode, after.mode)
+        margins = self._call(
+            self._system.margins(arc.mode), arc.end, arc.states[-1], p, self._system.data(arc.segment)
+        )[0]
+        unit = margin_unit(name, self._system.scales(p))
+        return bool(abs(margins[margin_names(arc.mode).index(name)]) <= AT_EVENT * unit)
 
     def _event(self, arc: Arc, after: Arc | None, data: Array, p: Array) -> Array:
         """What the event at the end of an arc does to deviations; shape (n_z, n_z)."""

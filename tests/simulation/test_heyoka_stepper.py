@@ -22,7 +22,10 @@ from gaitopt.study import build_system
 AGREEMENT = 1e-10
 DESIGNS = [name for name in problem_names() if load_problem(name).free or "curve" in load_problem(name).text]
 GAITS = [name for name in problem_names() if name not in DESIGNS]
-INTRICATE = ("compass-passive-a", "compass-pd-impact-slip", "compass-torque-impact-slip", "compass-torque-slip")
+INTRICATE = (
+    *("compass-passive-a", "compass-pd-impact-slip", "compass-torque-impact-slip", "compass-torque-slip"),
+    *("kneed-passive", "slip-run-foot", "telescopic-passive", "torso-passive"),
+)
 """Gaits whose integrators take long to compile in extended precision."""
 
 
