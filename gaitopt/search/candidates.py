@@ -138,7 +138,9 @@ def _samples(system: HybridSystem, p: Array, box: Box, rng: np.random.Generator)
         xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
         if not system.walker.flies:
             _turn_forward(system, p, xi)
-    if box.lower[-1] <= 0 <= box.upper[-1]:
+    if system.walker.massless_feet:
+        xi[:, -1] = 0.0  # they cannot slip
+    elif box.lower[-1] <= 0 <= box.upper[-1]:
         xi[::2, -1] = 0.0
     return xi
 
@@ -180,8 +182,9 @@ def _guesses(
     job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
-    if system.walker.n_sides() > 1:
-        return [], 0  # a guess is one step, and the cycle of legs that differ has two
+    walker = system.walker
+    if walker.n_sides() > 1 or walker.stops or walker.switches or walker.flies or walker.pushes:
+        return [], 0  # the conditions are those of legs that are alike, of which one is always on the ground
     time, n = system.scales(p).time, len(job.problem.walker.section)
     within = {
         name.removeprefix("state."): (span.minimum, span.maximum)

@@ -38,6 +38,9 @@ class Termination:
     reason: str
 
 
+CANNOT_SLIP = Termination(Ending.PAINLEVE, "a foot without mass cannot slip, and friction does not hold it")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Candidate:
     """One conceivable impact, and whether it contradicts itself."""
@@ -103,7 +106,7 @@ class ContactResolver:
         if len(possible) == 1 and not lifts:
             return possible[0]
         if not slipping:
-            return Termination(Ending.PAINLEVE, "a foot without mass cannot slip, and friction does not hold it")
+            return CANNOT_SLIP
         choices = " and ".join([*possible, *(["lift-off"] if lifts else [])]) or "neither a mode nor lift-off"
         values = " and ".join(f"{self._painleve(m, t, z, data):.6g} kg in {m}" for m in slips)
         return Termination(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")

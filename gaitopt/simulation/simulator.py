@@ -13,7 +13,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import ONSETS, PHASE_MARGINS, HybridSystem, Mode
-from gaitopt.simulation.contact_resolver import ContactResolver, Termination
+from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.sampling import sample
@@ -233,6 +233,8 @@ class Simulator:
         if event in mode.free:
             return self._lock(mode, event, here)
         onset = ONSETS.get(event)
+        if onset is not None and self.system.walker.massless_feet:
+            return CANNOT_SLIP, here
         return (self._mode_at_rest(mode, here) if onset is None else mode.with_contact(onset)), here
 
     def _lock(self, mode: Mode, stop: str, moment: _Moment) -> tuple[Mode | Termination, _Moment]:

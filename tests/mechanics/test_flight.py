@@ -161,15 +161,31 @@ def test_energy_of_a_runner_on_massless_legs_is_what_it_states() -> None:
     assert energies[: len(gait.arcs[0].times)] == pytest.approx(1.7, abs=1e-10)
 
 
-def test_a_branch_of_runners_ends_where_its_impact_starts_to_slip() -> None:
-    branch = go.continuation(named("slip-run-foot"), "friction", 0.6)
-    (end,) = branch.specials
-    assert end.type == "end"
-    assert "the impact can no longer stick" in str(end)
-    ratio = [point.gait.measures["impulse_ratio"] for point in branch.points[-2:]]
-    values = [point.value for point in branch.points[-2:]]
+def test_the_impact_of_a_runner_slides_where_its_ratio_of_impulses_is_the_friction() -> None:
+    branch = go.continuation(named("slip-run-foot"), "friction", 0.62)
+    change, end = branch.specials
+    assert (change.type, end.value) == ("impact_change", 0.62)
+    sticking, sliding = ([point for point in branch.points if point.branch == number] for number in (0, 1))
+    ratio = [point.gait.measures["impulse_ratio"] for point in sticking[-2:]]
+    values = [point.value for point in sticking[-2:]]
     slope = (ratio[1] - ratio[0]) / (values[1] - values[0])
-    assert values[1] + (ratio[1] - values[1]) / (1 - slope) == pytest.approx(end.value, abs=1e-4)
+    assert values[1] + (ratio[1] - values[1]) / (1 - slope) == pytest.approx(change.value, abs=1e-5)
+    assert go.verify(sliding[-1].gait).passed
+    assert sliding[-1].gait.state[-1] > 0
+
+
+def test_less_friction_lets_the_foot_of_a_runner_slide_at_landing_and_then_before_take_off() -> None:
+    data = {"friction": 1.53, "gait.phases": [{"mode": "stick", "leg": "free"}, {"mode": "flight", "leg": "locked"}]}
+    gait = go.solve(go.load_problem("slip-run-foot").replace(data))
+    branch = go.continuation(gait, "friction", 1.5)
+    landing, take_off, _ = branch.specials
+    assert (landing.type, take_off.type) == ("mode_change", "mode_change")
+    assert landing.value == pytest.approx(
+        gait.measures["required_friction"], abs=1e-9
+    )  # the foot slides at its landing
+    assert take_off.value == pytest.approx(1.50704296, abs=1e-8)
+    assert branch.points[-1].gait.phases[0][0] == "slip_backward, leg free"
+    assert branch.points[-1].gait.phases[2][0] == "slip_forward, leg free"
 
 
 @pytest.mark.parametrize(

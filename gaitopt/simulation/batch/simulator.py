@@ -13,6 +13,7 @@ from gaitopt.mechanics import CONTACTS, ONSETS, HybridSystem, Mode, margin_names
 from gaitopt.simulation.batch.resolver import BatchResolver, Landing
 from gaitopt.simulation.batch.stepper import HeyokaBatch
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, base, max_phases
+from gaitopt.simulation.contact_resolver import CANNOT_SLIP
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES
@@ -99,6 +100,8 @@ class BatchSimulator:
             self._choose_at_rest(motion, rows if mode.sticks else rows[:0])
         elif event in mode.free:
             self._lock(motion, mode, event, rows)
+        elif event in ONSETS and self.system.walker.massless_feet:
+            motion.end(rows, CANNOT_SLIP.ending)
         elif event in ONSETS:
             motion.modes[rows] = self._modes.index(mode.with_contact(ONSETS[event]))
         else:
