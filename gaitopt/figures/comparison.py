@@ -10,7 +10,7 @@ from numpy.polynomial import chebyshev
 
 from gaitopt.arrays import Array
 from gaitopt.figures.labels import symbol
-from gaitopt.figures.motion import Motion, running, time_label
+from gaitopt.figures.motion import Motion, position_label, running, time_label
 from gaitopt.figures.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels
 from gaitopt.gait import Arc, Gait, Step, curves
 from gaitopt.simulation import Simulator
@@ -47,7 +47,7 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
         upper.plot(times, states[:, column], "o", color=colour, markersize=4, fillstyle="none")
         handles.append(entry(f"{symbol(name)}, simulation", color=colour))
     handles.append(entry("NLP", marker="o", linestyle="", fillstyle="none"))
-    upper.set_ylabel("angle [rad]")
+    upper.set_ylabel(position_label([motion]))
     handles += _differences(lower, motion, walked)
     legend_below(figure, [*handles, *mode_legend([mode for step in walked for mode, _ in step.phases])])
     return figure

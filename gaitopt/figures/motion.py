@@ -127,3 +127,9 @@ def time_label(motions: Sequence[Motion]) -> str:
     """What the time axis counts from: the one impact, or the start of several steps."""
     single = all(len(motion.steps) == 1 for motion in motions)
     return str(label("time") if single else Label(words="time since the start", unit="s"))
+
+
+def position_label(motions: Sequence[Motion]) -> str:
+    """Label of an axis with shape coordinates: angles, and lengths where a walker has them."""
+    lengths = any(motion.system.walker.lengths for motion in motions)
+    return "angle [rad], length [m]" if lengths else "angle [rad]"

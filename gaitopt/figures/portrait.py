@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.figures.labels import symbol
-from gaitopt.figures.motion import Motion, smooth
+from gaitopt.figures.motion import Motion, position_label, smooth
 from gaitopt.figures.style import COLOURS, JUMP, dashes, entry, legend_below, mode_legend, panels
 
 
@@ -24,7 +24,7 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
             handles.append(entry(f"{prefix}{symbol(name)}", color=colour))
             _draw(axes, motion, name, colour)
     lengths = any(motion.system.walker.lengths for motion in motions)
-    axes.set_xlabel("angle [rad], length [m]" if lengths else "angle [rad]")
+    axes.set_xlabel(position_label(motions))
     axes.set_ylabel("rate [rad/s, m/s]" if lengths else "angular rate [rad/s]")
     modes = [mode for motion in motions for mode in motion.modes]
     after = entry("just after the impact", marker="o", linestyle="", markersize=5)
