@@ -28,7 +28,7 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
     axes.set_ylabel("rate [rad/s, m/s]" if lengths else "angular rate [rad/s]")
     modes = [mode for motion in motions for mode in motion.modes]
     after = entry("just after the impact", marker="o", linestyle="", markersize=5)
-    jump = entry("impact, feet swap", **JUMP)
+    jump = entry("impact", **JUMP)
     legend_below(figure, [*handles, *mode_legend(modes), jump, after])
     return figure
 
