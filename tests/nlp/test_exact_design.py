@@ -150,6 +150,7 @@ def test_no_feasible_neighbour_of_an_optimum_is_better(stable_slip):
     assert searched.optimal, searched.words
 
 
+@pytest.mark.slow
 def test_a_point_beside_the_optimum_has_a_better_neighbour(stable_slip):
     beside = load_problem("compass-torque-stable-slip").replace({"constraints.spectral_radius": {"max": 0.499}})
     gait = solve(beside)

@@ -132,7 +132,7 @@ def test_a_guess_that_stands_still_is_a_failure_and_no_error(name):
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
-        (  # IPOPT cannot even begin
+        pytest.param(  # IPOPT cannot even begin
             "compass-passive-stick",
             {
                 "gait.phases": ["slip_backward", "stick"],
@@ -140,7 +140,9 @@ def test_a_guess_that_stands_still_is_a_failure_and_no_error(name):
                 "gait.guess.durations": [0.85, 0.39],
                 "gait.guess.state": {"theta1": 1.5, "dtheta1": -9.6, "dtheta2": -46.8, "dx": -0.48},
             },
+            marks=pytest.mark.slow,
         ),
+        ("rimless-wheel-slip", {"gait.guess.state.dtheta": 0.01}),
         pytest.param(
             "compass-passive-a",
             {"gait.guess.state": {"theta1": -1.5, "dtheta1": 33.8, "dtheta2": -45.5}},

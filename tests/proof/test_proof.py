@@ -353,6 +353,7 @@ def test_parameters_are_read_as_the_file_writes_them():
         ball("1 grad")
 
 
+@pytest.mark.slow
 def test_where_the_wheel_stops_sticking():
     """The change of its mode sequence, to 1e-8 in friction: on one side the orbit needs more than there is."""
     problem = load_problem("rimless-wheel-stick").replace({"friction": 0.9141207838961789})
