@@ -40,7 +40,7 @@ def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
     """Labels that the scripts need: of the scalars that occur, and of the walker's states."""
     keys = dict.fromkeys(key for record in records for key in scalar_values(record))
     names = {name for film in films for name in film["shape"]}
-    states = [key for name in (*sorted(names), "x") for key in (name, f"d{name}")]
+    states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
     freed = {key for record in records for key in record.get("parameters", ())}
     return {
         "scalars": {key: asdict(label(key)) for key in keys},

@@ -11,6 +11,7 @@ from pictured import branch, gait
 
 from gaitopt.gait import Status
 from gaitopt.pages import branch_report, comparison_report, gait_report
+from gaitopt.pages.page import words
 
 
 def data_of(page):
@@ -114,3 +115,8 @@ def test_a_name_cannot_smuggle_markup_into_a_page():
     page = gait_report(replace(ours, problem=hostile))
     assert "<b>bold" not in page
     assert "<script>alert" not in page
+
+
+def test_the_height_of_a_foot_that_flies_has_its_unit():
+    labels = words([{"shape": ["shortening"]}], [])
+    assert [labels["units"][name] for name in ("shortening", "y", "dy", "x")] == ["m", "m", "m/s", "m"]

@@ -6,50 +6,28 @@ motion ends as ``push_slips``. Everything else is that of the compass.
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
-from casadi import pi, vertcat
-from pydantic import Field, model_validator
+from casadi import vertcat
+from pydantic import Field
 
-from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Mechanism, Walker, polar
+from gaitopt.mechanics.units import NonNegative
+from gaitopt.mechanics.walker import Mechanism, polar
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 
-class PushOffCompass(Walker):
+class PushOffCompass(CompassBiped):
     """Compass biped that pushes off with its stance leg."""
 
     model = "push_off_compass"
-    shape = ("theta1", "theta2")
-    section = ("theta1",)
     pushes = True
-    actuators = ("ankle", "hip")
-    tracked = ("theta1", "theta2")
-    largest_angle = pi / 2
 
-    leg_length: Annotated[Positive, Field(description="length of a leg [m]")]
-    leg_mass: Annotated[Positive, Field(description="point mass on each leg [kg]")]
-    leg_com: Annotated[Positive, Field(description="distance of the leg's mass from its foot [m]")]
-    hip_mass: Annotated[NonNegative, Field(description="point mass at the hip [kg]")]
     push: Annotated[NonNegative, Field(description="impulse of the push along the stance leg [N s]")]
-    gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
-    slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
-
-    @model_validator(mode="after")
-    def _com_within_leg(self) -> Self:
-        if self.leg_com >= self.leg_length:
-            raise ValueError(f"leg_com = {self.leg_com:g} m must be less than leg_length = {self.leg_length:g} m")
-        return self
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         """The compass, with its push."""
-        return replace(CompassBiped.mechanism(q, p), push=polar(p.push, q.theta1))
-
-    @classmethod
-    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        """Both feet are on the ground: theta2 = theta1."""
-        return CompassBiped.after_impact(free, p)
+        return replace(super().mechanism(q, p), push=polar(p.push, q.theta1))
 
     @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
