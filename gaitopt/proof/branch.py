@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from math import prod
 
-from flint import acb, arb
+from flint import acb, arb, arb_mat
 
-from gaitopt.proof.box import identity
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.theorem import Piece
@@ -39,7 +38,7 @@ def _joined(piece: Piece, following: Piece) -> bool:
     """Whether the orbit at the end of one box lies where that of the other is unique, at the same parameter."""
     if piece.inner is None or following.inner is None or piece.interval[1] != following.interval[0]:
         return False
-    there, here = (piece.outer.end(1), piece.inner.end(1)), (following.outer.end(-1), following.inner.end(-1))
+    there, here = (piece.outer.at(arb(1)), piece.inner.at(arb(1))), (following.outer.at(arb(-1)), following.inner.at(arb(-1)))
     return _within(here[1], there[0]) or _within(there[1], here[0])
 
 
@@ -51,9 +50,10 @@ def _neimark_sacker(pieces: Sequence[Piece]) -> str:
     outside = [_number_outside(pieces[k].multipliers) for k in (0, -1)]
     if abs(outside[0] - outside[1]) != 2:
         raise NotProved(f"{outside[0]} and {outside[1]} multipliers are outside the unit circle at the ends")
-    for derivative in (derivative for piece in pieces for derivative in piece.derivatives):
+    for matrix in (piece.derivative for piece in pieces):
         for real in (1, -1):
-            if not (derivative - real * identity(derivative.nrows())).det() != 0:
+            unit = arb_mat([[real * int(i == j) for j in range(matrix.ncols())] for i in range(matrix.nrows())])
+            if not (matrix - unit).det() != 0:
                 raise NotProved(f"a multiplier may pass through {real}")
     return (
         f"{outside[0]} multipliers are outside the unit circle at one end and {outside[1]} at the other, and none is 1 "

@@ -1,23 +1,50 @@
 """One mode on one segment of the control as an autonomous vector field with everything that is observed along it.
 
-    dy/dt = F(y),   y = (z, t)
+    dy/dt = F(y),   y = (z, t)      or  y = (z, t, mu),  dmu/dt = 0
 
 t, the time since the last impact, is a state like the others, so that events at fixed times and events of the state
-are treated alike.
+are treated alike; and so is a parameter that varies, so that derivatives in it are derivatives in the state.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 from casadi import SX, Function, cse, jacobian, sum1, vertcat
+from flint import arb
 
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.proof.graph import Graph
-from gaitopt.proof.parametric import truncated
 
-LOW_DEGREE = 2
-"""Of first variations and of what is observed along the motion."""
+
+@dataclass(frozen=True, slots=True)
+class States:
+    """The states y of a system in the steps of one side.
+
+    Attributes
+    ----------
+    varied : index of the parameter that is a state, if one is.
+    side : which leg stands, see ``Walker.side``.
+    """
+
+    system: HybridSystem
+    varied: int | None
+    side: int
+
+    @property
+    def n(self) -> int:
+        """Their number."""
+        return self.system.n_z + 1 + (self.varied is not None)
+
+    def symbols(self) -> tuple[SX, SX, SX]:
+        """y, p, and the parameters of this side, with the one that varies taken from y."""
+        y, p = SX.sym("y", self.n), SX.sym("p", len(self.system.parameters))
+        return y, p, self.side_of(y, p, self.side)
+
+    def side_of(self, y: SX, p: SX, side: int) -> SX:
+        """The parameters of a side."""
+        values = vertcat(*(y[-1] if k == self.varied else p[k] for k in range(p.numel())))
+        return self.system.walker.standing(values, side)
 
 
 class Field:
@@ -25,22 +52,13 @@ class Field:
 
     Parameters
     ----------
+    states : in which the field lives.
     p, r : parameters and segment data.
     """
 
-    def __init__(self, system: HybridSystem, mode: Mode, p: Sequence[Any], r: Sequence[Any]) -> None:
-        self.system, self.mode, self.n = system, mode, system.n_z + 1
-        self._constants = (p, r)
-
-    @cached_property
-    def low(self) -> "Field":
-        """The same with polynomials of low degree."""
-        return self._truncated(LOW_DEGREE)
-
-    @cached_property
-    def hull(self) -> "Field":
-        """The same for all values of the parameter at once."""
-        return self._truncated(0)
+    def __init__(self, states: States, mode: Mode, p: Sequence[arb], r: Sequence[arb]) -> None:
+        self.mode, self.n = mode, states.n
+        self._states, self._constants = states, (p, r)
 
     @cached_property
     def rate(self) -> Graph:
@@ -58,38 +76,26 @@ class Field:
         return self._graph("margins")
 
     @cached_property
-    def margin_gradients(self) -> Graph:
-        """y -> derivatives of the margins, columns one after the other."""
-        return self._graph("gradients")
-
-    @cached_property
     def observation(self) -> Graph:
         """y -> |f_t / f_n| without its modulus, and the power of all motors."""
         return self._graph("observation")
 
-    def _truncated(self, degree: int) -> "Field":
-        p, r = self._constants
-        return Field(self.system, self.mode, [truncated(value, degree) for value in p], r)
-
     def _graph(self, name: str) -> Graph:
-        return Graph(_function(self.system, self.mode, name), self._constants)
+        return Graph(_function(self._states, self.mode, name), self._constants)
 
 
 @lru_cache(maxsize=256)
-def _function(system: HybridSystem, mode: Mode, name: str) -> Function:
-    n_z, arguments = (
-        system.n_z,
-        [SX.sym("y", system.n_z + 1), SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)],
-    )
-    y, p, r = arguments
-    of_state = (y[n_z], y[:n_z], p, r)
+def _function(states: States, mode: Mode, name: str) -> Function:
+    system, r = states.system, SX.sym("r", states.system.n_r)
+    y, p, values = states.symbols()
+    of_state = (y[system.n_z], y[: system.n_z], values, r)
     if name in ("rate", "jacobian"):
-        expression = vertcat(system.flow(mode)(*of_state), 1)
-    elif name in ("margins", "gradients"):
+        expression = vertcat(system.flow(mode)(*of_state), 1, SX.zeros(int(states.varied is not None)))
+    elif name == "margins":
         expression = system.margins(mode)(*of_state)
     else:
         force, _, power, *_ = system.observation(mode)(*of_state)
         expression = vertcat(force[0] / force[1], sum1(power))
-    if name in ("jacobian", "gradients"):
+    if name == "jacobian":
         expression = jacobian(expression, y)
-    return Function(name, arguments, cse([expression]))
+    return Function(name, [y, p, r], cse([expression]))

@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from math import floor, log10
 from typing import Any
@@ -13,12 +14,13 @@ from gaitopt.gait import Gait
 from gaitopt.proof.check import EXISTENCE, STATEMENT, silent, theorem
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.control import control_record
-from gaitopt.proof.cover import cover, tight_box
+from gaitopt.proof.cover import cover
 from gaitopt.proof.graph import NotProved
+from gaitopt.proof.orbit import Arc
 from gaitopt.proof.parameters import INTERVAL, exact_texts
 from gaitopt.proof.search import arcs_of
 from gaitopt.proof.statement import SCHEMA, refuse_what_is_not_modelled, restore_statement
-from gaitopt.proof.taylor import LOW_ORDER, LOW_PRECISION, ORDER, PRECISION
+from gaitopt.proof.taylor import ORDER, PRECISION
 from gaitopt.proof.theorem import Proof
 
 WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
@@ -91,14 +93,18 @@ def _prove(
         return Proof(gait.problem.name, (Claim(STATEMENT, proved=False, words=str(failure)),), {})
     header = _header(gait, texts, varied, special)
     with ctx.workprec(PRECISION):
-        statement = restore_statement(header)
+        statement = restore_statement({**header, "arcs": _arcs(arcs_of(gait))})
         try:
-            boxes = tight_box(statement, gait) if varied is None else cover(statement, gait, progress)
+            arcs, boxes = cover(statement, gait, progress)
         except NotProved as failure:
             claim = Claim(EXISTENCE, proved=False, words=f"no boxes can be verified: {failure}")
             return Proof(gait.problem.name, (claim,), header)
         records, pieces = zip(*boxes, strict=True)
-        return theorem(statement, pieces, {**header, "boxes": list(records)})
+        return theorem(statement, pieces, {**header, "arcs": _arcs(arcs), "boxes": list(records)})
+
+
+def _arcs(arcs: Sequence[Arc]) -> list[dict[str, Any]]:
+    return [{**asdict(arc), "mode": str(arc.mode), "fractions": list(arc.fractions)} for arc in arcs]
 
 
 def _texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
@@ -115,7 +121,6 @@ def _texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
 def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: str | None) -> dict[str, Any]:
     """Everything that a proof is checked from, except its boxes."""
     system = gait.system
-    arcs = arcs_of(gait)
     scalars = {name: float(gait.p[system.parameters.index(f"control.{name}")]) for name in system.control.parameters}
     return {
         "schema": SCHEMA,
@@ -126,9 +131,8 @@ def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: s
         "control": control_record(system.control, scalars),
         "varied": varied,
         "special": special,
-        "arcs": [{"mode": str(a.mode), "segment": a.segment, "phase": a.phase, "event": a.event} for a in arcs],
         "boxes": [],
-        "settings": {"order": ORDER, "low_order": LOW_ORDER, "bits": PRECISION, "low_bits": LOW_PRECISION},
+        "settings": {"order": ORDER, "bits": PRECISION},
         "versions": {name: version(name) for name in ("gaitopt", "casadi", "python-flint")}
         | {"python": platform.python_version()},
     }

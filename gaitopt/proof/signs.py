@@ -33,17 +33,17 @@ class Part:
     Attributes
     ----------
     start, end : time since the start of the arc [s].
-    value : the function there; divided by t^k next to a zero of order k.
-    factored : whether it is.
+    value : the function there; divided by t^order next to a zero.
+    order : of the zero with which the part starts.
     within : whether all of it is before the end of the arc, which is only enclosed.
     """
 
     kind: str
-    start: float
-    end: float
+    start: arb
+    end: arb
     value: arb
-    factored: bool
-    within: bool = True
+    order: int
+    within: bool
 
 
 def parts(steps: Iterable[tuple[Series, arb]], order: int = 0, *, monotone: bool = True) -> Iterator[Part]:
@@ -55,15 +55,23 @@ def parts(steps: Iterable[tuple[Series, arb]], order: int = 0, *, monotone: bool
     order : of the zero with which it starts.
     monotone : whether it is enough to know that a part rises or falls.
     """
-    began = 0.0
+    began = arb(0)
     for k, (series, h) in enumerate(steps):
-        for part in _divide(series, arb(0), arb(h.upper()), order if k == 0 else 0, FINEST, monotone=monotone):
-            within = bool(part.end <= h.lower())
-            yield Part(part.kind, began + part.start, began + part.end, part.value, part.factored, within)
-        began += float(h)
+        pending = [(arb(0), arb(h.upper()), FINEST)]
+        while pending:
+            start, end, depth = pending.pop()
+            t, zero = start.union(end), order if k == 0 and start.is_zero() else 0
+            value = evaluate(series.value[zero:], t)
+            kind = "p" if value > 0 else "n" if value < 0 else _slope(series, t) if monotone else "?"
+            if kind == "?" and depth and value.is_finite():
+                middle = ((start + end) / 2).mid()
+                pending += [(middle, end, depth - 1), (start, middle, depth - 1)]
+            else:
+                yield Part(kind, began + start, began + end, value, zero, bool(end <= h.lower()))
+        began += h.mid()
 
 
-def check_pattern(name: str, found: Sequence[Part], pattern: str) -> str:
+def check_pattern(name: str, along: Sequence[Part], pattern: str) -> str:
     """The kinds of all parts, repeated ones counted, if they match a pattern.
 
     Raises
@@ -72,21 +80,20 @@ def check_pattern(name: str, found: Sequence[Part], pattern: str) -> str:
         If they do not; the message says when, and which values the function may have there. ``Refuted`` if it is
         negative there.
     """
-    kinds = "".join(part.kind for part in found)
+    kinds = "".join(part.kind for part in along)
     if not re.fullmatch(pattern, kinds):
-        negative = [] if pattern == TOUCHDOWN else [part for part in found if part.kind == "n" and part.within]
-        longest = max(k for k in range(len(kinds) + 1) if _begins(kinds[:k], pattern))
-        part = min(negative, key=lambda part: part.value.upper(), default=found[min(longest, len(found) - 1)])
-        when = f"between {part.start:.6g} and {part.end:.6g} s of the arc"
+        negative = [] if pattern == TOUCHDOWN else [part for part in along if part.kind == "n" and part.within]
+        fitting = re.match(re.sub(r"[+]", "*", pattern), kinds)
+        part = min(negative, key=lambda part: part.value.upper(), default=along[min(fitting.end(), len(along) - 1)])
+        when = f"between {float(part.start):.6g} and {float(part.end):.6g} s of the arc"
         failure, verdict = (Refuted, "false") if negative else (NotProved, "not shown")
         raise failure(f"{name} is {part.value.str(6)} {when}: {_SHAPES[pattern]} is {verdict}")
     return " ".join(f"{kind}{len(list(group))}" for kind, group in groupby(kinds))
 
 
-def smallest(found: Sequence[Part]) -> arb | None:
+def smallest(along: Sequence[Part]) -> arb | None:
     """A lower bound of the function over the parts where it is positive and not divided by a power of time."""
-    bounds = [part.value.lower() for part in found if part.kind == "p" and not part.factored]
-    return min(bounds) if bounds else None
+    return min((part.value.lower() for part in along if part.kind == "p" and not part.order), default=None)
 
 
 _SHAPES = {
@@ -96,24 +103,6 @@ _SHAPES = {
 }
 
 
-def _begins(kinds: str, pattern: str) -> bool:
-    """Whether kinds are the beginning of a match."""
-    optional = re.sub(r"([a-z])[+*]", r"\1*", pattern)
-    return re.fullmatch(optional, kinds) is not None
-
-
-def _divide(series: Series, start: arb, end: arb, order: int, depth: int, *, monotone: bool) -> Iterator[Part]:
-    t = start.union(end)
-    factored = bool(order) and start.is_zero()
-    value = evaluate(series.value[order:] if factored else series.value, t)
-    kind = "p" if value > 0 else "n" if value < 0 else _slope(evaluate(series.rate, t)) if monotone else "?"
-    if kind == "?" and depth and value.is_finite():
-        middle = ((start + end) / 2).mid()
-        yield from _divide(series, start, middle, order, depth - 1, monotone=monotone)
-        yield from _divide(series, middle, end, order, depth - 1, monotone=monotone)
-    else:
-        yield Part(kind, float(start), float(end), value, factored)
-
-
-def _slope(rate: arb) -> str:
+def _slope(series: Series, t: arb) -> str:
+    rate = evaluate(series.rate, t)
     return "u" if rate > 0 else "d" if rate < 0 else "?"

@@ -16,14 +16,12 @@ from gaitopt.mechanics import (
     ending_margin,
 )
 from gaitopt.problem import Problem, restore_problem
-from gaitopt.proof.box import Box
 from gaitopt.proof.control import restore_control
 from gaitopt.proof.graph import NotProved
-from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit
+from gaitopt.proof.orbit import BREAKPOINT, Arc, Box, Orbit
 from gaitopt.proof.parameters import INTERVAL, ball
-from gaitopt.proof.parametric import Parametric
 
-SCHEMA = "gaitopt-proof-3"
+SCHEMA = "gaitopt-proof-4"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +31,6 @@ class Statement:
     Attributes
     ----------
     p : parameters in balls.
-    arcs : without steps of the integration.
     varied : index of the parameter along which a family is followed, if one is.
     interval : its ends as texts; empty where nothing varies.
     special : type of the special point that is bracketed, if one is.
@@ -50,16 +47,11 @@ class Statement:
     special: str | None
     records: Sequence[Mapping[str, Any]]
 
-    def orbit(self, steps: Sequence[Sequence[float]], value: Any = None) -> Orbit:
-        """The equations with steps of the integration, for a value of the parameter that varies."""
-        p = list(self.p)
-        if self.varied is not None:
-            p[self.varied] = value
-        arcs = [
-            Arc(arc.mode, arc.segment, arc.phase, arc.event, tuple(map(float, lengths)))
-            for arc, lengths in zip(self.arcs, steps, strict=True)
-        ]
-        return Orbit(self.system, p, self.sequence, arcs)
+    def orbit(self, interval: Sequence[str]) -> Orbit:
+        """The equations on an interval of the parameter that varies."""
+        ends = [ball(text) for text in interval]
+        place = ((ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2) if ends else ()
+        return Orbit(self.system, self.p, self.varied, place, self.sequence, self.arcs)
 
 
 def restore_statement(certificate: Mapping[str, Any]) -> Statement:
@@ -82,7 +74,7 @@ def restore_statement(certificate: Mapping[str, Any]) -> Statement:
     refuse_what_is_not_modelled(problem, system)
     texts, varied, records = certificate["parameters"], certificate["varied"], certificate["boxes"]
     _check_parameters(problem, system, texts)
-    arcs = [Arc(Mode(a["mode"]), a["segment"], a["phase"], a["event"], ()) for a in certificate["arcs"]]
+    arcs = [Arc(Mode(a["mode"]), a["segment"], a["phase"], a["event"], tuple(map(float, a["fractions"]))) for a in certificate["arcs"]]
     _check_arcs(arcs, problem.cycle)
     index = None if varied is None else system.parameters.index(varied)
     interval = () if varied is None else tuple(text.strip() for text in texts[varied].split(INTERVAL))
@@ -100,33 +92,12 @@ def restore_box(statement: Statement, record: Mapping[str, Any]) -> tuple[Orbit,
     ValueError
         If it does not fit the equations.
     """
-    degrees = {len(coefficients) - 1 for coefficients in record["centre"]}
-    if len(degrees) != 1:
-        raise ValueError("the unknowns of a box are polynomials of several degrees")
-    (degree,) = degrees
-    centre = [polynomial([arb(text).mid() for text in coefficients]) for coefficients in record["centre"]]
+    orbit = statement.orbit(record["interval"])
+    centre, tilt = ([arb(text).mid() for text in record[key]] for key in ("centre", "tilt"))
     deviation = [arb(0, arb(text).lower()) for text in record["radii"]]
-    orbit = statement.orbit(record["steps"], parameter(record["interval"], degree))
-    if not len(centre) == len(deviation) == len(orbit.names) or (degree and statement.varied is None):
-        raise ValueError(f"a box of {len(centre)} entries does not fit the unknowns {', '.join(orbit.names)}")
-    return orbit, Box(centre, deviation)
-
-
-def parameter(interval: Sequence[str], degree: int) -> Any:
-    """What varies on a box, as a polynomial of the degree of the box's unknowns; None if nothing does."""
-    if not interval:
-        return None
-    lower, upper = map(ball, interval)
-    return (
-        polynomial([(lower + upper) / 2, (upper - lower) / 2, *[arb(0)] * (degree - 1)])
-        if degree
-        else lower.union(upper)
-    )
-
-
-def polynomial(coefficients: Sequence[Any]) -> Any:
-    """A number that depends on the parameter, or one that does not."""
-    return Parametric(list(coefficients)) if len(coefficients) > 1 else coefficients[0]
+    if not len(centre) == len(tilt) == len(deviation) == orbit.size or len(record["interval"]) != len(orbit.interval):
+        raise ValueError(f"a box of {len(centre)} entries does not fit {orbit.size} nodes and durations")
+    return orbit, Box(centre, tilt, deviation)
 
 
 def refuse_what_is_not_modelled(problem: Problem, system: HybridSystem) -> None:
@@ -135,8 +106,7 @@ def refuse_what_is_not_modelled(problem: Problem, system: HybridSystem) -> None:
     Raises
     ------
     NotProved
-        If it has joint stops, flight, switches or a push-off, legs that differ, or another mode than that one foot
-        sticks or slips.
+        If it has joint stops, flight, switches or a push-off, or another mode than that one foot sticks or slips.
     """
     walker = system.walker
     reasons = {
@@ -144,7 +114,6 @@ def refuse_what_is_not_modelled(problem: Problem, system: HybridSystem) -> None:
         "flight": walker.flies,
         "switches": walker.switches,
         "a push-off": walker.pushes,
-        "legs that differ": walker.exchanged,
     }
     unknown = " and ".join(reason for reason, present in reasons.items() if present)
     if unknown:

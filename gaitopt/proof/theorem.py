@@ -1,14 +1,14 @@
 """A theorem about a gait or a family of gaits: its claims, its bounds, and whether all of it is proved."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
 
 from flint import acb, arb, arb_mat, ctx
 
-from gaitopt.proof.box import Box
 from gaitopt.proof.claims import Claim
+from gaitopt.proof.orbit import Box
 from gaitopt.proof.outward import complex_interval, interval
 from gaitopt.proof.taylor import PRECISION
 
@@ -19,21 +19,24 @@ class Piece:
 
     Attributes
     ----------
-    outer, inner : the box in which the orbit is unique, and a narrower one that holds it; None, and nothing after the
-        claims, where something could not be computed.
+    outer : the box in which the orbit is unique.
     interval : ends of the parameter that varies, as texts.
-    derivatives : of the return map, on parts of the interval.
+    image : of the box under Krawczyk's operator, also where that proves nothing.
+    inner : the image as the box that holds the orbit; None, and nothing after the claims, where something could not
+        be computed.
+    derivative : of the return map.
     multipliers : largest modulus first.
     """
 
     outer: Box
-    inner: Box | None
     interval: Sequence[str]
-    claims: tuple[Claim, ...]
+    image: Box | None = None
+    inner: Box | None = None
+    claims: tuple[Claim, ...] = ()
     state: Mapping[str, arb] | None = None
     durations: tuple[arb, ...] = ()
     measures: Mapping[str, arb | None] | None = None
-    derivatives: Sequence[arb_mat] = ()
+    derivative: arb_mat | None = None
     multipliers: tuple[acb, ...] = ()
 
 
@@ -75,7 +78,7 @@ class Proof:
             state={key: _union([state[key] for state in states]) for key in states[0]},
             durations=tuple(map(_union, zip(*(piece.durations for piece in pieces), strict=True))),
             measures={key: _union([measures[key] for measures in values]) for key in values[0]},
-            multipliers=union_of_multipliers([piece.multipliers for piece in pieces if piece.multipliers]),
+            multipliers=tuple(map(_hull, zip(*(piece.multipliers for piece in pieces if piece.multipliers), strict=True))),
         )
 
     @property
@@ -153,10 +156,5 @@ def _union(values: Sequence[Any]) -> Any:
     return None if None in values else reduce(arb.union, values)
 
 
-def union_of_multipliers(parts: Iterable[Sequence[acb]]) -> tuple[acb, ...]:
-    """Bounds of multipliers, largest modulus first, over the parts of a family."""
-    return tuple(map(_union_of_complex, zip(*parts, strict=True)))
-
-
-def _union_of_complex(values: Sequence[acb]) -> acb:
+def _hull(values: Sequence[acb]) -> acb:
     return acb(_union([value.real for value in values]), _union([value.imag for value in values]))
