@@ -98,11 +98,12 @@ def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool =
         image, derivative = krawczyk(orbit, narrow, passage, defect), return_map(orbit, box, passage, defect)
         if at_end or statement.special not in MARGIN_CHANGES:
             piece = replace(piece, claims=(*piece.claims, *mode_sequence_claims(orbit, passage)))
-        durations = [image.hull[entry] for entry in orbit.durations]
+        hull = image.hull
+        durations = [hull[entry] for entry in orbit.durations]
         return replace(
             piece,
             inner=image,
-            state=dict(zip(orbit.system.state_names, passage.starts[0], strict=False)),
+            state=dict(zip(orbit.system.state_names, hull, strict=False)),
             durations=orbit.phase_durations(durations),
             measures=measures(orbit, passage, sum(durations)),
             derivative=derivative,

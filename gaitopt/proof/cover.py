@@ -17,7 +17,7 @@ from gaitopt.proof.search import newton, plan
 from gaitopt.proof.statement import Statement
 from gaitopt.proof.theorem import Piece
 
-RADIUS = 1e-9
+RADIUS = 1e-11
 """Half width of the box of a single orbit in which it is shown to be unique, in every unknown."""
 SHARE, LEAST_RADIUS = 0.1, 1e-12
 """Half widths that are tried first for a family, in its tilt and at least."""

@@ -14,7 +14,7 @@ from gaitopt.proof.krawczyk import column, exact, middle
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Box, Orbit
 from gaitopt.proof.taylor import ORDER, expand
 
-TOLERANCE = 1e-21
+TOLERANCE = 1e-20
 """Remainder of a step in the state, far below the width of the boxes that are proved."""
 SAFETY, LARGEST_GROWTH, LARGEST_CUT = 0.9, 1.5, 0.6
 """The next step relative to one with this remainder, and bounds of its length relative to the last."""

@@ -18,7 +18,7 @@ from flint import arb, arb_mat, arb_series, ctx
 from gaitopt.proof.field import Field
 from gaitopt.proof.graph import Graph, NotProved
 
-ORDER = 22
+ORDER = 20
 """N."""
 PRECISION = 128
 """Bits."""
