@@ -50,7 +50,7 @@ def _neimark_sacker(pieces: Sequence[Piece]) -> str:
     outside = [_number_outside(pieces[k].multipliers) for k in (0, -1)]
     if abs(outside[0] - outside[1]) != 2:
         raise NotProved(f"{outside[0]} and {outside[1]} multipliers are outside the unit circle at the ends")
-    for matrix in (piece.derivative for piece in pieces):
+    for matrix in (matrix for piece in pieces for matrix in piece.derivatives):
         for real in (1, -1):
             unit = arb_mat([[real * int(i == j) for j in range(matrix.ncols())] for i in range(matrix.nrows())])
             if not (matrix - unit).det() != 0:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from flint import acb, acb_mat, arb_mat, ctx
+from flint import acb, acb_mat, arb, arb_mat, ctx
 
 from gaitopt.proof.branch import MARGIN_CHANGES, connection_claim, sign_change_claim
 from gaitopt.proof.claims import Claim, mode_sequence_claims
@@ -14,9 +14,12 @@ from gaitopt.proof.measures import measures
 from gaitopt.proof.orbit import Box
 from gaitopt.proof.statement import Statement, restore_box, restore_statement
 from gaitopt.proof.taylor import PRECISION
-from gaitopt.proof.theorem import Piece, Proof, merged_claims
+from gaitopt.proof.theorem import Piece, Proof, merged_claims, union_of_multipliers
+from gaitopt.proof.tilted import at
 
 STATEMENT, EXISTENCE, MOTION = "statement", "existence and uniqueness", "motion"
+PARTS = [arb(2 * k + 1 - 16, 1) / 16 for k in range(16)]
+"""Of the interval of a parameter, on each of which multipliers are enclosed."""
 
 
 def silent(words: str) -> None:
@@ -79,23 +82,27 @@ def theorem(statement: Statement, pieces: Sequence[Piece], certificate: Mapping[
 def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool = True) -> Piece:
     """What is proved on one box of a certificate.
 
-    Margins and multipliers are enclosed for all motions that start in the image of the box under Krawczyk's operator.
+    For a single orbit margins and multipliers are enclosed on the image of the box under Krawczyk's operator.
     Inside a bracket multipliers are not needed, and beyond a violated margin the orbit is no gait.
     """
     orbit, box = restore_box(statement, record)
     piece = Piece(box, record["interval"])
     try:
         passage = orbit.traverse(box)
-        image = krawczyk(orbit, box, passage, preconditioned(orbit, passage))
+        defect = preconditioned(orbit, passage)
+        image = krawczyk(orbit, box, passage, defect)
         piece = replace(piece, image=image)
         require_contraction(orbit, box, image)
         radius = max(w.abs_upper() for w in box.deviation).str(3, radius=False)
         words = f"exactly one periodic orbit lies within {radius} of the centre in every unknown"
         piece = replace(piece, claims=(Claim(EXISTENCE, proved=True, words=words),))
-        narrow = Box(box.centre, box.tilt, deviations(box, image))
-        passage = orbit.traverse(narrow)
-        defect = preconditioned(orbit, passage)
-        image, derivative = krawczyk(orbit, narrow, passage, defect), return_map(orbit, box, passage, defect)
+        if not orbit.is_long:
+            narrow = Box(box.centre, box.tilt, [move.union(arb(0)) for move in deviations(box, image)])
+            passage = orbit.traverse(narrow)
+            defect = preconditioned(orbit, passage)
+            image = krawczyk(orbit, narrow, passage, defect)
+        derivative = return_map(orbit, box, passage, defect)
+        derivatives = [at(derivative, s) for s in (PARTS if orbit.is_long else [arb(0)])]
         if at_end or statement.special not in MARGIN_CHANGES:
             piece = replace(piece, claims=(*piece.claims, *mode_sequence_claims(orbit, passage)))
         hull = image.hull
@@ -106,27 +113,24 @@ def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool =
             state=dict(zip(orbit.system.state_names, hull, strict=False)),
             durations=orbit.phase_durations(durations),
             measures=measures(orbit, passage, sum(durations)),
-            derivative=derivative,
-            multipliers=() if statement.special is not None and not at_end else multipliers(derivative),
+            derivatives=derivatives,
+            multipliers=() if statement.special is not None and not at_end else multipliers(derivatives),
         )
     except NotProved as failure:
         claim = Claim(MOTION if piece.claims else EXISTENCE, proved=False, words=str(failure))
         return replace(piece, claims=(*piece.claims, claim))
 
 
-def multipliers(derivative: arb_mat) -> tuple[acb, ...]:
-    """Eigenvalues of the return map's derivative, largest modulus first.
+def multipliers(derivatives: Sequence[arb_mat]) -> tuple[acb, ...]:
+    """Eigenvalues of the return map's derivative on all parts of a box, largest modulus first.
 
     Raises
     ------
     NotProved
         If the bounds of the derivative are too wide to enclose them.
     """
-    matrix = acb_mat(derivative)
-    if matrix.nrows() == 1:
-        return (matrix[0, 0],)
     try:
-        values = matrix.eig(multiple=True, algorithm="rump")
+        every = [acb_mat(matrix).eig(multiple=True, algorithm="rump") for matrix in derivatives]
     except ValueError as failure:
         raise NotProved(f"the multipliers cannot be enclosed: {failure}") from failure
-    return tuple(sorted(values, key=lambda m: (-float(m.abs_upper()), -float(m.real), -float(m.imag))))
+    return union_of_multipliers(sorted(values, key=lambda m: (-float(m.abs_upper()), -float(m.real), -float(m.imag))) for values in every)

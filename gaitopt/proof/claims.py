@@ -15,6 +15,7 @@ from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode, margin_na
 from gaitopt.proof.graph import NotProved, Refuted
 from gaitopt.proof.orbit import Orbit, Passage
 from gaitopt.proof.signs import ENDS, POSITIVE, TOUCHDOWN, Part, check_pattern, parts, smallest
+from gaitopt.proof.tilted import hull
 
 SLIPS = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
 WORDS = {
@@ -51,9 +52,10 @@ def mode_sequence_claims(orbit: Orbit, passage: Passage) -> Iterator[Claim]:
     for step, mode in enumerate(orbit.sequence.impacts):
         arcs = orbit.arcs_of(step)
         prefix = f"step {step + 1}, " if len(orbit.sequence.steps) > 1 else ""
-        touchdown = [part for j in arcs for part in _parts(orbit, passage, j, "touchdown")]
+        along = {j: _margins_along(orbit, passage, j) for j in arcs}
+        touchdown = [part for j in arcs for part in along[j]["touchdown"]]
         for name, check in (
-            *(check for j in arcs for check in _arc_checks(orbit, passage, j)),
+            *(check for j in arcs for check in _arc_checks(orbit, passage, j, along[j])),
             (f"{prefix}touchdown", partial(_margin, "touchdown", touchdown, TOUCHDOWN, arb(0))),
             (f"{prefix}impact", partial(_impact, orbit, mode, arcs[-1], passage.ends[arcs[-1]])),
         ):
@@ -69,13 +71,13 @@ def claim_of(name: str, check: Callable[[], tuple[str, arb | None]]) -> Claim:
     return Claim(name, proved=True, words=words, margin=margin)
 
 
-def _arc_checks(orbit: Orbit, passage: Passage, j: int) -> Iterator[Check]:
+def _arc_checks(orbit: Orbit, passage: Passage, j: int, along: Mapping[str, Sequence[Part]]) -> Iterator[Check]:
     """That every margin of an arc is positive, and that the mode of a foot at rest is the only one."""
     arc, title = orbit.arcs[j], f"arc {j + 1}, {orbit.arcs[j].mode}"
     for name, at_end in zip(margin_names(arc.mode), orbit.field(arc.mode, j).margins(passage.ends[j])[0], strict=True):
         if name != "touchdown":
             pattern = ENDS if name == arc.event else POSITIVE
-            yield f"{title}: {name}", partial(_margin, name, _parts(orbit, passage, j, name), pattern, at_end)
+            yield f"{title}: {name}", partial(_margin, name, along[name], pattern, at_end)
     if _begins(orbit, j) and orbit.sequence.impact_before(arc.phase) in (None, Mode.STICK):
         yield f"{title}: mode at rest", partial(_rest, orbit, j, passage.starts[j])
 
@@ -85,13 +87,21 @@ def _begins(orbit: Orbit, j: int) -> bool:
     return j == 0 or orbit.arcs[j - 1].phase != orbit.arcs[j].phase
 
 
-def _parts(orbit: Orbit, passage: Passage, j: int, name: str) -> list[Part]:
-    """One margin of an arc's mode along the arc."""
-    arc = orbit.arcs[j]
-    index, graph = margin_names(arc.mode).index(name), orbit.field(arc.mode, j).margins
-    steps = [(step.along(graph)[index], step.h) for step in passage.steps[j]]
-    order = _order_of_zero(orbit, arc.phase, name) if _begins(orbit, j) else 0
-    return list(parts(steps, order, monotone=name in ("touchdown", arc.event)))
+def _margins_along(orbit: Orbit, passage: Passage, j: int) -> dict[str, list[Part]]:
+    """Every margin of an arc's mode along the arc."""
+    arc, begins = orbit.arcs[j], _begins(orbit, j)
+    graph, lengths = orbit.field(arc.mode, j).margins, [hull(step.h) for step in passage.steps[j]]
+    series = zip(*(step.along(graph) for step in passage.steps[j]), strict=True)
+    return {
+        name: list(
+            parts(
+                zip(values, lengths, strict=True),
+                _order_of_zero(orbit, arc.phase, name) if begins else 0,
+                monotone=name in ("touchdown", arc.event),
+            )
+        )
+        for name, values in zip(margin_names(arc.mode), series, strict=True)
+    }
 
 
 def _order_of_zero(orbit: Orbit, phase: int, name: str) -> int:

@@ -19,14 +19,14 @@ from gaitopt.proof.theorem import Piece
 
 RADIUS = 1e-11
 """Half width of the box of a single orbit in which it is shown to be unique, in every unknown."""
-SHARE, LEAST_RADIUS = 0.1, 1e-12
+SHARE, LEAST_RADIUS = 0.003, 1e-12
 """Half widths that are tried first for a family, in its tilt and at least."""
-INFLATION = 1.5
+INFLATION = 1.25
 """Half widths that are tried next, in what Krawczyk's operator makes of the last ones."""
-ROUNDS, HOPELESS = 6, 4.0
+ROUNDS, HOPELESS = 4, 1e4
 """How often that is tried, and growth in one round with which it fails."""
-GROWTH = 1.4
-"""Of the length of a box after a success; it is halved after a failure."""
+GROWTH, CUT = 1.25, 0.6
+"""Of the length of a box after a success; after a failure it is multiplied by ``CUT``."""
 LEAST = 1 / 256
 """Length, in that of the interval, below which a claim that is not shown is taken for one that does not hold."""
 MOST_TRIES = 1000
@@ -57,7 +57,7 @@ class _Cover:
     """
 
     def __init__(self, statement: Statement, gait: Gait, progress: Callable[[str], None]) -> None:
-        self._progress, self._tries = progress, 0
+        self._progress, self._tries, self._radii = progress, 0, list[float]()
         self._value, self._unit = 0.0, ""
         if statement.varied is not None:
             self._unit = statement.interval[0].partition(" ")[2]
@@ -98,7 +98,7 @@ class _Cover:
                 found, start = self._box(tuple(map(self._text, sorted((edge, following)))), start)
             except NotProved as failure:
                 self._progress(f"{abs(length):.2g} is too long for a box at {edge!r}: {failure}")
-                length = (following - edge) / 2
+                length = (following - edge) * CUT
                 continue
             yield found
             if not all(claim.proved for claim in found[1].claims):
@@ -123,7 +123,8 @@ class _Cover:
         centre, rate = newton(point, centre)
         half = orbit.interval[1].mid() if orbit.interval else arb(0)
         tilt = [(v * half).mid() for v in rate]
-        radii = [RADIUS if half == 0 else SHARE * float(abs(v)) + LEAST_RADIUS for v in tilt]
+        scale = float(half) ** 2
+        radii = [RADIUS] * orbit.size if half == 0 else [max(r * scale, LEAST_RADIUS) for r in self._curvature(tilt, scale)]
         for _ in range(ROUNDS):
             record = {
                 "interval": list(interval),
@@ -132,20 +133,27 @@ class _Cover:
                 "radii": [f"{radius:.2e}" for radius in radii],
             }
             piece = check_box(self.statement, record, at_end=at_end)
-            if piece.inner is not None or piece.image is None:
+            if piece.image is None:
                 break
-            moves = [float(move.abs_upper()) for move in deviations(piece.outer, piece.image)]
-            if max(move / radius for move, radius in zip(moves, radii, strict=True)) > HOPELESS * 1000:
+            moves = deviations(piece.outer, piece.image)
+            if piece.inner is not None or not max(float(m.abs_upper()) / r for m, r in zip(moves, radii, strict=True)) < HOPELESS:
                 break
-            radii = [INFLATION * move + LEAST_RADIUS for move in moves]
+            centre = [(u + move.mid()).mid() for u, move in zip(centre, moves, strict=True)]
+            radii = [INFLATION * float(move.rad()) + LEAST_RADIUS for move in moves]
+        if half != 0 and piece.inner is not None:
+            self._radii = [INFLATION * float(move.rad()) / scale for move in moves]
         doubtful = [claim.words for claim in piece.claims if not claim.proved and not claim.refuted]
         if doubtful and (piece.inner is None or self._is_long(interval)):
             raise NotProved(doubtful[0])
         return (record, piece), (point, centre, rate)
 
+    def _curvature(self, tilt: Sequence[arb], scale: float) -> list[float]:
+        """Half widths that are tried first, by the square of the length of the interval."""
+        return self._radii or [SHARE * float(abs(v)) / scale for v in tilt]
+
     def _at_middle(self, orbit: Orbit) -> Orbit:
         place = (orbit.interval[0], arb(0)) if orbit.interval else ()
-        return Orbit(orbit.system, orbit.p, orbit.varied, place, orbit.sequence, orbit.arcs)
+        return Orbit(orbit.system, orbit.p, orbit.varied, place, orbit.sequence, orbit.arcs, orbit.order)
 
     def _is_long(self, interval: Sequence[str]) -> bool:
         lengths = [float(abs(ball(b) - ball(a))) for a, b in (interval, self.statement.interval)] if interval else [0, 0]

@@ -8,13 +8,18 @@ in K. By the mean value theorem F(centre + tilt s) = F(centre) + (F_u tilt + F_m
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat
 
 from gaitopt.proof.graph import NotProved
-from gaitopt.proof.orbit import UNIT, Box, Orbit, Passage, by_columns
+from gaitopt.proof.orbit import Box, Orbit, Passage, by_columns
+from gaitopt.proof.taylor import matrix
+from gaitopt.proof.tilted import UNIT, Tilted, at, hull, scattered
 
+HALF_SQUARE = arb(0.25, 0.25)
+"""s^2 / 2, the integral of s."""
 ROUNDS = 4
 """In which the derivative of the orbit in its start is narrowed."""
 
@@ -24,19 +29,20 @@ class Defect:
     """E = C F_u - 1 by groups of columns, that of the parameter, C F_mu, included; and C by its first columns."""
 
     C: np.ndarray
-    columns: dict[int, arb_mat]
+    columns: dict[int, Any]
 
     def inverse(self, first: int, count: int) -> arb_mat:
         """Some columns of C."""
         return exact(self.C[:, first : first + count])
 
-    def times(self, values: arb_mat) -> arb_mat:
+    def times(self, values: Any) -> Any:
         """E times some columns."""
-        total = arb_mat(self.C.shape[0], values.ncols())
-        rows = values.tolist()
+        n, columns = self.C.shape[0], hull(values).ncols()
+        entries, total = scattered(values, arb_mat.entries), arb_mat(n, columns)
         for first, block in self.columns.items():
-            if first < len(rows):
-                total += block * arb_mat(rows[first : first + block.ncols()])
+            if first < n:
+                rows = entries[first * columns : (first + hull(block).ncols()) * columns]
+                total += block * matrix(columns, rows)
         return total
 
 
@@ -55,7 +61,7 @@ def middle(orbit: Orbit, passage: Passage) -> np.ndarray:
     matrix = np.eye(orbit.size, orbit.size + 1)
     matrix[orbit.durations, orbit.durations] = 0.0
     for row, first, values in passage.blocks:
-        block = np.array([[float(value.mid()) for value in entries] for entries in values.tolist()])
+        block = np.array([[float(value.mid()) for value in entries] for entries in at(values, arb(0)).tolist()])
         matrix[row : row + block.shape[0], first : first + block.shape[1]] += block
     return matrix
 
@@ -79,7 +85,7 @@ def preconditioned(orbit: Orbit, passage: Passage) -> Defect:
         defect.columns[first] = -exact(unit[:, first : first + 1])
     defect.columns[orbit.size] = arb_mat(orbit.size, 1)
     for row, first, values in passage.blocks:
-        defect.columns[first] += defect.inverse(row, values.nrows()) * values
+        defect.columns[first] += defect.inverse(row, hull(values).nrows()) * values
     return defect
 
 
@@ -88,12 +94,12 @@ def krawczyk(orbit: Orbit, box: Box, passage: Passage, defect: Defect) -> Box:
     start = arb_mat(orbit.size, 1)
     for row, values in passage.residual.items():
         start -= defect.inverse(row, len(values)) * column(values)
-    start -= defect.times(column(box.deviation))
-    drift = column(box.tilt)
-    drift += defect.times(drift)
-    if orbit.interval:
-        drift += defect.columns[orbit.size] * orbit.interval[1]
-    tilt = [v - d for v, d in zip(box.tilt, drift.entries(), strict=True)]
+    start -= hull(defect.times(column(box.deviation)))
+    if not orbit.is_long:
+        return Box(box.centre, box.tilt, start.entries())
+    drift = column(box.tilt) + defect.times(column(box.tilt)) + defect.columns[orbit.size] * orbit.interval[1]
+    start -= drift.slope * HALF_SQUARE
+    tilt = [v - d for v, d in zip(box.tilt, drift.value.entries(), strict=True)]
     return Box(box.centre, tilt, start.entries())
 
 
@@ -117,22 +123,30 @@ def require_contraction(orbit: Orbit, box: Box, image: Box) -> None:
         raise NotProved(f"Krawczyk's operator moves {orbit.name(k)} by {moved[k].str(5)}, out of {box.deviation[k].str(3)}")
 
 
-def return_map(orbit: Orbit, box: Box, passage: Passage, defect: Defect) -> arb_mat:
+def return_map(orbit: Orbit, box: Box, passage: Passage, defect: Defect) -> Any:
     """Derivative DP of the return map on the section after the last impact, shape (n_xi, n_xi).
 
     A kick to the start of the cycle moves the orbit that stays periodic with it by H = (1 - DP)^-1. With Y = C kick,
     X = F_u^-1 kick is Y - E X, and as |E| w < w is proved, |X| <= w max(|Y| / w) / (1 - max(|E| w / w)).
     """
     section = orbit.section(orbit.sequence.impact)
-    lift = by_columns(orbit.lift_jacobian(passage.starts[0])[0], orbit.n).tolist()
-    Y = defect.inverse(0, orbit.n) * arb_mat([row[: len(section)] for row in lift])
-    w = [arb(value.rad()) for value in box.deviation]
-    contraction = max((e.abs_upper() / r).upper() for e, r in zip(defect.times(column([arb(0, r) for r in w])).entries(), w, strict=True))
+    n_xi, w = len(section), [arb(value.rad()) for value in box.deviation]
+    lift = scattered(by_columns(orbit.lift_jacobian(passage.starts[0])[0], orbit.n), arb_mat.entries)
+    full = len(lift) // orbit.n
+    Y = defect.inverse(0, orbit.n) * matrix(n_xi, [lift[k * full + i] for k in range(orbit.n) for i in range(n_xi)])
+    contraction = _largest(hull(defect.times(column([arb(0, r) for r in w]))).entries(), w)
     if not contraction < 1:
         raise NotProved(f"the derivative of the return map cannot be enclosed: {contraction.str(5)} is not below 1")
-    sizes = [max((row[k].abs_upper() / r).upper() for row, r in zip(Y.tolist(), w, strict=True)) / (1 - contraction) for k in range(len(section))]
-    X = arb_mat([[arb(0, (r * size).upper()) for size in sizes] for r in w])
+    rows = hull(Y).tolist()
+    sizes = [_largest([row[k] for row in rows], w) / (1 - contraction) for k in range(n_xi)]
+    X: Any = arb_mat([[arb(0, (r * size).upper()) for size in sizes] for r in w])
     for _ in range(ROUNDS):
         X = Y - defect.times(X)
-    H = arb_mat([X.tolist()[k] for k in section])
-    return arb_mat(np.eye(len(section)).tolist()) - H.inv()
+    entries = scattered(X, arb_mat.entries)
+    H = matrix(n_xi, [entries[k * n_xi + i] for k in section for i in range(n_xi)])
+    return exact(np.eye(n_xi)) - H.inv()
+
+
+def _largest(values: Sequence[arb], w: Sequence[arb]) -> arb:
+    """The largest of values relative to half widths."""
+    return max(arb((value.abs_upper() / r).upper()) for value, r in zip(values, w, strict=True))

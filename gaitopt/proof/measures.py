@@ -9,6 +9,7 @@ from gaitopt.proof.graph import Graph
 from gaitopt.proof.orbit import Orbit, Passage
 from gaitopt.proof.signs import parts
 from gaitopt.proof.taylor import Series, evaluate
+from gaitopt.proof.tilted import hull
 
 
 def measures(orbit: Orbit, passage: Passage, period: arb) -> dict[str, arb | None]:
@@ -17,9 +18,9 @@ def measures(orbit: Orbit, passage: Passage, period: arb) -> dict[str, arb | Non
     for j, arc in enumerate(orbit.arcs):
         for step in passage.steps[j]:
             ratio, power = step.along(orbit.field(arc.mode, j).observation)
-            work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(power.value))], step.h)
+            work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(power.value))], hull(step.h))
             if arc.mode.sticks:
-                ratios.append((ratio, step.h))
+                ratios.append((ratio, hull(step.h)))
     length = arb(0)
     for step, impact in enumerate(orbit.sequence.impacts):
         j = orbit.arcs_of(step)[-1]

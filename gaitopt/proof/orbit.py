@@ -11,6 +11,7 @@ next step, so that none grows along the motion.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from typing import Any
 
 from casadi import SX, Function, cse, jacobian, vertcat
 from flint import arb, arb_mat
@@ -18,10 +19,10 @@ from flint import arb, arb_mat
 from gaitopt.mechanics import Cycle, HybridSystem, Mode, margin_names
 from gaitopt.proof.field import Field, States
 from gaitopt.proof.graph import Graph
-from gaitopt.proof.taylor import ORDER, Step, expand, taylor_coefficients
+from gaitopt.proof.taylor import Step, expand, matrix, taylor_coefficients
+from gaitopt.proof.tilted import UNIT, Tilted, hull, scattered
 
 BREAKPOINT = "breakpoint"
-UNIT = arb(0, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,11 @@ class Box:
         """All u."""
         return self.at(UNIT)
 
+    @property
+    def tilted(self) -> list[Tilted]:
+        """All u as numbers that depend on the parameter."""
+        return [Tilted(u + w, v) for u, v, w in zip(self.centre, self.tilt, self.deviation, strict=True)]
+
     def at(self, s: arb) -> list[arb]:
         """All u at some place."""
         return [u + s * v + w for u, v, w in zip(self.centre, self.tilt, self.deviation, strict=True)]
@@ -73,7 +79,7 @@ class Passage:
     """
 
     residual: dict[int, list[arb]] = field(default_factory=dict)
-    blocks: list[tuple[int, int, arb_mat]] = field(default_factory=list)
+    blocks: list[tuple[int, int, Any]] = field(default_factory=list)
     steps: list[list[Step]] = field(default_factory=list)
     starts: list[list[arb]] = field(default_factory=list)
     ends: list[list[arb]] = field(default_factory=list)
@@ -89,6 +95,7 @@ class Orbit:
     interval : its middle and its half length.
     sequence : of the modes.
     arcs : in order of time.
+    order : of the integration.
 
     Attributes
     ----------
@@ -105,9 +112,11 @@ class Orbit:
         interval: Sequence[arb],
         sequence: Cycle,
         arcs: Sequence[Arc],
+        order: int,
     ) -> None:
         self.system, self.p, self.varied, self.interval = system, list(p), varied, tuple(interval)
         self.sequence, self.arcs, self.n = sequence, tuple(arcs), system.n_z + 1
+        self.order = order
         self.nodes: list[list[int]] = []
         for arc in arcs:
             first = self.nodes[-1][-1] + self.n if self.nodes else 0
@@ -125,6 +134,11 @@ class Orbit:
         j = next(j for j, nodes in enumerate(self.nodes) if entry < nodes[-1] + self.n)
         node, state = divmod(entry - self.nodes[j][0], self.n)
         return f"{names[state]} at node {node + 1} of arc {j + 1}"
+
+    @property
+    def is_long(self) -> bool:
+        """Whether a parameter varies, by more than its rounding."""
+        return bool(self.interval) and not self.interval[1].is_zero()
 
     def side(self, j: int) -> int:
         """Which leg stands in arc ``j``."""
@@ -147,12 +161,15 @@ class Orbit:
         pairs = list(zip(self.arcs, durations, strict=True))
         return tuple(sum((T for arc, T in pairs if arc.phase == k), arb(0)) for k in range(len(self.sequence.phases)))
 
-    def node(self, u: Sequence[arb], entry: int, s: arb = UNIT) -> list[arb]:
-        """The state of a node, with the parameter that varies."""
-        middle, half = self.interval or (arb(0), arb(0))
-        return [*u[entry : entry + self.n], *([middle + s * half] if self.interval else [])]
+    def middle(self, centre: Sequence[arb], entry: int) -> list[arb]:
+        """The centre of a node, with the parameter that varies."""
+        return [*centre[entry : entry + self.n], *self.interval[:1]]
 
-    def lengths(self, j: int, duration: arb) -> list[arb]:
+    def node(self, u: Sequence[Any], entry: int) -> list[Any]:
+        """All states of a node, with the parameter that varies."""
+        return [*u[entry : entry + self.n], *([Tilted(*self.interval)] if self.is_long else self.interval[:1])]
+
+    def lengths(self, j: int, duration: Any) -> list[Any]:
         """Of the steps of an arc."""
         fractions = [*map(arb, self.arcs[j].fractions)]
         return [f * duration for f in (*fractions, 1 - sum(fractions, arb(0)))]
@@ -165,45 +182,46 @@ class Orbit:
         NotProved
             If a step of the integration cannot be verified.
         """
-        passage, hull = Passage(), box.hull
+        passage, u = Passage(), box.tilted if self.is_long else box.hull
         for j in range(len(self.arcs)):
-            self._follow(j, box.centre, hull, passage)
-            self._close(j, box.centre, hull, passage)
+            self._follow(j, box.centre, u, passage)
+            self._close(j, box.centre, u, passage)
         return passage
 
-    def _follow(self, j: int, centre: Sequence[arb], hull: Sequence[arb], passage: Passage) -> None:
+    def _follow(self, j: int, centre: Sequence[arb], u: Sequence[Any], passage: Passage) -> None:
         """The steps of an arc."""
         flow, entry, steps = self.field(self.arcs[j].mode, j), self.durations[j], list[Step]()
-        lengths = zip(self.lengths(j, hull[entry]), self.lengths(j, centre[entry]), strict=True)
+        lengths = zip(self.lengths(j, u[entry]), self.lengths(j, centre[entry]), strict=True)
         for here, following, (h, h_middle) in zip(self.nodes[j], self.nodes[j][1:], lengths, strict=False):
-            step = expand(flow, self.node(hull, here), h)
-            middle = taylor_coefficients(flow, self.node(centre, here, arb(0)), ORDER)
+            step = expand(flow, self.node(u, here), h, self.order)
+            middle = taylor_coefficients(flow, self.middle(centre, here), self.order)
             reached = zip(centre[following : following + self.n], step.end_of(middle, h_middle), strict=False)
             passage.residual[following] = [y - end for y, end in reached]
-            rates = arb_mat([[-rate * h / hull[entry]] for rate in flow.rate(step.end)[0][: self.n]])
+            rates = matrix(1, [-rate * h / u[entry] for rate in flow.rate(step.end)[0][: self.n]])
             self._add(passage, following, here, -step.variation())
             passage.blocks.append((following, entry, rates))
             steps.append(step)
         passage.steps.append(steps)
 
-    def _close(self, j: int, centre: Sequence[arb], hull: Sequence[arb], passage: Passage) -> None:
+    def _close(self, j: int, centre: Sequence[arb], u: Sequence[Any], passage: Passage) -> None:
         """The event that ends an arc, and the reset from which the next one starts."""
         end, first = self.nodes[j][-1], self.nodes[(j + 1) % len(self.arcs)][0]
-        passage.starts.append(self.node(hull, self.nodes[j][0]))
-        passage.ends.append(self.node(hull, end))
-        event, after = self._ending(j)(self.node(centre, end, arb(0)))[:2]
+        passage.starts.append(list(map(hull, self.node(u, self.nodes[j][0]))))
+        passage.ends.append(list(map(hull, self.node(u, end))))
+        event, after = self._ending(j)(self.middle(centre, end))[:2]
         passage.residual[self.durations[j]] = event
         passage.residual[first] = [y - z for y, z in zip(centre[first : first + self.n], after, strict=True)]
-        gradient, slope = self._ending(j)(passage.ends[-1])[2:]
+        gradient, slope = self._ending(j)(self.node(u, end))[2:]
         self._add(passage, self.durations[j], end, by_columns(gradient, 1))
         self._add(passage, first, end, -by_columns(slope, self.n))
 
-    def _add(self, passage: Passage, row: int, column: int, values: arb_mat) -> None:
+    def _add(self, passage: Passage, row: int, column: int, values: Any) -> None:
         """Keep derivatives in a node, and those in the parameter that varies apart."""
-        table = values.tolist()[: 1 if row in self.durations else self.n]
-        passage.blocks.append((row, column, arb_mat([entries[: self.n] for entries in table])))
+        entries, n = scattered(values, arb_mat.entries), self.n + len(self.interval[:1])
+        rows = [entries[k : k + n] for k in range(0, len(entries), n)][: self.n]
+        passage.blocks.append((row, column, matrix(self.n, [value for values in rows for value in values[: self.n]])))
         if self.interval:
-            passage.blocks.append((row, self.size, arb_mat([entries[self.n :] for entries in table])))
+            passage.blocks.append((row, self.size, matrix(1, [values[-1] for values in rows])))
 
     def _states(self, j: int) -> States:
         return States(self.system, self.varied, self.side(j))
@@ -253,7 +271,7 @@ class Orbit:
         return Graph(Function(f"impact_{mode.key}", [y, p], cse(outputs)), [self.p])
 
 
-def by_columns(entries: Sequence[arb], rows: int) -> arb_mat:
+def by_columns(entries: Sequence[Any], rows: int) -> Any:
     """The matrix of an output of a graph, whose columns come one after the other."""
     columns = len(entries) // rows
-    return arb_mat(rows, columns, [entries[i + rows * j] for i in range(rows) for j in range(columns)])
+    return matrix(columns, [entries[i + rows * j] for i in range(rows) for j in range(columns)])

@@ -20,9 +20,11 @@ from gaitopt.proof.orbit import Arc
 from gaitopt.proof.parameters import INTERVAL, exact_texts
 from gaitopt.proof.search import arcs_of
 from gaitopt.proof.statement import SCHEMA, refuse_what_is_not_modelled, restore_statement
-from gaitopt.proof.taylor import ORDER, PRECISION
+from gaitopt.proof.taylor import PRECISION
 from gaitopt.proof.theorem import Proof
 
+ORDER, ORDER_OF_FAMILY = 20, 16
+"""Of the integration of a narrow box, and of a long one."""
 WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Of brackets of special points, tried in this order."""
 
@@ -132,7 +134,8 @@ def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: s
         "varied": varied,
         "special": special,
         "boxes": [],
-        "settings": {"order": ORDER, "bits": PRECISION},
+        "order": ORDER if varied is None or special is not None else ORDER_OF_FAMILY,
+        "bits": PRECISION,
         "versions": {name: version(name) for name in ("gaitopt", "casadi", "python-flint")}
         | {"python": platform.python_version()},
     }

@@ -12,12 +12,11 @@ from gaitopt.proof.field import Field
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.krawczyk import column, exact, middle
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Box, Orbit
-from gaitopt.proof.taylor import ORDER, expand
+from gaitopt.proof.taylor import expand
 
-TOLERANCE = 1e-20
-"""Remainder of a step in the state, far below the width of the boxes that are proved."""
+LEAST = 1e-300
 SAFETY, LARGEST_GROWTH, LARGEST_CUT = 0.9, 1.5, 0.6
-"""The next step relative to one with this remainder, and bounds of its length relative to the last."""
+"""The next step relative to one with a remainder of 10^-order in the state, and bounds of its length relative to the last."""
 
 
 def arcs_of(gait: Gait) -> list[Arc]:
@@ -39,7 +38,7 @@ def plan(orbit: Orbit, gait: Gait) -> tuple[list[Arc], list[arb]]:
         start = [*map(arb, map(float, doubles.states[0])), arb(float(doubles.start))]
         if arc.mode.sticks:
             start[-2] = arb(0)
-        lengths, states = _steps(orbit.field(arc.mode, j), orbit.node(start, 0, arb(0)), float(doubles.duration))
+        lengths, states = _steps(orbit, orbit.field(arc.mode, j), orbit.middle(start, 0), float(doubles.duration))
         arcs.append(replace(arc, fractions=tuple(h / float(doubles.duration) for h in lengths[:-1])))
         nodes += [value for y in states for value in y[: orbit.n]]
     return arcs, [*nodes, *(arb(float(arc.duration)) for arc in gait.arcs)]
@@ -59,18 +58,18 @@ def newton(orbit: Orbit, centre: Sequence[arb]) -> tuple[list[arb], list[arb]]:
     return [(u - d).mid() for u, d in zip(centre, change.entries(), strict=True)], [*map(arb, rate.tolist())]
 
 
-def _steps(field: Field, y: list[arb], duration: float) -> tuple[list[float], list[list[arb]]]:
+def _steps(orbit: Orbit, field: Field, y: list[arb], duration: float) -> tuple[list[float], list[list[arb]]]:
     """Lengths of the steps of an arc, and the states between them."""
     left, h, lengths, states = duration, duration, list[float](), [y]
     while left > 0:
         h = left if h > left else min(h, left / 2) if 2 * h > left else h
         try:
-            step = expand(field, y, arb(h))
+            step = expand(field, y, arb(h), orbit.order)
         except NotProved:
             h *= LARGEST_CUT
             continue
-        last = max(float(c[ORDER].abs_upper()) for c in step.beyond)
-        ratio = SAFETY * (TOLERANCE / max(last, TOLERANCE)) ** (1 / ORDER) / h
+        last = max(float(c[-1].abs_upper()) for c in step.beyond)
+        ratio = SAFETY * (10.0**-orbit.order / max(last, LEAST)) ** (1 / orbit.order) / h
         if ratio < LARGEST_CUT:
             h *= LARGEST_CUT
             continue

@@ -33,6 +33,7 @@ class Statement:
     p : parameters in balls.
     varied : index of the parameter along which a family is followed, if one is.
     interval : its ends as texts; empty where nothing varies.
+    order : of the integration.
     special : type of the special point that is bracketed, if one is.
     records : of the boxes, in order of the parameter.
     """
@@ -44,14 +45,18 @@ class Statement:
     arcs: Sequence[Arc]
     varied: int | None
     interval: tuple[str, ...]
+    order: int
     special: str | None
     records: Sequence[Mapping[str, Any]]
 
     def orbit(self, interval: Sequence[str]) -> Orbit:
         """The equations on an interval of the parameter that varies."""
         ends = [ball(text) for text in interval]
-        place = ((ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2) if ends else ()
-        return Orbit(self.system, self.p, self.varied, place, self.sequence, self.arcs)
+        place: tuple[arb, ...] = ()
+        if ends:
+            half = arb(0) if interval[0] == interval[1] else (ends[1] - ends[0]) / 2
+            place = ((ends[0] + ends[1]) / 2, half)
+        return Orbit(self.system, self.p, self.varied, place, self.sequence, self.arcs, self.order)
 
 
 def restore_statement(certificate: Mapping[str, Any]) -> Statement:
@@ -81,7 +86,8 @@ def restore_statement(certificate: Mapping[str, Any]) -> Statement:
     if varied is not None and len(interval) != 2:
         raise ValueError(f"{varied} varies, but {texts[varied]} is no interval")
     p = [ball(texts[key]) for key in system.parameters]
-    return Statement(problem.name, system, p, problem.cycle, arcs, index, interval, certificate["special"], records)
+    order, special = int(certificate["order"]), certificate["special"]
+    return Statement(problem.name, system, p, problem.cycle, arcs, index, interval, order, special, records)
 
 
 def restore_box(statement: Statement, record: Mapping[str, Any]) -> tuple[Orbit, Box]:

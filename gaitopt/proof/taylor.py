@@ -17,9 +17,8 @@ from flint import arb, arb_mat, arb_series, ctx
 
 from gaitopt.proof.field import Field
 from gaitopt.proof.graph import Graph, NotProved
+from gaitopt.proof.tilted import gathered, hull, scattered
 
-ORDER = 20
-"""N."""
 PRECISION = 128
 """Bits."""
 PICARD_ROUNDS = 8
@@ -52,48 +51,54 @@ class Step:
     """
 
     field: Field
-    h: arb
-    start: list[list[arb]]
+    h: Any
+    start: list[list[Any]]
     beyond: list[list[arb]]
 
     @property
-    def end(self) -> list[arb]:
+    def order(self) -> int:
+        """N."""
+        return len(self.beyond[0]) - 1
+
+    @property
+    def end(self) -> list[Any]:
         """A box in which the motions end."""
         return self.end_of(self.start, self.h)
 
-    def end_of(self, start: list[list[arb]], h: arb) -> list[arb]:
+    def end_of(self, start: list[list[Any]], h: Any) -> list[Any]:
         """Where the motion ends whose first N coefficients are given, after a time of at most the step's length."""
-        return [evaluate([*c[:ORDER], b[ORDER]], h) for c, b in zip(start, self.beyond, strict=True)]
+        return [evaluate([*c[: self.order], b[self.order]], h) for c, b in zip(start, self.beyond, strict=True)]
 
-    def variation(self) -> arb_mat:
+    def variation(self) -> Any:
         """Derivative of the end with respect to the start, shape (n, n)."""
         n = self.field.n
         start, later = _matrices(self.field, self.start), _matrices(self.field, self.beyond)
         steepest = max(sum((abs(later[0][i, j]) for j in range(n)), arb(0)).upper() for i in range(n))
-        deviation = arb(0, ((steepest * self.h).exp() - 1).upper())
+        deviation = arb(0, ((steepest * hull(self.h)).exp() - 1).upper())
         passed = arb_mat(n, n, [deviation + int(i == j) for i in range(n) for j in range(n)])
-        terms = [*_variations(start, ORDER)[:ORDER], _variations(later, ORDER)[ORDER] * passed]
+        terms = [*_variations(start, self.order - 1), _variations(later, self.order)[-1] * passed]
         return evaluate(terms, self.h)
 
     def along(self, graph: Graph) -> list[Series]:
         """The outputs of a graph of the state along the motions."""
-        pairs = zip(_compose(graph, self.start), _compose(graph, self.beyond), strict=True)
-        return [Series([*start[:ORDER], later[ORDER]]) for start, later in pairs]
+        start = [list(map(hull, c)) for c in self.start]
+        pairs = zip(_compose(graph, start), _compose(graph, self.beyond), strict=True)
+        return [Series([*start[: self.order], later[self.order]]) for start, later in pairs]
 
 
-def expand(field: Field, start: Sequence[arb], h: arb) -> Step:
-    """One verified step from every point of the box ``start``.
+def expand(field: Field, start: Sequence[Any], h: Any, order: int) -> Step:
+    """One verified step of some order from every point of the box ``start``.
 
     Raises
     ------
     NotProved
         If no box is found that the motion cannot leave, or its series are not finite there.
     """
-    if not h > 0:
-        raise NotProved(f"{field.mode}: a step of {h.str(5)} s")
-    box = confine(field, start, h)
-    step = Step(field, h, taylor_coefficients(field, start, ORDER + 1), taylor_coefficients(field, box, ORDER + 1))
-    if not all(y.is_finite() for y in step.end):
+    if not hull(h) > 0:
+        raise NotProved(f"{field.mode}: a step of {hull(h).str(5)} s")
+    box = confine(field, list(map(hull, start)), hull(h))
+    step = Step(field, h, taylor_coefficients(field, start, order + 1), taylor_coefficients(field, box, order + 1))
+    if not all(hull(y).is_finite() for y in step.end):
         raise NotProved(f"{field.mode}: the series of the motion are not finite")
     return step
 
@@ -119,7 +124,7 @@ def confine(field: Field, start: Sequence[arb], h: arb) -> list[arb]:
     raise NotProved(f"{field.mode}: no box is shown to hold the motion for {h.str(5, radius=False)} s")
 
 
-def taylor_coefficients(field: Field, start: Sequence[arb], count: int) -> list[list[arb]]:
+def taylor_coefficients(field: Field, start: Sequence[Any], count: int) -> list[list[Any]]:
     """F_0, ..., F_(count - 1) of each state, one after the other from y' = F(y)."""
     coefficients = [[y] for y in start]
     for k in range(count - 1):
@@ -128,7 +133,7 @@ def taylor_coefficients(field: Field, start: Sequence[arb], count: int) -> list[
     return coefficients
 
 
-def evaluate(coefficients: Sequence[Any], t: arb) -> Any:
+def evaluate(coefficients: Sequence[Any], t: Any) -> Any:
     """A polynomial by Horner's rule."""
     total = coefficients[-1]
     for c in reversed(coefficients[:-1]):
@@ -136,16 +141,16 @@ def evaluate(coefficients: Sequence[Any], t: arb) -> Any:
     return total
 
 
-def _matrices(field: Field, motion: list[list[arb]]) -> list[arb_mat]:
+def _matrices(field: Field, motion: list[list[Any]]) -> list[Any]:
     """Series of the Jacobian DF along a motion."""
     n, entries = field.n, _compose(field.jacobian, motion)
-    return [arb_mat(n, n, [entries[i + n * j][k] for i in range(n) for j in range(n)]) for k in range(ORDER + 1)]
+    return [matrix(n, [entries[i + n * j][k] for i in range(n) for j in range(n)]) for k in range(len(entries[0]))]
 
 
-def _variations(slopes: list[arb_mat], order: int) -> list[arb_mat]:
+def _variations(slopes: list[Any], order: int) -> list[Any]:
     """Taylor coefficients 0 to ``order`` of Phi' = A Phi, Phi(0) = 1, from those of A."""
-    n = slopes[0].nrows()
-    phi = [arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])]
+    n = hull(slopes[0]).nrows()
+    phi = [matrix(n, [int(i == j) for i in range(n) for j in range(n)])]
     for k in range(order):
         total = slopes[0] * phi[k]
         for j in range(1, k + 1):
@@ -154,11 +159,16 @@ def _variations(slopes: list[arb_mat], order: int) -> list[arb_mat]:
     return phi
 
 
-def _compose(graph: Graph, motion: list[list[arb]]) -> list[list[arb]]:
+def matrix(columns: int, entries: Sequence[Any]) -> Any:
+    """A matrix from its entries, row by row."""
+    return gathered(entries, lambda values: arb_mat(len(entries) // columns, columns, values))
+
+
+def _compose(graph: Graph, motion: list[list[Any]]) -> list[list[Any]]:
     """Series of the outputs of a graph along a motion, to the order to which the motion is known."""
     count = ctx.cap = len(motion[0])
-    outputs = graph([arb_series(c, count) for c in motion])
-    return [_coefficients(value, count) for output in outputs for value in output]
+    outputs = graph([gathered(c, lambda values: arb_series(values, count)) for c in motion])
+    return [scattered(value, lambda part: _coefficients(part, count)) for output in outputs for value in output]
 
 
 def _coefficients(value: Any, length: int) -> list[arb]:

@@ -1,6 +1,6 @@
 """A theorem about a gait or a family of gaits: its claims, its bounds, and whether all of it is proved."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
@@ -24,7 +24,7 @@ class Piece:
     image : of the box under Krawczyk's operator, also where that proves nothing.
     inner : the image as the box that holds the orbit; None, and nothing after the claims, where something could not
         be computed.
-    derivative : of the return map.
+    derivatives : of the return map, on parts of the interval.
     multipliers : largest modulus first.
     """
 
@@ -36,7 +36,7 @@ class Piece:
     state: Mapping[str, arb] | None = None
     durations: tuple[arb, ...] = ()
     measures: Mapping[str, arb | None] | None = None
-    derivative: arb_mat | None = None
+    derivatives: Sequence[arb_mat] = ()
     multipliers: tuple[acb, ...] = ()
 
 
@@ -78,7 +78,7 @@ class Proof:
             state={key: _union([state[key] for state in states]) for key in states[0]},
             durations=tuple(map(_union, zip(*(piece.durations for piece in pieces), strict=True))),
             measures={key: _union([measures[key] for measures in values]) for key in values[0]},
-            multipliers=tuple(map(_hull, zip(*(piece.multipliers for piece in pieces if piece.multipliers), strict=True))),
+            multipliers=union_of_multipliers(piece.multipliers for piece in pieces if piece.multipliers),
         )
 
     @property
@@ -156,5 +156,7 @@ def _union(values: Sequence[Any]) -> Any:
     return None if None in values else reduce(arb.union, values)
 
 
-def _hull(values: Sequence[acb]) -> acb:
-    return acb(_union([value.real for value in values]), _union([value.imag for value in values]))
+def union_of_multipliers(parts: Iterable[Sequence[acb]]) -> tuple[acb, ...]:
+    """Bounds of multipliers, largest modulus first, over the parts of a family."""
+    unions = ((_union([m.real for m in values]), _union([m.imag for m in values])) for values in zip(*parts, strict=True))
+    return tuple(acb(*parts) for parts in unions)
