@@ -52,14 +52,14 @@ def test_a_proof_is_printed_kept_and_checked_again(run, certificate):
 def test_a_certificate_that_proves_nothing_is_exit_4(run, certificate):
     file = Path(certificate["certificate"])
     record = json.loads(file.read_text())
-    record["boxes"][0]["centre"][0] = ["0.7587"]
+    record["boxes"][0]["centre"][0] = "0.7587"
     file.write_text(json.dumps(record))
     code, out, _ = run("prove", "--check", str(file), "--json")
     assert code == 4
     assert not json.loads(out)["proved"]
 
 
-@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-3"}'])
+@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-4"}'])
 def test_what_is_no_certificate_is_exit_6(run, empty_folder, content):
     Path("proof.json").write_text(content)
     code, _, err = run("prove", "--check", "proof.json")
