@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, ctx
 
 from gaitopt.proof.branch import MARGIN_CHANGES, connection_claim, sign_change_claim
@@ -14,7 +15,7 @@ from gaitopt.proof.measures import measures
 from gaitopt.proof.orbit import Box
 from gaitopt.proof.statement import Statement, restore_box, restore_statement
 from gaitopt.proof.taylor import PRECISION
-from gaitopt.proof.theorem import Piece, Proof, merged_claims, union_of_multipliers
+from gaitopt.proof.theorem import Piece, Proof, merged_claims, union, union_of_multipliers
 from gaitopt.proof.tilted import at
 
 STATEMENT, EXISTENCE, MOTION = "statement", "existence and uniqueness", "motion"
@@ -90,7 +91,8 @@ def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool =
     try:
         passage = orbit.traverse(box)
         defect = preconditioned(orbit, passage)
-        image = krawczyk(orbit, box, passage, defect)
+        line = orbit.traverse(replace(box, deviation=[arb(0)] * orbit.size)) if orbit.is_long else passage
+        image = krawczyk(orbit, box, line, defect)
         piece = replace(piece, image=image)
         require_contraction(orbit, box, image)
         radius = max(w.abs_upper() for w in box.deviation).str(3, radius=False)
@@ -129,8 +131,29 @@ def multipliers(derivatives: Sequence[arb_mat]) -> tuple[acb, ...]:
     NotProved
         If the bounds of the derivative are too wide to enclose them.
     """
+    return union_of_multipliers(
+        sorted(eigenvalues(matrix), key=lambda m: (-float(m.abs_upper()), -float(m.real), -float(m.imag)))
+        for matrix in derivatives
+    )
+
+
+def eigenvalues(matrix: arb_mat) -> list[acb]:
+    """Gershgorin's discs in the basis of approximate eigenvectors; those that overlap stand for each of them.
+
+    Raises
+    ------
+    NotProved
+        If there is no such basis.
+    """
+    n = matrix.nrows()
     try:
-        every = [acb_mat(matrix).eig(multiple=True, algorithm="rump") for matrix in derivatives]
-    except ValueError as failure:
-        raise NotProved(f"the multipliers cannot be enclosed: {failure}") from failure
-    return union_of_multipliers(sorted(values, key=lambda m: (-float(m.abs_upper()), -float(m.real), -float(m.imag))) for values in every)
+        _, vectors = np.linalg.eig(np.array([[float(value.mid()) for value in row] for row in matrix.tolist()]))
+        V = acb_mat([[acb(complex(value)) for value in row] for row in vectors])
+        A = V.inv() * acb_mat(matrix) * V
+    except (ZeroDivisionError, np.linalg.LinAlgError) as failure:
+        raise NotProved("the multipliers cannot be enclosed: the eigenvectors are not independent") from failure
+    radii = [arb(0, sum((abs(A[i, j]) for j in range(n) if j != i), arb(0)).upper()) for i in range(n)]
+    discs = [A[i, i] + acb(radius, radius) for i, radius in enumerate(radii)]
+    for _ in range(n):
+        discs = [union(disc for disc in discs if disc.overlaps(own)) for own in discs]
+    return discs

@@ -1,9 +1,9 @@
 """Existence and uniqueness of a zero of F on a box, by Krawczyk's operator, and the derivative of the return map.
 
-    K(s) = -C F(centre + tilt s) + (1 - C F_u(box)) w,        C an approximate inverse of F_u
+    K(s) = -C(s) F(centre + tilt s) + (1 - C(s) F_u(s)) w,        C an approximate inverse of F_u
 
 If K lies in the interior of the box of deviations w for every s, F has exactly one zero in it for every s, and it lies
-in K. By the mean value theorem F(centre + tilt s) = F(centre) + (F_u tilt + F_mu half) s with derivatives on the box.
+in K. With dF/ds = g + g' s, F(centre + tilt s) = F(centre) + g s + g' s^2 / 2 by the mean value theorem.
 """
 
 from collections.abc import Sequence
@@ -18,31 +18,31 @@ from gaitopt.proof.orbit import Box, Orbit, Passage, by_columns
 from gaitopt.proof.taylor import matrix
 from gaitopt.proof.tilted import UNIT, Tilted, at, hull, scattered
 
-HALF_SQUARE = arb(0.25, 0.25)
-"""s^2 / 2, the integral of s."""
-ROUNDS = 4
-"""In which the derivative of the orbit in its start is narrowed."""
+SQUARE = arb(0.5, 0.5)
+"""s^2."""
+ROUNDS, LITTLE = 50, 0.9
+"""In which the derivative of the orbit in its start is narrowed at most, and by how much in a round at least."""
 
 
 @dataclass(frozen=True, slots=True)
 class Defect:
-    """E = C F_u - 1 by groups of columns, that of the parameter, C F_mu, included; and C by its first columns."""
+    """E = C F_u - 1 by groups of columns, and C by its first columns: a value, and a slope if a parameter varies."""
 
     C: np.ndarray
+    slope: np.ndarray | None
     columns: dict[int, Any]
 
-    def inverse(self, first: int, count: int) -> arb_mat:
+    def inverse(self, first: int, count: int) -> Any:
         """Some columns of C."""
-        return exact(self.C[:, first : first + count])
+        value = exact(self.C[:, first : first + count])
+        return value if self.slope is None else Tilted(value, exact(self.slope[:, first : first + count]))
 
     def times(self, values: Any) -> Any:
         """E times some columns."""
-        n, columns = self.C.shape[0], hull(values).ncols()
-        entries, total = scattered(values, arb_mat.entries), arb_mat(n, columns)
+        columns = hull(values).ncols()
+        entries, total = scattered(values, arb_mat.entries), arb_mat(self.C.shape[0], columns)
         for first, block in self.columns.items():
-            if first < n:
-                rows = entries[first * columns : (first + hull(block).ncols()) * columns]
-                total += block * matrix(columns, rows)
+            total += block * matrix(columns, entries[first * columns : (first + hull(block).ncols()) * columns])
         return total
 
 
@@ -51,19 +51,19 @@ def exact(values: np.ndarray) -> arb_mat:
     return arb_mat(*values.shape, values.ravel().tolist())
 
 
-def column(values: Sequence[arb]) -> arb_mat:
+def column(values: Sequence[Any]) -> Any:
     """A vector as a matrix."""
-    return arb_mat(len(values), 1, list(values))
+    return matrix(1, values)
 
 
-def middle(orbit: Orbit, passage: Passage) -> np.ndarray:
-    """dF/du next to the middle of its enclosure, and dF/dmu as the last column; shape (n, n + 1)."""
-    matrix = np.eye(orbit.size, orbit.size + 1)
-    matrix[orbit.durations, orbit.durations] = 0.0
+def middle(orbit: Orbit, passage: Passage, s: int = 0) -> np.ndarray:
+    """dF/du next to the middle of its enclosure at some s, and dF/dmu as the last column; shape (n, n + 1)."""
+    result = np.eye(orbit.size, orbit.size + 1)
+    result[orbit.durations, orbit.durations] = 0.0
     for row, first, values in passage.blocks:
-        block = np.array([[float(value.mid()) for value in entries] for entries in at(values, arb(0)).tolist()])
-        matrix[row : row + block.shape[0], first : first + block.shape[1]] += block
-    return matrix
+        block = np.array([[float(value.mid()) for value in entries] for entries in at(values, arb(s)).tolist()])
+        result[row : row + block.shape[0], first : first + block.shape[1]] += block
+    return result
 
 
 def preconditioned(orbit: Orbit, passage: Passage) -> Defect:
@@ -74,33 +74,49 @@ def preconditioned(orbit: Orbit, passage: Passage) -> Defect:
     NotProved
         If the derivative is singular.
     """
+    F_u, slope = middle(orbit, passage)[:, :-1], None
     try:
-        C = np.linalg.inv(middle(orbit, passage)[:, :-1])
+        C = np.linalg.inv(F_u)
     except np.linalg.LinAlgError as failure:
         raise NotProved("the derivative of the equations of the orbit is singular") from failure
-    defect, unit = Defect(C, {}), np.eye(orbit.size)
+    if orbit.is_long:
+        slope = -C @ (middle(orbit, passage, 1)[:, :-1] - F_u) @ C
+    defect, unit = Defect(C, slope, {}), np.eye(orbit.size)
     for first in (entry for nodes in orbit.nodes for entry in nodes):
         defect.columns[first] = defect.inverse(first, orbit.n) - exact(unit[:, first : first + orbit.n])
     for first in orbit.durations:
         defect.columns[first] = -exact(unit[:, first : first + 1])
-    defect.columns[orbit.size] = arb_mat(orbit.size, 1)
     for row, first, values in passage.blocks:
-        defect.columns[first] += defect.inverse(row, hull(values).nrows()) * values
+        if first < orbit.size:
+            defect.columns[first] += defect.inverse(row, hull(values).nrows()) * values
     return defect
 
 
-def krawczyk(orbit: Orbit, box: Box, passage: Passage, defect: Defect) -> Box:
-    """K as a box about the same centre."""
-    start = arb_mat(orbit.size, 1)
-    for row, values in passage.residual.items():
+def krawczyk(orbit: Orbit, box: Box, line: Passage, defect: Defect) -> Box:
+    """K as a box about the same centre, from the motions along ``centre + tilt s`` at least."""
+    start = -defect.times(column(box.deviation))
+    for row, values in line.residual.items():
         start -= defect.inverse(row, len(values)) * column(values)
-    start -= hull(defect.times(column(box.deviation)))
+    start = hull(start)
     if not orbit.is_long:
         return Box(box.centre, box.tilt, start.entries())
-    drift = column(box.tilt) + defect.times(column(box.tilt)) + defect.columns[orbit.size] * orbit.interval[1]
-    start -= drift.slope * HALF_SQUARE
+    drift, change = arb_mat(orbit.size, 1), _change(orbit, box, line)
+    for first, block in defect.columns.items():
+        g = column(change[first : first + hull(block).ncols()])
+        drift += defect.inverse(first, hull(g).nrows()) * (Tilted(g.value, g.slope / 2) if isinstance(g, Tilted) else g)
     tilt = [v - d for v, d in zip(box.tilt, drift.value.entries(), strict=True)]
-    return Box(box.centre, tilt, start.entries())
+    return Box(box.centre, tilt, (start - drift.slope * SQUARE).entries())
+
+
+def _change(orbit: Orbit, box: Box, line: Passage) -> list[Any]:
+    """dF/ds = F_u tilt + F_mu half."""
+    change: list[Any] = [arb(0) if k in orbit.durations else v for k, v in enumerate(box.tilt)]
+    tilt = [*box.tilt, orbit.interval[1]]
+    for row, first, values in line.blocks:
+        moved = values * column(tilt[first : first + hull(values).ncols()])
+        for k, value in enumerate(scattered(moved, arb_mat.entries), start=row):
+            change[k] = change[k] + value
+    return change
 
 
 def deviations(box: Box, image: Box) -> list[arb]:
@@ -117,10 +133,12 @@ def require_contraction(orbit: Orbit, box: Box, image: Box) -> None:
         If it does not; the unknown that leaves farthest is named.
     """
     moved = deviations(box, image)
-    outside = [k for k, (w, inside) in enumerate(zip(box.deviation, moved, strict=True)) if not w.contains_interior(inside)]
+    pairs = list(zip(box.deviation, moved, strict=True))
+    outside = [k for k, (w, inside) in enumerate(pairs) if not w.contains_interior(inside)]
     if outside:
         k = max(outside, key=lambda k: float(moved[k].abs_upper()) / max(float(box.deviation[k].rad()), 1e-300))
-        raise NotProved(f"Krawczyk's operator moves {orbit.name(k)} by {moved[k].str(5)}, out of {box.deviation[k].str(3)}")
+        shown = f"{moved[k].str(5)}, out of {box.deviation[k].str(3)}"
+        raise NotProved(f"Krawczyk's operator moves {orbit.name(k)} by {shown}")
 
 
 def return_map(orbit: Orbit, box: Box, passage: Passage, defect: Defect) -> Any:
@@ -141,10 +159,16 @@ def return_map(orbit: Orbit, box: Box, passage: Passage, defect: Defect) -> Any:
     sizes = [_largest([row[k] for row in rows], w) / (1 - contraction) for k in range(n_xi)]
     X: Any = arb_mat([[arb(0, (r * size).upper()) for size in sizes] for r in w])
     for _ in range(ROUNDS):
-        X = Y - defect.times(X)
+        before, X = X, Y - defect.times(X)
+        if not _width(X) < LITTLE * _width(before):
+            break
     entries = scattered(X, arb_mat.entries)
     H = matrix(n_xi, [entries[k * n_xi + i] for k in section for i in range(n_xi)])
     return exact(np.eye(n_xi)) - H.inv()
+
+
+def _width(X: Any) -> float:
+    return max(float(x.rad()) for x in hull(X).entries())
 
 
 def _largest(values: Sequence[arb], w: Sequence[arb]) -> arb:

@@ -158,5 +158,10 @@ def _union(values: Sequence[Any]) -> Any:
 
 def union_of_multipliers(parts: Iterable[Sequence[acb]]) -> tuple[acb, ...]:
     """Bounds of multipliers, largest modulus first, over the parts of a family."""
-    unions = ((_union([m.real for m in values]), _union([m.imag for m in values])) for values in zip(*parts, strict=True))
-    return tuple(acb(*parts) for parts in unions)
+    return tuple(map(union, zip(*parts, strict=True)))
+
+
+def union(values: Iterable[acb]) -> acb:
+    """A box around complex boxes."""
+    every = list(values)
+    return acb(_union([value.real for value in every]), _union([value.imag for value in every]))
