@@ -38,7 +38,10 @@ def _joined(piece: Piece, following: Piece) -> bool:
     """Whether the orbit at the end of one box lies where that of the other is unique, at the same parameter."""
     if piece.inner is None or following.inner is None or piece.interval[1] != following.interval[0]:
         return False
-    there, here = (piece.outer.at(arb(1)), piece.inner.at(arb(1))), (following.outer.at(arb(-1)), following.inner.at(arb(-1)))
+    there, here = (
+        (piece.outer.at(arb(1)), piece.inner.at(arb(1))),
+        (following.outer.at(arb(-1)), following.inner.at(arb(-1))),
+    )
     return _within(here[1], there[0]) or _within(there[1], here[0])
 
 

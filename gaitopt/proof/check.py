@@ -1,4 +1,4 @@
-"""Re-verification of a certificate, in one pass and without any search: what is proved about the gait that it states."""
+"""Re-verification of a certificate, in one pass and without any search: what is proved about its gait."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -114,7 +114,7 @@ def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool =
             inner=image,
             state=dict(zip(orbit.system.state_names, hull, strict=False)),
             durations=orbit.phase_durations(durations),
-            measures=measures(orbit, passage, sum(durations)),
+            measures=measures(orbit, passage, sum(durations, arb(0))),
             derivatives=derivatives,
             multipliers=() if statement.special is not None and not at_end else multipliers(derivatives),
         )

@@ -54,12 +54,10 @@ def mode_sequence_claims(orbit: Orbit, passage: Passage) -> Iterator[Claim]:
         prefix = f"step {step + 1}, " if len(orbit.sequence.steps) > 1 else ""
         along = {j: _margins_along(orbit, passage, j) for j in arcs}
         touchdown = [part for j in arcs for part in along[j]["touchdown"]]
-        for name, check in (
-            *(check for j in arcs for check in _arc_checks(orbit, passage, j, along[j])),
-            (f"{prefix}touchdown", partial(_margin, "touchdown", touchdown, TOUCHDOWN, arb(0))),
-            (f"{prefix}impact", partial(_impact, orbit, mode, arcs[-1], passage.ends[arcs[-1]])),
-        ):
-            yield claim_of(name, check)
+        checks = [check for j in arcs for check in _arc_checks(orbit, passage, j, along[j])]
+        checks.append((f"{prefix}touchdown", partial(_margin, "touchdown", touchdown, TOUCHDOWN, arb(0))))
+        checks.append((f"{prefix}impact", partial(_impact, orbit, mode, arcs[-1], passage.ends[arcs[-1]])))
+        yield from (claim_of(name, check) for name, check in checks)
 
 
 def claim_of(name: str, check: Callable[[], tuple[str, arb | None]]) -> Claim:

@@ -1,4 +1,4 @@
-"""Boxes that cover a family of gaits, each tilted along the family and as long as can be proved; one for a single gait."""
+"""Boxes that cover a family, each tilted along it and as long as can be proved; one for a single gait."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -23,15 +23,15 @@ SHARE, LEAST_RADIUS = 0.003, 1e-12
 """Half widths that are tried first for a family, in its tilt and at least."""
 INFLATION = 1.25
 """Half widths that are tried next, in what Krawczyk's operator makes of the last ones."""
-ROUNDS, HOPELESS = 4, 1e4
-"""How often that is tried, and growth in one round with which it fails."""
+ROUNDS = 4
+"""How often that is tried."""
 GROWTH, CUT = 1.25, 0.6
 """Of the length of a box after a success; after a failure it is multiplied by ``CUT``."""
 LEAST = 1 / 256
 """Length, in that of the interval, below which a claim that is not shown is taken for one that does not hold."""
 MOST_TRIES = 1000
 """Boxes, with those that are too long, after which a cover is given up."""
-CENTRE_DIGITS, DIGITS = 30, 6
+DIGITS = 30
 
 Found = tuple[dict[str, Any], Piece]
 
@@ -57,7 +57,7 @@ class _Cover:
     """
 
     def __init__(self, statement: Statement, gait: Gait, progress: Callable[[str], None]) -> None:
-        self._progress, self._tries, self._radii = progress, 0, list[float]()
+        self._progress, self._tries, self._curvature = progress, 0, list[float]()
         self._value, self._unit = 0.0, ""
         if statement.varied is not None:
             self._unit = statement.interval[0].partition(" ")[2]
@@ -123,45 +123,48 @@ class _Cover:
         centre, rate = newton(point, centre)
         half = orbit.interval[1].mid() if orbit.interval else arb(0)
         tilt = [(v * half).mid() for v in rate]
-        scale = float(half) ** 2
-        radii = [RADIUS] * orbit.size if half == 0 else [max(r * scale, LEAST_RADIUS) for r in self._curvature(tilt, scale)]
+        radii = self._radii(tilt, float(half))
         for _ in range(ROUNDS):
             record = {
                 "interval": list(interval),
-                "centre": [_digits(u, CENTRE_DIGITS) for u in centre],
-                "tilt": [_digits(v, CENTRE_DIGITS) for v in tilt],
+                "centre": [_digits(u) for u in centre],
+                "tilt": [_digits(v) for v in tilt],
                 "radii": [f"{radius:.2e}" for radius in radii],
             }
             piece = check_box(self.statement, record, at_end=at_end)
-            if piece.image is None:
+            if half == 0 or piece.image is None or piece.claims[0].proved:
                 break
             moves = deviations(piece.outer, piece.image)
-            if piece.inner is not None or not max(float(m.abs_upper()) / r for m, r in zip(moves, radii, strict=True)) < HOPELESS:
-                break
             centre = [(u + move.mid()).mid() for u, move in zip(centre, moves, strict=True)]
             radii = [INFLATION * float(move.rad()) + LEAST_RADIUS for move in moves]
         if half != 0 and piece.inner is not None:
-            self._radii = [INFLATION * float(move.rad()) / scale for move in moves]
+            self._curvature = [radius / float(half) ** 2 for radius in radii]
         doubtful = [claim.words for claim in piece.claims if not claim.proved and not claim.refuted]
         if doubtful and (piece.inner is None or self._is_long(interval)):
             raise NotProved(doubtful[0])
         return (record, piece), (point, centre, rate)
 
-    def _curvature(self, tilt: Sequence[arb], scale: float) -> list[float]:
-        """Half widths that are tried first, by the square of the length of the interval."""
-        return self._radii or [SHARE * float(abs(v)) / scale for v in tilt]
+    def _radii(self, tilt: Sequence[arb], half: float) -> list[float]:
+        """Half widths that are tried first."""
+        if half == 0:
+            return [RADIUS] * len(tilt)
+        if self._curvature:
+            return [max(curvature * half**2, LEAST_RADIUS) for curvature in self._curvature]
+        return [SHARE * float(abs(v)) + LEAST_RADIUS for v in tilt]
 
     def _at_middle(self, orbit: Orbit) -> Orbit:
         place = (orbit.interval[0], arb(0)) if orbit.interval else ()
         return Orbit(orbit.system, orbit.p, orbit.varied, place, orbit.sequence, orbit.arcs, orbit.order)
 
     def _is_long(self, interval: Sequence[str]) -> bool:
-        lengths = [float(abs(ball(b) - ball(a))) for a, b in (interval, self.statement.interval)] if interval else [0, 0]
-        return lengths[0] > LEAST * lengths[1]
+        if not interval:
+            return False
+        length, whole = (float(abs(ball(b) - ball(a))) for a, b in (interval, self.statement.interval))
+        return length > LEAST * whole
 
     def _text(self, value: float) -> str:
         return f"{value!r} {self._unit}".strip()
 
 
-def _digits(value: arb, digits: int) -> str:
-    return str(value.str(digits, radius=False, more=True))
+def _digits(value: arb) -> str:
+    return str(value.str(DIGITS, radius=False, more=True))

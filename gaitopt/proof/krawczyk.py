@@ -48,7 +48,8 @@ class Defect:
 
 def exact(values: np.ndarray) -> arb_mat:
     """Doubles as a matrix."""
-    return arb_mat(*values.shape, values.ravel().tolist())
+    rows, columns = values.shape
+    return arb_mat(rows, columns, values.ravel().tolist())
 
 
 def column(values: Sequence[Any]) -> Any:
@@ -100,7 +101,7 @@ def krawczyk(orbit: Orbit, box: Box, line: Passage, defect: Defect) -> Box:
     start = hull(start)
     if not orbit.is_long:
         return Box(box.centre, box.tilt, start.entries())
-    drift, change = arb_mat(orbit.size, 1), _change(orbit, box, line)
+    drift, change = Tilted(arb_mat(orbit.size, 1), arb_mat(orbit.size, 1)), _change(orbit, box, line)
     for first, block in defect.columns.items():
         g = column(change[first : first + hull(block).ncols()])
         drift += defect.inverse(first, hull(g).nrows()) * (Tilted(g.value, g.slope / 2) if isinstance(g, Tilted) else g)

@@ -22,8 +22,8 @@ def measures(orbit: Orbit, passage: Passage, period: arb) -> dict[str, arb | Non
             if arc.mode.sticks:
                 ratios.append((ratio, hull(step.h)))
     length = arb(0)
-    for step, impact in enumerate(orbit.sequence.impacts):
-        j = orbit.arcs_of(step)[-1]
+    for k, impact in enumerate(orbit.sequence.impacts):
+        j = orbit.arcs_of(k)[-1]
         length += orbit.impact(impact, j)(passage.ends[j])[1][orbit.system.n_shape]
     p = SX.sym("p", len(orbit.p))
     weight = Graph(Function("weight", [p], [orbit.system.weight(p)]), [])(orbit.p)[0][0]

@@ -169,10 +169,10 @@ class Orbit:
         """All states of a node, with the parameter that varies."""
         return [*u[entry : entry + self.n], *([Tilted(*self.interval)] if self.is_long else self.interval[:1])]
 
-    def lengths(self, j: int, duration: Any) -> list[Any]:
-        """Of the steps of an arc."""
-        fractions = [*map(arb, self.arcs[j].fractions)]
-        return [f * duration for f in (*fractions, 1 - sum(fractions, arb(0)))]
+    def fractions(self, j: int) -> list[arb]:
+        """Of an arc's duration that its steps take."""
+        stated = [*map(arb, self.arcs[j].fractions)]
+        return [*stated, 1 - sum(stated, arb(0))]
 
     def traverse(self, box: Box) -> Passage:
         """Enclose F and its derivative on a box.
@@ -191,13 +191,12 @@ class Orbit:
     def _follow(self, j: int, centre: Sequence[arb], u: Sequence[Any], passage: Passage) -> None:
         """The steps of an arc."""
         flow, entry, steps = self.field(self.arcs[j].mode, j), self.durations[j], list[Step]()
-        lengths = zip(self.lengths(j, u[entry]), self.lengths(j, centre[entry]), strict=True)
-        for here, following, (h, h_middle) in zip(self.nodes[j], self.nodes[j][1:], lengths, strict=False):
-            step = expand(flow, self.node(u, here), h, self.order)
+        for here, following, share in zip(self.nodes[j], self.nodes[j][1:], self.fractions(j), strict=False):
+            step = expand(flow, self.node(u, here), share * u[entry], self.order)
             middle = taylor_coefficients(flow, self.middle(centre, here), self.order)
-            reached = zip(centre[following : following + self.n], step.end_of(middle, h_middle), strict=False)
-            passage.residual[following] = [y - end for y, end in reached]
-            rates = matrix(1, [-rate * h / u[entry] for rate in flow.rate(step.end)[0][: self.n]])
+            reached = step.end_of(middle, share * centre[entry])[: self.n]
+            passage.residual[following] = [y - end for y, end in zip(centre[following:], reached, strict=False)]
+            rates = matrix(1, [-rate * share for rate in flow.rate(step.end)[0][: self.n]])
             self._add(passage, following, here, -step.variation())
             passage.blocks.append((following, entry, rates))
             steps.append(step)
@@ -249,7 +248,9 @@ class Orbit:
         outputs = cse([event, after, jacobian(event, y), jacobian(after, y)])
         breakpoints = [*self.system.control.breakpoints, 0.0]
         data = [arb(float(value)) for value in system.data(arc.segment)]
-        return Graph(Function("ending", [y, p, r, time], outputs), [self.p, data, [arb(float(breakpoints[arc.segment]))]])
+        return Graph(
+            Function("ending", [y, p, r, time], outputs), [self.p, data, [arb(float(breakpoints[arc.segment]))]]
+        )
 
     def section(self, impact: Mode) -> list[int]:
         """Indices of the section coordinates after an impact."""

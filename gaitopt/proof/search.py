@@ -16,7 +16,7 @@ from gaitopt.proof.taylor import expand
 
 LEAST = 1e-300
 SAFETY, LARGEST_GROWTH, LARGEST_CUT = 0.9, 1.5, 0.6
-"""The next step relative to one with a remainder of 10^-order in the state, and bounds of its length relative to the last."""
+"""The next step relative to one with a remainder of 10^-order, and bounds of its length relative to the last."""
 
 
 def arcs_of(gait: Gait) -> list[Arc]:

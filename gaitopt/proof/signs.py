@@ -83,8 +83,8 @@ def check_pattern(name: str, along: Sequence[Part], pattern: str) -> str:
     kinds = "".join(part.kind for part in along)
     if not re.fullmatch(pattern, kinds):
         negative = [] if pattern == TOUCHDOWN else [part for part in along if part.kind == "n" and part.within]
-        fitting = re.match(re.sub(r"[+]", "*", pattern), kinds)
-        part = min(negative, key=lambda part: part.value.upper(), default=along[min(fitting.end(), len(along) - 1)])
+        fitting = max(k for k in range(len(kinds) + 1) if re.fullmatch(pattern.replace("+", "*"), kinds[:k]))
+        part = min(negative, key=lambda part: part.value.upper(), default=along[min(fitting, len(along) - 1)])
         when = f"between {float(part.start):.6g} and {float(part.end):.6g} s of the arc"
         failure, verdict = (Refuted, "false") if negative else (NotProved, "not shown")
         raise failure(f"{name} is {part.value.str(6)} {when}: {_SHAPES[pattern]} is {verdict}")

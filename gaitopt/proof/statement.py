@@ -79,7 +79,10 @@ def restore_statement(certificate: Mapping[str, Any]) -> Statement:
     refuse_what_is_not_modelled(problem, system)
     texts, varied, records = certificate["parameters"], certificate["varied"], certificate["boxes"]
     _check_parameters(problem, system, texts)
-    arcs = [Arc(Mode(a["mode"]), a["segment"], a["phase"], a["event"], tuple(map(float, a["fractions"]))) for a in certificate["arcs"]]
+    arcs = [
+        Arc(Mode(a["mode"]), a["segment"], a["phase"], a["event"], tuple(map(float, a["fractions"])))
+        for a in certificate["arcs"]
+    ]
     _check_arcs(arcs, problem.cycle)
     index = None if varied is None else system.parameters.index(varied)
     interval = () if varied is None else tuple(text.strip() for text in texts[varied].split(INTERVAL))

@@ -246,7 +246,7 @@ def test_a_mutation_of_the_checker_is_noticed(monkeypatch, owner, name, mutation
 
 def test_without_the_motion_of_events_there_is_no_orbit():
     """The end of an arc moves with its duration; a derivative without that fails Krawczyk's test."""
-    equations, box, passage = traversed("rimless-wheel-slip")
+    equations, box, _ = traversed("rimless-wheel-slip")
     wide = replace(box, deviation=[arb(0, 1e-4)] * equations.size)
     with ctx.workprec(PRECISION):
         right = equations.traverse(wide)

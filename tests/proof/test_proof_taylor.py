@@ -18,7 +18,6 @@ from gaitopt.proof.graph import BINARY, UNARY, Graph, NotProved, Refuted, exact_
 from gaitopt.proof.signs import POSITIVE, TOUCHDOWN, check_pattern, parts  # noqa: E402
 from gaitopt.proof.taylor import PRECISION, Series, expand, taylor_coefficients  # noqa: E402
 
-
 ORDER = 20
 
 
