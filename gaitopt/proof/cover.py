@@ -140,6 +140,9 @@ class _Cover:
         if half != 0 and piece.inner is not None:
             self._curvature = [radius / float(half) ** 2 for radius in radii]
         doubtful = [claim.words for claim in piece.claims if not claim.proved and not claim.refuted]
+        moduli = [abs(m) for m in piece.multipliers]
+        if self.statement.special is None and not (all(m < 1 for m in moduli) or any(m > 1 for m in moduli)):
+            doubtful.append("whether it is stable is not shown")
         if doubtful and (piece.inner is None or self._is_long(interval)):
             raise NotProved(doubtful[0])
         return (record, piece), (point, centre, rate)
