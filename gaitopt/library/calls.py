@@ -210,8 +210,7 @@ def sweep(
     plan = SweepPlan(problem=problem, grid=_grid(over), warm=warm, folder=_folder(problem, output))
     check_sweep(plan)
     with _counting(progress, "jobs") as show:
-        records = run_sweep(plan, make_workers(workers, None), progress=show)
-    return Sweep(problem=problem, grid=plan.grid, records=records)
+        return run_sweep(plan, make_workers(workers, None), progress=show)
 
 
 def basin(
@@ -267,8 +266,7 @@ def front(problem: Problem, over: Over, *, output: str | Path | None = None, pro
     if len(axes) != 1:
         raise ProblemError("a front runs along one key")
     with _counting(progress, "designs") as show:
-        points = design_front(problem, axes[0], _folder(problem, output), progress=show)
-    return Front(problem=problem, key=axes[0].key, points=tuple(points))
+        return design_front(problem, axes[0], _folder(problem, output), progress=show)
 
 
 def multistart(

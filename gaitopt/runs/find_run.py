@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gaitopt.problem import Problem
 from gaitopt.search.distinct import Gaits
-from gaitopt.search.find import STARTS, Part, SearchPlan, Task, Within, opened, search
-from gaitopt.store import growing, stored_lines
+from gaitopt.search.find import Part, SearchPlan, Task, search
+from gaitopt.store import begin_run, growing, stored_lines, writing
 from gaitopt.store.records import validated
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
@@ -26,43 +25,41 @@ class PartRecord:
 
 
 def find_durably(
-    problem: Problem,
+    plan: SearchPlan,
     folder: Path,
     workers: Workers,
     *,
-    starts: int = STARTS,
-    seed: int = 0,
-    within: Within | None = None,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Gaits:
-    """As ``find``, with the parts of the search kept in ``folder``, held for writing by the caller.
+    """The search of a plan, with its parts kept in a run folder of its problem.
 
     Raises
     ------
     StorageError
         If the disk is full, or what the folder holds is broken; finished parts are kept.
     KeyboardInterrupt
-        If ``should_stop`` said so.
+        If ``should_stop`` became true; what is finished is kept.
     """
-    known = _stored(folder)
+    with writing(folder, plan.problem):
+        begin_run(folder, plan.problem)
+        known = _stored(folder)
 
-    def run(task: Task, jobs: list[Job]) -> list[Part]:
-        parts: dict[str, Part] = {job.key: known[job.key] for job in jobs if job.key in known}
-        missing = [job for job in jobs if job.key not in parts]
-        with growing(folder, PARTS_FILE) as log:
-            for key, part in run_jobs(task, missing, workers, should_stop=should_stop):
-                parts[key] = part
-                if not isinstance(part, FailedJob):
-                    log.append({"part": key, **part})
-                if progress is not None:
-                    progress(len(parts), len(jobs))
-        if len(parts) < len(jobs):
-            raise KeyboardInterrupt
-        return [parts[job.key] for job in jobs]
+        def run(task: Task, jobs: list[Job]) -> list[Part]:
+            parts: dict[str, Part] = {job.key: known[job.key] for job in jobs if job.key in known}
+            missing = [job for job in jobs if job.key not in parts]
+            with growing(folder, PARTS_FILE) as log:
+                for key, part in run_jobs(task, missing, workers, should_stop=should_stop):
+                    parts[key] = part
+                    if not isinstance(part, FailedJob):
+                        log.append({"part": key, **part})
+                    if progress is not None:
+                        progress(len(parts), len(jobs))
+            if len(parts) < len(jobs):
+                raise KeyboardInterrupt
+            return [parts[job.key] for job in jobs]
 
-    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
-    return search(plan, run, should_stop=should_stop)
+        return search(plan, run, should_stop=should_stop)
 
 
 def _stored(folder: Path) -> dict[str, dict[str, Any]]:

@@ -105,7 +105,7 @@ def design_front(
     *,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[FrontPoint]:
+) -> Front:
     """Designs for every value of an axis, in its order.
 
     Parameters
@@ -130,7 +130,8 @@ def design_front(
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
-    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+    points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems)
+    return Front(problem=problem, key=axis.key, points=tuple(points))
 
 
 def check_front(problem: Problem, axis: Axis, folder: Path) -> None:

@@ -3,17 +3,16 @@
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from gaitopt.problem import Problem
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
-from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
-from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, sweep_table
+from gaitopt.runs.solved import problem_job, solve_all
+from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, Sweep, sweep_record, sweep_table
 from gaitopt.store import begin_run, csv_text, json_text, replacing, write_whole, writing
 from gaitopt.store.files import make_folder
 from gaitopt.workers.jobs import Job, Workers
@@ -101,8 +100,8 @@ def run_sweep(
     *,
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[dict[str, Any]]:
-    """Solve and verify what is not on disk yet; the records of all points in order.
+) -> Sweep:
+    """Solve and verify what is not on disk yet.
 
     Raises
     ------
@@ -115,25 +114,9 @@ def run_sweep(
         begin_run(sweep.folder, sweep.problem)
         solved = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
         records = [{**solved[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
+        swept = Sweep(problem=sweep.problem, grid=sweep.grid, records=records)
         make_folder(sweep.place, parents=False)
         with replacing(sweep.folder, *(f"{sweep.place.name}/{name}" for name in (TABLE_FILE, SWEEP_FILE))):
             write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, records)))
-            write_whole(sweep.place / SWEEP_FILE, json_text(sweep_record(sweep, records), indent=2) + "\n")
-    return records
-
-
-def sweep_record(sweep: SweepPlan, records: list[dict[str, Any]]) -> dict[str, Any]:
-    """One JSON object about a whole sweep."""
-    statuses = [record["status"] for record in records]
-    verified = [(record.get("verification") or {}).get("passed") for record in records]
-    return {
-        "problem": sweep.problem.name,
-        "over": [asdict(axis) for axis in sweep.grid.axes],
-        "jobs": len(records),
-        "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
-        "verified": verified.count(True),
-        "refuted": verified.count(False),
-        "set_aside": [
-            {"at": record["at"], "reason": record["message"]} for record in records if record["status"] == SET_ASIDE
-        ],
-    }
+            write_whole(sweep.place / SWEEP_FILE, json_text(sweep_record(swept), indent=2) + "\n")
+    return swept
