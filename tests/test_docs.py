@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from gaitopt import load_problem, simulate, solve, verify
-from gaitopt.cli.main import main
 from gaitopt.cli import values
+from gaitopt.cli.main import main
 from gaitopt.gait import Ending
 from gaitopt.problem import parse_problem
 
