@@ -67,42 +67,6 @@ class SearchPlan:
         return Job(key=hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest(), argument=part)
 
 
-def find(
-    problem: Problem,
-    *,
-    starts: int = STARTS,
-    seed: int = 0,
-    within: Within | None = None,
-    workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> Gaits:
-    """All gaits at a problem's parameters that two searches lead to, whatever their mode sequence.
-
-    Parameters
-    ----------
-    problem : its phases are ignored if it has some; a guess is one of the starts. Where parameters are free, the best
-        gait of every mode sequence is listed.
-    starts : start states of the search by simulation.
-    seed : of the samples.
-    within : range of the start states by name of a section coordinate, where it is not to be the walker's default.
-    workers : processes.
-    progress : called with the number of finished parts of the search and their total.
-    should_stop : polled; True ends the search with a KeyboardInterrupt.
-
-    Returns
-    -------
-    gaits : each solved to 1e-10 and verified; stable ones first, then by spectral radius.
-
-    Raises
-    ------
-    UnknownNameError
-        If ``within`` names something that is no section coordinate.
-    """
-    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
-    return search(plan, in_memory(Workers(count=workers), progress, should_stop), should_stop=should_stop)
-
-
 def find_best(
     problem: Problem, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
 ) -> Gait:

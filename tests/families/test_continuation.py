@@ -10,8 +10,8 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt import continuation
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.families import continuation
 from gaitopt.families.continuer import Continuer, Limits
 from gaitopt.families.request import Request
 from gaitopt.families.segment import Metric, Point, Segment

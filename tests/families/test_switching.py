@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt import continuation
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.families import Request, continuation, follow_family, resumable
+from gaitopt.families import Request, follow_family, resumable
 from gaitopt.families.change import in_turn, with_cycle
 from gaitopt.families.records import restored_special
 from gaitopt.families.segment import Metric, segment_through
