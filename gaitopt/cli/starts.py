@@ -60,7 +60,7 @@ def _gait(run: str, terminal: "Terminal") -> "tuple[Problem, dict[str, Any], dic
     gait, _, _ = gait_of(run, None, None, terminal)
     if not gait.converged:
         raise SolveError(f"--start {run}: {gait.status}: {gait.message}")
-    return gait.problem, gait.to_record(), dict(zip(gait.system.parameters, gait.p.tolist(), strict=True))
+    return gait.problem, gait.to_record(), gait.dynamics.parameters
 
 
 def _branch_point(start: str) -> "tuple[Problem, dict[str, Any], dict[str, float]]":

@@ -6,7 +6,8 @@ from typing import Any
 from rich.console import Console
 
 from gaitopt.library.tables import number, section, with_degrees
-from gaitopt.mechanics.modes import Mode, ModeSequence
+from gaitopt.mechanics.cycle import ModeSequence
+from gaitopt.mechanics.modes import Mode
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 from gaitopt.problem.scalars import label_of, scalar_values, state_unit, unit_of
 

@@ -5,11 +5,11 @@ from typing import Any
 
 from rich.console import Console
 
-from gaitopt.families.records import recorded_cycle
 from gaitopt.gait import TERMINAL
 from gaitopt.gait.cascade import cascades
 from gaitopt.library.print_gait import STABILITY
 from gaitopt.library.tables import number, section
+from gaitopt.mechanics import Cycle
 from gaitopt.runs.multistart import Optimum
 
 Record = Mapping[str, Any]
@@ -17,7 +17,7 @@ Record = Mapping[str, Any]
 
 def sequence(record: Record) -> str:
     """The mode sequence of the record of a gait."""
-    steps = [str(step) for step in recorded_cycle(record).steps]
+    steps = [str(step) for step in Cycle.from_record(record).steps]
     return f"{len(steps)} times {steps[0]}" if len(steps) > 1 and len(set(steps)) == 1 else " | ".join(steps)
 
 

@@ -10,7 +10,7 @@ from gaitopt.gait import Branch, Gait, Trajectory
 from gaitopt.library.print_gait import print_gait, print_problem, print_verification, print_walk
 from gaitopt.library.print_results import print_basin, print_branch, print_front, print_gaits, print_sweep
 from gaitopt.library.tables import number, section
-from gaitopt.mechanics.modes import in_words
+from gaitopt.mechanics.cycle import mode_words
 from gaitopt.problem import Problem
 from gaitopt.runs.basin_tiles import Basin
 from gaitopt.runs.front import Front
@@ -50,7 +50,7 @@ def _(result: Trajectory, console: Console) -> None:
     rows = [
         (
             str(k),
-            in_words(mode for mode, _ in step.phases),
+            mode_words(mode for mode, _ in step.phases),
             "-" if step.impact is None else str(step.impact.mode),
             number(step.period),
             "-" if step.impact is None else number(step.impact.step_length),
