@@ -12,7 +12,7 @@ from gaitopt.cli.branches import SPECIAL, special_records
 from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
 from gaitopt.cli.options import OutOption, SetOption
 from gaitopt.cli.values import counts, number
-from gaitopt.errors import SolveError, StorageError
+from gaitopt.errors import ProblemError, SolveError, StorageError
 
 if TYPE_CHECKING:
     from gaitopt.cli.terminal import Terminal
@@ -109,7 +109,7 @@ def continue_(
 
 def _special_point(place: str, changes: list[str] | None) -> "SpecialPoint":
     """The special point RUN@special.K: the K-th of the branch in a run folder, from 0, in the order of the table."""
-    from gaitopt.runs.restore_special import restore_special
+    from gaitopt.families.records import family_of, recorded_special
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {place} is a point of a finished run")
@@ -118,7 +118,10 @@ def _special_point(place: str, changes: list[str] | None) -> "SpecialPoint":
     if not index.isdecimal() or int(index) >= len(records):
         known = f"0 to {len(records) - 1}" if records else "none"
         raise StorageError(f"{place}: the special points of this branch are {known}, in the order of the table")
-    return restore_special(problem, parameter, records[int(index)])
+    if problem.free:  # whose values a point of the branch does not hold
+        words = "has free parameters: fix them at the values of the design, and continue that"
+        raise ProblemError(f"{problem.name} {words}")
+    return recorded_special(family_of(problem, parameter), parameter, records[int(index)])
 
 
 def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: "Terminal") -> bool:

@@ -9,7 +9,7 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families.coefficients import coefficient_bounds
 from gaitopt.families.continuer import FIRST_LENGTH, Continuer
 from gaitopt.families.limits import Limits
-from gaitopt.families.records import restored_point, restored_special
+from gaitopt.families.records import recorded_point, recorded_special
 from gaitopt.families.request import FOLLOWS, Request
 from gaitopt.families.segment import Metric
 from gaitopt.families.switching import Beginning, beginnings, started
@@ -56,7 +56,7 @@ class Walk:
                 should_stop=should_stop,
             )
         last = points[-1]
-        segment, point = restored_point(self.gait, self.parameter, self.metric, last)
+        segment, point = recorded_point(self.gait, self.parameter, self.metric, last)
         return Continuer(
             segment,
             point,
@@ -94,7 +94,7 @@ class Walk:
         ]
 
     def _restored_beginning(self, record: Record, index: int) -> Beginning:
-        return self._beginnings(restored_special(self.gait, self.parameter, record))[index]
+        return self._beginnings(recorded_special(self.gait, self.parameter, record))[index]
 
     def _beginnings(self, special: SpecialPoint) -> list[Beginning]:
         """The first gaits of the other branches through a special point, as far as they are within the limits."""
