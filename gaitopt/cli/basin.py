@@ -51,7 +51,7 @@ def basin(
     choose_engine(engine)
     tiles_at = make_workers(workers, scheduler)
     start, folder = _start(run, changes, output, terminal)
-    plan = BasinPlan(start=start, grid=points, max_steps=steps, engine=engine, folder=folder)
+    plan = BasinPlan.around(start, points, max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
     if engine == Engine.AUTO and not is_installed():
         terminal.say(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")

@@ -27,7 +27,7 @@ OLDER = {"damping_loss": 0.0}
 
 
 def family_of(problem: Problem, parameter: str) -> Gait:
-    """A gait without a motion, whose problem and dynamics are those of the family of ``problem`` along ``parameter``."""
+    """A gait without a motion, with problem and dynamics of the family of ``problem`` along ``parameter``."""
     stated = Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.CONVERGED, message="")
     return with_friction(stated, parameter)
 

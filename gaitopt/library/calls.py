@@ -234,7 +234,7 @@ def basin(
     """
     problem = start.problem if isinstance(start, Gait) else start
     folder = _folder(problem, output)
-    plan = BasinPlan(start=start, grid=_grid(over), max_steps=steps, engine=engine, folder=folder)
+    plan = BasinPlan.around(start, _grid(over), max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
     with shown(progress, job_progress, "tiles") as show:
         return walk_basin(plan, make_workers(workers, None), progress=show)

@@ -1,7 +1,5 @@
 """A grid of problems, each solved and verified: what a gait becomes over one or several parameters."""
 
-import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +13,7 @@ from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, Sweep, sweep_record, sweep_table
 from gaitopt.store import begin_run, csv_text, json_text, replacing, write_whole, writing
 from gaitopt.store.files import make_folder
-from gaitopt.workers.jobs import Job, Workers
+from gaitopt.workers.jobs import Job, Workers, key_of
 
 
 @dataclass(frozen=True)
@@ -55,8 +53,7 @@ class SweepPlan:
     @cached_property
     def place(self) -> Path:
         """Folder of the sweep's table and figures."""
-        identity = json.dumps([*(str(axis) for axis in self.grid.axes), self.warm])
-        return self.folder / f"sweep-{hashlib.sha256(identity.encode()).hexdigest()[:8]}"
+        return self.folder / f"sweep-{key_of([*map(str, self.grid.axes), self.warm])[:8]}"
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""

@@ -3,10 +3,8 @@
 Nothing is claimed about gaits that no start has led to: ``searched`` says what was tried.
 """
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -18,7 +16,7 @@ from gaitopt.search.candidates import GUESSES, WALKS, Record, SearchJob, search_
 from gaitopt.search.distinct import Gaits, closed, gaits_of, is_stable
 from gaitopt.search.neighbours import search_family, varied
 from gaitopt.study.system import problem_dynamics
-from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 
 STARTS = 1000
 """Start states of the search by simulation."""
@@ -55,16 +53,8 @@ class SearchPlan:
             parameter=parameter,
             n_steps=self.n_steps,
         )
-        fields = {
-            "problem": problem.digest,
-            "method": method,
-            "number": number,
-            "seed": self.seed,
-            "within": {name: list(span) for name, span in self.within.items()},
-            "parameter": parameter,
-            "n_steps": self.n_steps,
-        }
-        return Job(key=hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest(), argument=part)
+        identity = {entry.name: getattr(part, entry.name) for entry in fields(part)}
+        return Job(key=key_of(identity | {"problem": problem.digest, "within": dict(self.within)}), argument=part)
 
 
 def find_best(

@@ -12,11 +12,12 @@ import pytest
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.problem import load_problem
+from gaitopt.runs import kept
 from gaitopt.runs import solved as study
 from gaitopt.runs.front import design_front
 from gaitopt.runs.grid import Axis, Grid, check_room, size_words
 from gaitopt.runs.multistart import multistart
-from gaitopt.runs.solved import JOBS_FILE
+from gaitopt.runs.solved import JOBS
 from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
 from gaitopt.runs.sweep_table import TABLE_FILE, sweep_record
 from gaitopt.store import read_lines
@@ -83,7 +84,7 @@ def test_sweep_that_died_goes_on_where_it_was(tmp_path, monkeypatch):
     done = []
     with pytest.raises(KeyboardInterrupt):
         run_sweep(sweep, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
-    jobs = tmp_path / JOBS_FILE
+    jobs = tmp_path / JOBS.name
     with jobs.open("a", encoding="utf-8") as file:
         file.write('{"job": "torn')  # killed in the middle of a line
     whole = run_sweep(wheel_sweep(tmp_path), HERE).records
@@ -118,7 +119,7 @@ def test_point_without_a_gait_is_a_row_of_the_table(tmp_path):
 def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     monkeypatch.setattr(
-        study, "run_jobs", lambda task, jobs, *_, **__: ((j.key, FailedJob(reason="dead")) for j in jobs)
+        kept, "run_jobs", lambda task, jobs, *_, **__: ((j.key, FailedJob(reason="dead")) for j in jobs)
     )
     record = sweep_record(run_sweep(sweep, HERE))
     assert record["statuses"] == {"set_aside": 3}
