@@ -56,7 +56,7 @@ def reproduce(
     names = [name for name in parts() if not only or name in only]
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
-        written += _table(archive, folder) if name == TABLE else save(FIGURES[name][1](archive), folder / name)
+        written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
         if progress is not None:
             progress(done, len(names))
     return written
