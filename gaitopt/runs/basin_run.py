@@ -105,8 +105,6 @@ def check_basin(plan: BasinPlan) -> None:
     ------
     UnknownNameError
         If the grid is not over section coordinates, or the engine is not there.
-    StorageError
-        If the grid does not fit in memory or on disk.
     """
     plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
     choose_engine(plan.engine)
@@ -130,12 +128,8 @@ def walk_basin(
 
     Raises
     ------
-    StorageError
-        If the disk is full; finished tiles are kept.
     SolveError
         If a tile kills its workers.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
     """
     with writing(plan.folder, plan.problem):
         if not (plan.folder / MANIFEST_FILE).exists():

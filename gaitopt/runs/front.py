@@ -120,10 +120,6 @@ def design_front(
     ------
     ProblemError
         If the problem has no objective, or a value is wrong for it.
-    StorageError
-        If the designs do not fit in memory or on disk.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
     """
     check_front(problem, axis, folder)
     problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
@@ -141,8 +137,6 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
     ------
     ProblemError
         If the problem has no objective, or is none at an end of the axis.
-    StorageError
-        If the designs do not fit in memory or on disk.
     """
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")

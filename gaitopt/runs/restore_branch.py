@@ -29,13 +29,7 @@ def stored_branch(folder: Path) -> tuple[Problem, str, list[dict[str, Any]]]:
 
 
 def restore_branch(folder: Path) -> Branch:
-    """The branch that a run folder holds.
-
-    Raises
-    ------
-    StorageError
-        As ``stored_branch``, or if a record is no gait.
-    """
+    """The branch that a run folder holds."""
     problem, parameter, records = stored_branch(folder)
     family = family_of(problem, parameter)
     try:

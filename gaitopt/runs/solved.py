@@ -74,13 +74,7 @@ def solve_all(
 def solve_job(
     problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Callable[[], bool] | None = None
 ) -> dict[str, Any]:
-    """The record of a problem's gait with its verification; runs in any process.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C was pressed here, or ``should_stop`` became true.
-    """
+    """The record of a problem's gait with its verification; runs in any process."""
     for start, candidate in _starts(problem, neighbour):
         try:
             gait = solve(candidate, should_stop=should_stop)

@@ -83,8 +83,6 @@ def check_sweep(sweep: SweepPlan) -> None:
         If the grid is over something that is not a parameter.
     ProblemError
         If a point of the grid is no valid problem.
-    StorageError
-        If the grid does not fit in memory or on disk.
     """
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
     check_jobs_fit(sweep.grid.size, sweep.folder)
@@ -98,15 +96,7 @@ def run_sweep(
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Sweep:
-    """Solve and verify what is not on disk yet.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full, or another process sweeps the same problem; finished jobs are kept.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
-    """
+    """Solve and verify what is not on disk yet."""
     with writing(sweep.folder, sweep.problem):
         begin_run(sweep.folder, sweep.problem)
         solved = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)

@@ -79,13 +79,7 @@ class Sweep(Plotted):
 
 
 def read_sweep(place: Path) -> Sweep:
-    """Status and scalars of every point of the sweep in its own folder.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no finished sweep, or is broken.
-    """
+    """Status and scalars of every point of the sweep in its own folder."""
     run, own = place.resolve().parent, place.resolve().name
     path = place / TABLE_FILE
     grid = validated(Grid, {"axes": read_object(run, f"{own}/{SWEEP_FILE}").get("over")}, place / SWEEP_FILE)

@@ -1,4 +1,8 @@
-"""Runs on disk: files that appear whole or not at all, and lines that survive being cut off."""
+"""Runs on disk: files that appear whole or not at all, and lines that survive being cut off.
+
+What cannot be written, is missing, unfinished or not as it was written raises a ``StorageError`` that names the place;
+what was there before is unchanged. Functions state it only where they decide it.
+"""
 
 from gaitopt.store.branch import BRANCH_FILE, begin_branch, branch_folder, stored_records, write_branch_table
 from gaitopt.store.files import write_whole

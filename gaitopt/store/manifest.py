@@ -62,13 +62,7 @@ def new_manifest(problem: str, digest: str) -> Manifest:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write the manifest of a run folder.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be written.
-    """
+    """Write the manifest of a run folder."""
     write_whole(folder / MANIFEST_FILE, json_text(manifest.to_record(), indent=2) + "\n")
 
 
@@ -110,11 +104,6 @@ def replacing(folder: Path, *names: str) -> Iterator[None]:
     Parameters
     ----------
     names : paths within the folder.
-
-    Raises
-    ------
-    StorageError
-        If the folder is no run, or cannot be written.
     """
     manifest = read_manifest(folder)
     kept = {name: known for name, known in manifest.files.items() if name not in names}
@@ -125,13 +114,7 @@ def replacing(folder: Path, *names: str) -> Iterator[None]:
 
 
 def seal(folder: Path, *names: str) -> None:
-    """Enter the checksums of files, as they are now, into the manifest.
-
-    Raises
-    ------
-    StorageError
-        If one cannot be read, or the manifest cannot be written.
-    """
+    """Enter the checksums of files, as they are now, into the manifest."""
     manifest = read_manifest(folder)
     sums = {name: file_sum(folder / name, read_bytes(folder / name)) for name in names}
     if not sums.items() <= manifest.files.items():

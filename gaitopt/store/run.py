@@ -57,13 +57,7 @@ def run_folder(problem: Problem, results: Path = RESULTS) -> Path:
 
 
 def begin_run(folder: Path, problem: Problem) -> Path:
-    """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else or cannot be written.
-    """
+    """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to."""
     with writing(folder, problem):
         files = dict(read_manifest(folder).files) if (folder / MANIFEST_FILE).exists() else {}
         for name in (PROBLEM_FILE, RESOLVED_FILE):
@@ -82,11 +76,6 @@ def write_run(folder: Path, *, problem: Problem, gait: Mapping[str, Any], trajec
     ----------
     gait : the JSON object of the gait.
     trajectory : header and rows of ``trajectory.csv``.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else or cannot be written; the message says what was kept.
     """
     return _write_motion(folder, problem, (GAIT_FILE, gait), (TRAJECTORY_FILE, trajectory))
 
@@ -111,26 +100,14 @@ def _write_motion(
 
 
 def is_complete(folder: Path) -> bool:
-    """Whether a folder holds a gait whose writer got to its end.
-
-    Raises
-    ------
-    StorageError
-        If its manifest is broken or newer.
-    """
+    """Whether a folder holds a gait whose writer got to its end."""
     if not (folder / GAIT_FILE).is_file():
         return False
     return {GAIT_FILE, TRAJECTORY_FILE} <= read_manifest(folder).files.keys()
 
 
 def read_run(folder: Path) -> Run:
-    """Read a run.
-
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, or the run is unfinished, broken or newer.
-    """
+    """Read a run."""
     manifest = read_manifest(folder)
     if not (folder / GAIT_FILE).is_file():
         raise StorageError(f"{folder} is unfinished (no {GAIT_FILE}): solve {manifest.problem} again to complete it")
@@ -145,26 +122,14 @@ def read_run(folder: Path) -> Run:
 
 
 def read_walk(folder: Path) -> tuple[dict[str, Any], Table]:
-    """The record and the table of the walk in a run folder.
-
-    Raises
-    ------
-    StorageError
-        If it is missing, unfinished, broken or newer.
-    """
+    """The record and the table of the walk in a run folder."""
     record = read_object(folder, WALK_FILE)
     table = parsed(parse_csv, read_sealed(folder, WALK_TRAJECTORY_FILE), folder / WALK_TRAJECTORY_FILE)
     return record, table
 
 
 def read_problem(folder: Path) -> Problem:
-    """The problem of a run folder, whatever else it holds.
-
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, broken or newer.
-    """
+    """The problem of a run folder, whatever else it holds."""
     return restored_problem(folder, read_object(folder, RESOLVED_FILE), _read_text(folder, PROBLEM_FILE))
 
 
@@ -186,13 +151,7 @@ def restored_problem(folder: Path, resolved: Mapping[str, Any], text: str) -> Pr
 
 
 def read_object(folder: Path, name: str) -> dict[str, Any]:
-    """Read a finished file of a run folder that is one JSON object.
-
-    Raises
-    ------
-    StorageError
-        If it is missing, unfinished, altered or anything else.
-    """
+    """Read a finished file of a run folder that is one JSON object."""
     return parsed(parse_object, read_sealed(folder, name), folder / name)
 
 
@@ -201,13 +160,7 @@ def _read_text(folder: Path, name: str) -> str:
 
 
 def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:
-    """Folder of the finished run of ``problem``, if there is one.
-
-    Raises
-    ------
-    StorageError
-        If its place is taken by something else.
-    """
+    """Folder of the finished run of ``problem``, if there is one."""
     folder = run_folder(problem, results)
     check_folder(folder, problem)
     return folder if (folder / GAIT_FILE).is_file() else None
