@@ -28,7 +28,7 @@ def front(
     from gaitopt.cli.runs import load
     from gaitopt.library.print_results import print_front
     from gaitopt.runs.front import check_front, design_front
-    from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
+    from gaitopt.store import adding, check_folder, json_text, run_folder, write_files, writing
 
     axes, loaded = grid(over).axes, load(problem, changes, terminal)
     if len(axes) != 1:
@@ -41,8 +41,7 @@ def front(
         with terminal.working("designs") as (progress, interrupted):
             designs = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
         record = {"problem": loaded.name, "over": str(axes[0]), "points": designs.to_records()}
-        with replacing(folder, path.name):
-            write_whole(path, json_text(record) + "\n")
+        write_files(folder, {path.name: json_text(record) + "\n"})
         with adding(folder, folder) as figures:
             figures += _draw(designs, path.with_suffix(""))
     terminal.show({**record, "file": str(path), "figures": [str(figure) for figure in figures]}, print_front, "file")

@@ -14,15 +14,7 @@ from gaitopt.runs.basin import Outcomes, follow
 from gaitopt.runs.basin_tiles import BASIN_FILE, NUMBER, STATE_BYTES_MEMORY, Basin, assembled
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.simulation import Engine, choose_engine
-from gaitopt.store import (
-    begin_run,
-    has_tile,
-    json_text,
-    replacing,
-    write_tile,
-    write_whole,
-    writing,
-)
+from gaitopt.store import begin_run, has_tile, json_file, seal, write_files, write_tile, writing
 from gaitopt.store.files import make_folder
 from gaitopt.store.manifest import MANIFEST_FILE
 from gaitopt.store.tiles import TILE_FILE
@@ -137,9 +129,9 @@ def walk_basin(
         make_folder(plan.place, parents=False)
         _walk_tiles(plan, workers, progress, should_stop)
         basin = assembled(plan.place, plan.problem, plan.grid, plan.base)
-        names = [TILE_FILE.format(tile) for tile in plan.tiles]
-        with replacing(plan.folder, *(f"{plan.place.name}/{name}" for name in (*names, BASIN_FILE))):
-            write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
+        own = plan.place.name
+        seal(plan.folder, *(f"{own}/{TILE_FILE.format(tile)}" for tile in plan.tiles))
+        write_files(plan.folder, {f"{own}/{BASIN_FILE}": json_file(basin.to_record())})
     return basin
 
 

@@ -11,7 +11,7 @@ from gaitopt.problem import Problem
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, Sweep, sweep_record, sweep_table
-from gaitopt.store import begin_run, csv_text, json_text, replacing, write_whole, writing
+from gaitopt.store import begin_run, csv_text, json_file, write_files, writing
 from gaitopt.store.files import make_folder
 from gaitopt.workers.jobs import Job, Workers, key_of
 
@@ -103,7 +103,7 @@ def run_sweep(
         records = [{**solved[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
         swept = Sweep(problem=sweep.problem, grid=sweep.grid, records=records)
         make_folder(sweep.place, parents=False)
-        with replacing(sweep.folder, *(f"{sweep.place.name}/{name}" for name in (TABLE_FILE, SWEEP_FILE))):
-            write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, records)))
-            write_whole(sweep.place / SWEEP_FILE, json_text(sweep_record(swept), indent=2) + "\n")
+        table, record = csv_text(sweep_table(sweep.grid, records)), json_file(sweep_record(swept))
+        own = sweep.place.name
+        write_files(sweep.folder, {f"{own}/{TABLE_FILE}": table, f"{own}/{SWEEP_FILE}": record})
     return swept

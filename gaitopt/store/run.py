@@ -12,7 +12,7 @@ from typing import Any
 
 from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.problem import Problem, restore_problem
-from gaitopt.store.files import parsed, write_whole
+from gaitopt.store.files import parsed
 from gaitopt.store.folder import check_folder, writing
 from gaitopt.store.manifest import (
     MANIFEST_FILE,
@@ -20,11 +20,10 @@ from gaitopt.store.manifest import (
     new_manifest,
     read_manifest,
     read_sealed,
-    replacing,
-    seal,
+    write_files,
     write_manifest,
 )
-from gaitopt.store.text import Table, csv_text, json_text, parse_csv, parse_object
+from gaitopt.store.text import Table, csv_text, json_file, parse_csv, parse_object
 
 RESULTS = Path("results")
 """Where runs go unless the user names a folder."""
@@ -60,12 +59,8 @@ def begin_run(folder: Path, problem: Problem) -> Path:
     """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to."""
     with writing(folder, problem):
         files = dict(read_manifest(folder).files) if (folder / MANIFEST_FILE).exists() else {}
-        for name in (PROBLEM_FILE, RESOLVED_FILE):
-            files.pop(name, None)
         write_manifest(folder, replace(new_manifest(problem.name, problem.digest), files=files))
-        write_whole(folder / PROBLEM_FILE, problem.text)
-        write_whole(folder / RESOLVED_FILE, json_text(problem.resolved(), indent=2) + "\n")
-        seal(folder, PROBLEM_FILE, RESOLVED_FILE)
+        write_files(folder, {PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(problem.resolved())})
     return folder
 
 
@@ -77,25 +72,18 @@ def write_run(folder: Path, *, problem: Problem, gait: Mapping[str, Any], trajec
     gait : the JSON object of the gait.
     trajectory : header and rows of ``trajectory.csv``.
     """
-    return _write_motion(folder, problem, (GAIT_FILE, gait), (TRAJECTORY_FILE, trajectory))
+    return _write_motion(folder, problem, {TRAJECTORY_FILE: csv_text(trajectory), GAIT_FILE: json_file(gait)})
 
 
 def write_walk(folder: Path, *, problem: Problem, walk: Mapping[str, Any], trajectory: Table) -> Path:
-    """Write a simulated walk into the run folder of its problem, beside the gait if there is one.
-
-    Parameters and errors are those of ``write_run``.
-    """
-    return _write_motion(folder, problem, (WALK_FILE, walk), (WALK_TRAJECTORY_FILE, trajectory))
+    """Write a simulated walk into the run folder of its problem, beside the gait if there is one."""
+    return _write_motion(folder, problem, {WALK_TRAJECTORY_FILE: csv_text(trajectory), WALK_FILE: json_file(walk)})
 
 
-def _write_motion(
-    folder: Path, problem: Problem, record: tuple[str, Mapping[str, Any]], table: tuple[str, Table]
-) -> Path:
+def _write_motion(folder: Path, problem: Problem, contents: Mapping[str, str]) -> Path:
     with writing(folder, problem):
         begin_run(folder, problem)
-        with replacing(folder, record[0], table[0]):
-            write_whole(folder / table[0], csv_text(table[1]))
-            write_whole(folder / record[0], json_text(record[1], indent=2) + "\n")
+        write_files(folder, contents)
     return folder
 
 
