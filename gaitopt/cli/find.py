@@ -1,4 +1,4 @@
-"""``gaitopt find``: the gaits at a problem's parameters, whatever their mode sequence."""
+"""``gaitopt find``: the gaits at a problem's parameters, of any mode sequence."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -38,7 +38,7 @@ def find(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Search for all gaits at a problem's parameters, whatever their mode sequence.
+    """Search for all gaits at a problem's parameters, of any mode sequence.
 
     Walks from many start states and a program with open modes propose gaits; each is solved, verified and listed once,
     stable ones first. What is done is kept; the same command goes on where it was.

@@ -1,4 +1,4 @@
-"""``gaitopt simulate``: walk from a state, whatever becomes of it."""
+"""``gaitopt simulate``: walk forward from a state."""
 
 from typing import TYPE_CHECKING, Annotated
 

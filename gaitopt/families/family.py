@@ -57,7 +57,7 @@ def _gait_of(start: Gait | SpecialPoint) -> Gait:
 
 
 def resumable(records: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The records from which an unfinished family goes on: special points after the last point are found again."""
+    """The records from which an unfinished family goes on: special points after the last point are located again."""
     kept = list(records)
     while kept and kept[-1].get("record") == "special" and kept[-1]["type"] not in TERMINAL:
         kept.pop()

@@ -72,8 +72,8 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
         for row, kind in enumerate(margin_names(modes[phase])):
             if kind != "upright" and not margin(kind).rises:
                 zeros = _zeros(gait, phase, kind)
-                found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
-                yield MonitorKey(kind, phase), _combine(found, group, whole)
+                minima = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
+                yield MonitorKey(kind, phase), _combine(minima, group, whole)
         if gait.problem.cycle.starts_from_rest(phase) and gait.dynamics.friction_drops:
             yield MonitorKey("onset", phase), MonitorValue(_beyond_cone(gait, whole[0]), 0.0)
     for first, step in zip(gait.problem.cycle.first_phases, gait.steps, strict=True):
@@ -128,9 +128,9 @@ def _deflation(count: int, start: int, end: int) -> Array:
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
-def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc]) -> MonitorValue:
-    index = int(np.argmin([value for _, value in found]))
-    at, value = found[index]
+def _combine(minima: list[tuple[float, float]], group: list[Arc], whole: list[Arc]) -> MonitorValue:
+    index = int(np.argmin([value for _, value in minima]))
+    at, value = minima[index]
     arc = group[index]
     time = arc.start + arc.duration * (at + 1) / 2
     return MonitorValue(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))

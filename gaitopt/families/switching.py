@@ -1,4 +1,4 @@
-"""Other branches through a special point: where a family gains a second one, its first gaits are found.
+"""Other branches through a special point: the first gaits of a family that begins there.
 
     period doubling  the cycle twice over; at a multiplier -1 the second branch through it has unlike halves
     branch point     the second curve of solutions; both of its halves

@@ -144,7 +144,7 @@ def find(
     progress: Counter = True,
     should_stop: Stop = None,
 ) -> Gaits:
-    """All gaits at a problem's parameters that two searches lead to, whatever their mode sequence.
+    """All gaits at a problem's parameters that two searches lead to, of any mode sequence.
 
     Parameters
     ----------

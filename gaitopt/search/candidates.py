@@ -78,7 +78,7 @@ class SearchJob:
 
 
 def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
-    """Candidates of one part of a search, and how many starts it has made.
+    """Candidates of one part of a search, and how many starts it took.
 
     Raises
     ------

@@ -24,11 +24,11 @@ SAME_GAIT = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Gaits(Reported, Sequence[Gait]):
-    """The gaits that a search has found, stable ones first.
+    """The gaits of a search, stable ones first.
 
     Attributes
     ----------
-    problem : what was asked.
+    problem : the problem of the search.
     gaits : verified gaits.
     starts : for every gait the starts that led to it.
     searched : what was tried, and what became of it.

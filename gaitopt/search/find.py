@@ -1,4 +1,4 @@
-"""All gaits at given parameters, whatever their mode sequence: candidates, each solved, verified and counted once.
+"""All gaits at given parameters, of any mode sequence: candidates, each solved, verified and counted once.
 
 Nothing is claimed about gaits that no start has led to: ``searched`` says what was tried.
 """

@@ -1,6 +1,6 @@
 """The nearest values of parameters at which a mode sequence does exist: where families of gaits gain or lose it.
 
-A family is followed from a gait that exists: from that of the problem's own file towards the values asked for, and
+A family is followed from a gait that exists: from that of the problem's own file towards the new values, and
 from the gaits that other mode sequences have at these values. The special point on the way is the answer, located to
 rounding.
 """
@@ -29,7 +29,7 @@ WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nearest:
-    """A value of one parameter at which the mode sequence begins to exist, the others being as asked.
+    """A value of one parameter at which the mode sequence begins to exist, the others being those of the problem.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def nearest_values(
     changed = [] if own is None else changed_parameters(problem, own)
     gaits, values = list(others), problem.parameters
     ranges = {key: _widened(problem, key, span) for key, span in free.items()} | _ranges(problem)
-    found = []
+    answers = list[Nearest]()
     for parameter in dict.fromkeys([*changed, *ranges]):
         best: Nearest | None = None
         if own is not None and changed == [parameter]:
@@ -115,8 +115,9 @@ def nearest_values(
                 if target != values[parameter]:
                     closer = _attempt(begin_of_sequence, gait, parameter, target, problem.cycle, should_stop)
                     best = closer or best
-        found += [] if best is None else [best]
-    return found
+        if best is not None:
+            answers.append(best)
+    return answers
 
 
 def _no_further(value: float, bound: float, best: Nearest | None) -> float:

@@ -1,6 +1,6 @@
 """A named gait stays itself: with other parameter values it is followed from those of its own file.
 
-p(s) = (1 - s) p_file + s p_asked,      s from 0 to 1, in steps that halve where the gait is lost or jumps
+p(s) = (1 - s) p_file + s p_new,        s from 0 to 1, in steps that halve where the gait is lost or jumps
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ class Followed:
 
     Attributes
     ----------
-    gait : the last gait; that of the parameters asked for where ``s`` is 1.
+    gait : the last gait; where ``s`` is 1, that of the new parameters.
     s : how far it got.
     reason : why it got no further, in words.
     """
