@@ -3,15 +3,14 @@
 ``progress`` is shown on a terminal and in a notebook; False hides it, and a function is called instead.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from gaitopt.errors import ProblemError
-from gaitopt.families.family import continuation as follow_gait
-from gaitopt.gait import Branch, Gait, SpecialPoint
+from gaitopt.families import Request, follow_family
+from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.gait.attractor import Attractor
-from gaitopt.library.progress import Counter, Follower, following, job_progress, library_console, solver_progress
+from gaitopt.library.progress import Counter, Follower, job_progress, shown, solver_progress, value_progress
 from gaitopt.problem import Problem
 from gaitopt.runs import multistart as starts_run
 from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
@@ -21,11 +20,10 @@ from gaitopt.runs.grid import Grid, axis_of
 from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
 from gaitopt.runs.sweep_table import Sweep
 from gaitopt.search.distinct import Gaits
-from gaitopt.search.find import STARTS
-from gaitopt.search.find import find as find_gaits
+from gaitopt.search.find import STARTS, SearchPlan, in_memory, opened, search
 from gaitopt.search.solve import solve as solve_any
 from gaitopt.store import run_folder
-from gaitopt.workers.jobs import make_workers
+from gaitopt.workers.jobs import Workers, make_workers
 
 Over = Mapping[str, tuple[float | str, float | str, int]]
 """Lower and upper end and number of values of each dotted key; angles may be texts such as ``"2 deg"``."""
@@ -58,9 +56,7 @@ def solve(
         If the reference of a PD law is not a gait.
     """
     name = problem.problem.name if isinstance(problem, Attractor) else problem.name
-    if callable(progress):
-        return solve_any(problem, start=start, progress=progress, should_stop=should_stop)
-    with solver_progress(library_console(shown=progress), f"solving {name}") as show:
+    with shown(progress, solver_progress, f"solving {name}") as show:
         return solve_any(problem, start=start, progress=show, should_stop=should_stop)
 
 
@@ -113,30 +109,29 @@ def continuation(
     SolveError
         If ``start`` is a failed attempt, or no other branch is found at it.
     """
-
-    def follow(show: Callable[[int, float], None]) -> Branch:
-        return follow_gait(
-            start,
-            parameter,
-            to,
-            lower=lower,
-            upper=upper,
-            events=events,
-            max_points=max_points,
-            max_seconds=max_seconds,
-            verify_every=verify_every,
-            doublings=doublings,
-            branch_points=branch_points,
-            mode_changes=mode_changes,
-            progress=show,
-            should_stop=should_stop,
-        )
-
-    if callable(progress):
-        return follow(progress)
-    console = library_console(shown=progress)
-    with following(console, "continuing", lambda count, value: f"{count} gaits, {parameter} = {value:.6g}") as show:
-        return follow(show)
+    request = Request(
+        parameter=parameter,
+        to=(float(to),) if isinstance(to, int | float) else tuple(map(float, to)),
+        lower=lower,
+        upper=upper,
+        events=events or {},
+        max_points=max_points,
+        max_seconds=max_seconds,
+        verify_every=verify_every,
+        doublings=doublings,
+        branch_points=branch_points,
+        mode_changes=mode_changes,
+    )
+    records = list[BranchPoint | SpecialPoint]()
+    with shown(progress, value_progress, "continuing", parameter) as show:
+        for record in follow_family(start, request, should_stop=should_stop):
+            records.append(record)
+            show(len(records), record.value)
+    return Branch(
+        parameter=parameter,
+        points=tuple(record for record in records if isinstance(record, BranchPoint)),
+        specials=tuple(record for record in records if isinstance(record, SpecialPoint)),
+    )
 
 
 def find(
@@ -171,10 +166,9 @@ def find(
     UnknownNameError
         If ``within`` names something that is no section coordinate.
     """
-    with _counting(progress, "parts of the search") as show:
-        return find_gaits(
-            problem, starts=starts, seed=seed, within=within, workers=workers, progress=show, should_stop=should_stop
-        )
+    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
+    with shown(progress, job_progress, "parts of the search") as show:
+        return search(plan, in_memory(Workers(count=workers), show, should_stop), should_stop=should_stop)
 
 
 def sweep(
@@ -209,9 +203,8 @@ def sweep(
     """
     plan = SweepPlan(problem=problem, grid=_grid(over), warm=warm, folder=_folder(problem, output))
     check_sweep(plan)
-    with _counting(progress, "jobs") as show:
-        records = run_sweep(plan, make_workers(workers, None), progress=show)
-    return Sweep(problem=problem, grid=plan.grid, records=records)
+    with shown(progress, job_progress, "jobs") as show:
+        return run_sweep(plan, make_workers(workers, None), progress=show)
 
 
 def basin(
@@ -241,9 +234,9 @@ def basin(
     """
     problem = start.problem if isinstance(start, Gait) else start
     folder = _folder(problem, output)
-    plan = BasinPlan(start=start, grid=_grid(over), max_steps=steps, engine=engine, folder=folder)
+    plan = BasinPlan.around(start, _grid(over), max_steps=steps, engine=engine, folder=folder)
     check_basin(plan)
-    with _counting(progress, "tiles") as show:
+    with shown(progress, job_progress, "tiles") as show:
         return walk_basin(plan, make_workers(workers, None), progress=show)
 
 
@@ -266,9 +259,8 @@ def front(problem: Problem, over: Over, *, output: str | Path | None = None, pro
     axes = _grid(over).axes
     if len(axes) != 1:
         raise ProblemError("a front runs along one key")
-    with _counting(progress, "designs") as show:
-        points = design_front(problem, axes[0], _folder(problem, output), progress=show)
-    return Front(problem=problem, key=axes[0].key, points=tuple(points))
+    with shown(progress, job_progress, "designs") as show:
+        return design_front(problem, axes[0], _folder(problem, output), progress=show)
 
 
 def multistart(
@@ -297,7 +289,7 @@ def multistart(
         As for ``sweep``.
     """
     folder, jobs_at = _folder(problem, output), make_workers(workers, None)
-    with _counting(progress, "starts") as show:
+    with shown(progress, job_progress, "starts") as show:
         return starts_run.multistart(problem, starts, folder, seed=seed, spread=spread, workers=jobs_at, progress=show)
 
 
@@ -312,12 +304,3 @@ def _grid(over: Over) -> Grid:
 
 def _folder(problem: Problem, output: str | Path | None) -> Path:
     return run_folder(problem) if output is None else Path(output)
-
-
-@contextmanager
-def _counting(progress: Counter, what: str) -> Iterator[Callable[[int, int], None]]:
-    if callable(progress):
-        yield progress
-        return
-    with job_progress(library_console(shown=progress), what) as show:
-        yield show

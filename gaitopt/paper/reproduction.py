@@ -8,7 +8,7 @@ from gaitopt.figures.style import save
 from gaitopt.paper import table
 from gaitopt.paper.archive import Archive
 from gaitopt.paper.figures import FIGURES
-from gaitopt.store import json_text, write_whole
+from gaitopt.store import json_file, write_whole
 from gaitopt.store.files import clear_leftovers, make_folder
 
 PAPERS = ("gamus-or-2013",)
@@ -56,7 +56,7 @@ def reproduce(
     names = [name for name in parts() if not only or name in only]
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
-        written += _table(archive, folder) if name == TABLE else save(FIGURES[name][1](archive), folder / name)
+        written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
         if progress is not None:
             progress(done, len(names))
     return written
@@ -66,5 +66,5 @@ def _table(archive: Archive, folder: Path) -> list[Path]:
     record = table.record(archive)
     paths = [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
     write_whole(paths[0], table.markdown(record))
-    write_whole(paths[1], json_text(record, indent=2) + "\n")
+    write_whole(paths[1], json_file(record))
     return paths

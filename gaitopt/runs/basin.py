@@ -64,11 +64,6 @@ def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callabl
     step_map : the return map.
     xi : ndarray, shape (n, k) - section coordinates just after an impact, ``dx`` included.
     should_stop : polled before every step.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` became true.
     """
     n = len(xi)
     past = np.full((MAX_PERIOD, *xi.shape), np.nan)  # the last states, the latest first, and the steps that led there

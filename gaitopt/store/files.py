@@ -89,13 +89,7 @@ def _is_alive(pid: int) -> bool:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a file.
-
-    Raises
-    ------
-    StorageError
-        If it is missing or unreadable.
-    """
+    """Read a file."""
     try:
         return path.read_bytes()
     except FileNotFoundError as error:

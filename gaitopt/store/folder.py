@@ -54,13 +54,7 @@ def check_writable(path: Path) -> None:
 
 @contextmanager
 def writing(folder: Path, problem: Problem) -> Iterator[None]:
-    """Hold the run folder of a problem for writing, made if it is not there; may be nested.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else, another process holds it, or it cannot be used.
-    """
+    """Hold the run folder of a problem for writing, made if it is not there; may be nested."""
     check_folder(folder, problem)
     make_folder(folder)
     with only_writer(folder):
@@ -70,13 +64,7 @@ def writing(folder: Path, problem: Problem) -> Iterator[None]:
 
 @contextmanager
 def growing(folder: Path, name: str) -> Iterator[LineWriter]:
-    """Append to a file of records of a run folder; how far it got is entered into the manifest at the end.
-
-    Raises
-    ------
-    StorageError
-        If the file is broken or cannot be written.
-    """
+    """Append to a file of records of a run folder; how far it got is entered into the manifest at the end."""
     for _ in stored_lines(folder, name):
         pass  # checks what is there against the manifest
     complete = False
@@ -100,11 +88,6 @@ def adding(folder: Path, place: Path) -> Iterator[list[Path]]:
     ----------
     folder : the run folder that they are about.
     place : where they go, made if it is not there: in the run folder, or elsewhere.
-
-    Raises
-    ------
-    StorageError
-        If another process writes the run folder, or one of them cannot be written.
     """
     added: list[Path] = []
     if not place.resolve().is_relative_to(folder.resolve()):
@@ -119,13 +102,7 @@ def adding(folder: Path, place: Path) -> Iterator[list[Path]]:
 
 
 def stored_lines(folder: Path, name: str) -> Iterator[dict[str, Any]]:
-    """The records of a file of a run folder in order; none if it is not there.
-
-    Raises
-    ------
-    StorageError
-        If the folder is no run, or a line is altered, missing or moved.
-    """
+    """The records of a file of a run folder in order; none if it is not there."""
     known = read_manifest(folder).files.get(name)
     if known is not None or (folder / name).exists():
         yield from read_lines(folder / name, known)

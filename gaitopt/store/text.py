@@ -27,6 +27,11 @@ def json_text(record: Mapping[str, Any], *, indent: int | None = None) -> str:
     return json.dumps(_plain(record), indent=indent, allow_nan=False)
 
 
+def json_file(record: Mapping[str, Any]) -> str:
+    """The same, indented, as a file of its own."""
+    return json_text(record, indent=2) + "\n"
+
+
 def csv_text(table: Table) -> str:
     """CSV of a table: floats to the last digit, NaN and infinities as empty cells."""
     text = io.StringIO()

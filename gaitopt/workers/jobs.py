@@ -5,6 +5,8 @@ handed over from there, so that whoever started the jobs can keep each at once. 
 at and no other; a job that takes three workers with it is set aside.
 """
 
+import hashlib
+import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -34,6 +36,11 @@ class Job:
     key: str
     argument: Any
     parent: str | None = None
+
+
+def key_of(identity: Any) -> str:
+    """A key out of all that a result depends on, which JSON can hold: its SHA-256."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
