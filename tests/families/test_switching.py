@@ -70,7 +70,7 @@ def test_a_gait_walked_twice_has_the_squared_multipliers() -> None:
     gait = stick()[0].gait
     problem = with_cycle(gait.problem, gait.system, Cycle(gait.problem.cycle.steps * 2), gait.state)
     metric = Metric.of(gait, 0.01)
-    twice, w = segment_through(problem, gait.system, SLOPE, metric, motion_of(gait, 2), gait.p)
+    twice, w = segment_through(problem, gait.dynamics, SLOPE, metric, motion_of(gait, 2))
     assert twice.assembled(w).multipliers == pytest.approx(gait.multipliers**2, abs=1e-6)
 
 
