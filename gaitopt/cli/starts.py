@@ -6,10 +6,10 @@ import typer
 
 from gaitopt.cli.branches import stored_branch
 from gaitopt.cli.runs import gait_of
+from gaitopt.cli.terminal import Terminal
 from gaitopt.errors import ProblemError, SolveError, StorageError
 
 if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.problem import Problem
 
 LARGEST_SPREAD = 0.99
@@ -34,7 +34,7 @@ SpreadOption = Annotated[
 ]
 
 
-def started(problem: "Problem", start: str, terminal: "Terminal") -> "Problem":
+def started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
     """The problem with a known gait as its guess.
 
     Raises
@@ -56,7 +56,7 @@ def started(problem: "Problem", start: str, terminal: "Terminal") -> "Problem":
     return guessed_from(problem, record, known)
 
 
-def _gait(run: str, terminal: "Terminal") -> "tuple[Problem, dict[str, Any], dict[str, float]]":
+def _gait(run: str, terminal: Terminal) -> "tuple[Problem, dict[str, Any], dict[str, float]]":
     gait, _, _ = gait_of(run, None, None, terminal)
     if not gait.converged:
         raise SolveError(f"--start {run}: {gait.status}: {gait.message}")
