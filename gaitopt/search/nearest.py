@@ -69,7 +69,8 @@ def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Callabl
     cycle, request = gait.problem.cycle, _request(parameter, value)
     for record in follow_family(gait, request, should_stop=should_stop):
         if isinstance(record, SpecialPoint) and record.type in ENDS:
-            return None if _is_at(record, value) else _nearest(parameter, record)
+            is_there = np.isclose(record.value, value, rtol=1e-12, atol=1e-14)
+            return None if is_there else _nearest(parameter, record)
         if isinstance(record, BranchPoint) and record.gait.problem.cycle != cycle:
             return None
     return None
@@ -103,7 +104,9 @@ def nearest_values(
     """
     changed = [] if own is None else changed_parameters(problem, own)
     gaits, values = list(others), problem.parameters
-    ranges = {key: _widened(problem, key, span) for key, span in free.items()} | _ranges(problem)
+    ranges = {key: _widened(problem, key, span) for key, span in free.items()}
+    ranges |= {key: (0.0, WIDEST_FRICTION) for key in values if key.partition(".")[0] == "friction"}
+    ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in values if key == "walker.slope"}
     answers = list[Nearest]()
     for parameter in dict.fromkeys([*changed, *ranges]):
         best: Nearest | None = None
@@ -134,14 +137,6 @@ def _attempt(follow: Callable[..., Nearest | None], gait: Gait, *arguments: Any)
         return None
 
 
-def _ranges(problem: Problem) -> dict[str, tuple[float, ...]]:
-    """Ranges of the parameters in which a gait is looked for: friction and slope."""
-    ranges: dict[str, tuple[float, ...]] = {}
-    ranges |= {key: (0.0, WIDEST_FRICTION) for key in problem.parameters if key.partition(".")[0] == "friction"}
-    ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in problem.parameters if key == "walker.slope"}
-    return ranges
-
-
 def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
     """The range of a free number and as much again on either side, where the walker can have it."""
     width = span.upper - span.lower
@@ -151,10 +146,6 @@ def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
 
 def _request(parameter: str, value: float) -> Request:
     return Request(parameter=parameter, to=(value,), max_points=MAX_POINTS, verify_every=0)
-
-
-def _is_at(special: SpecialPoint, value: float) -> bool:
-    return bool(np.isclose(special.value, value, rtol=1e-12, atol=1e-14))
 
 
 def _nearest(parameter: str, special: SpecialPoint) -> Nearest:
