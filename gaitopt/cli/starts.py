@@ -35,17 +35,7 @@ SpreadOption = Annotated[
 
 
 def started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
-    """The problem with a known gait as its guess.
-
-    Raises
-    ------
-    ProblemError
-        If it is a gait of another walker.
-    SolveError
-        If what is named is no gait.
-    StorageError
-        If there is no such point.
-    """
+    """The problem with a known gait as its guess."""
     from gaitopt.study.warm import guessed_from
 
     source, record, known = _branch_point(start) if "@" in start else _gait(start, terminal)

@@ -76,11 +76,6 @@ def gaits_of(
     ----------
     known : gaits that need not be solved again.
     progress, should_stop : of the solver, see ``solve``.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` said so.
     """
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
