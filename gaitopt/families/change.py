@@ -15,9 +15,8 @@ from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey, MonitorValue
-from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.segment import Point, Segment, segment_through
-from gaitopt.families.successors import successors
+from gaitopt.families.successors import halved_cycle, successors
 from gaitopt.mechanics import MARGINS, Cycle, Dynamics, HybridSystem, ModeSequence
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.trial import overflow_allowed

@@ -17,9 +17,9 @@ from gaitopt.families.change import Change, find_change
 from gaitopt.families.limits import LARGEST_LENGTH, Limits
 from gaitopt.families.locate import Location
 from gaitopt.families.position import Position
-from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.rescue import rescue
 from gaitopt.families.segment import Point, Segment
+from gaitopt.families.successors import halved_cycle
 from gaitopt.families.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
 from gaitopt.gait import TERMINAL, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import MARGINS

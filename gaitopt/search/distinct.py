@@ -12,7 +12,7 @@ from gaitopt.mechanics import Cycle
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.search.candidates import SAME, Record
-from gaitopt.study.solve import solve_sequence
+from gaitopt.study.system import solve_sequence
 from gaitopt.study.verify import verify
 from gaitopt.workers.jobs import FailedJob
 

@@ -17,7 +17,7 @@ from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
 from gaitopt.problem import Free, Problem
 from gaitopt.search.own import own_problem
-from gaitopt.study.solve import solve_sequence
+from gaitopt.study.system import solve_sequence
 
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
 """Special points beyond which a mode sequence does not go on, or not in the same direction."""

@@ -11,7 +11,7 @@ from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait
 from gaitopt.problem import Problem
 from gaitopt.search.candidates import Record, SearchJob, cycle_record
-from gaitopt.study.solve import solve_sequence
+from gaitopt.study.system import solve_sequence
 
 REACH = 0.25
 """Part of a parameter's value by which a family is followed to either side."""

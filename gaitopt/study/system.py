@@ -1,4 +1,4 @@
-"""From a problem to its hybrid system; the reference of a PD law is solved first, from its own file."""
+"""From a problem to its hybrid system and its gait; the reference of a PD law is solved first, from its own file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -70,6 +70,18 @@ def problem_dynamics(problem: Problem, *, should_stop: Callable[[], bool] | None
     """That system at the parameters of the problem; raises as ``build_system``."""
     system = build_system(problem, should_stop=should_stop)
     return Dynamics(system, system.values(problem.parameters))
+
+
+def solve_sequence(
+    problem: Problem,
+    *,
+    start: Gait | None = None,
+    progress: Callable[[int, float], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Gait:
+    """Solve a problem whose mode sequence is given, with the arguments and errors of ``gaitopt.solve``."""
+    system = build_system(problem, should_stop=should_stop) if start is None else start.system
+    return find_gait(problem, system, start=start, progress=progress, should_stop=should_stop)
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
