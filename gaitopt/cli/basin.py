@@ -15,10 +15,11 @@ from gaitopt.cli.options import (
     SetOption,
     WorkersOption,
 )
+from gaitopt.cli.runs import gait_of
+from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import grid
 
 if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
@@ -26,7 +27,7 @@ StepsOption = Annotated[int, typer.Option("--steps", min=1, help="Steps after wh
 
 
 def basin(
-    terminal: "Terminal",
+    terminal: Terminal,
     run: RunArgument,
     over: OverOption,
     steps: StepsOption = 100,
@@ -68,10 +69,9 @@ def basin(
 
 
 def _start(
-    run: str, changes: list[str] | None, output: Path | None, terminal: "Terminal"
+    run: str, changes: list[str] | None, output: Path | None, terminal: Terminal
 ) -> "tuple[Gait | Problem, Path]":
     """The gait that the grid lies around, or the problem with its guess where there is none; and the run folder."""
-    from gaitopt.cli.runs import gait_of
     from gaitopt.library.stored import save
     from gaitopt.store import begin_run
 

@@ -34,13 +34,7 @@ def holds_walk(run: str) -> bool:
 
 
 def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
-    """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no branch.
-    """
+    """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error."""
     from gaitopt.runs import restore_branch
 
     if not holds_branch(run):

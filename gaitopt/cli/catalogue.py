@@ -3,15 +3,16 @@
 from typing import TYPE_CHECKING, Any
 
 from gaitopt.cli.options import ProblemArgument, SetOption
+from gaitopt.cli.runs import load
+from gaitopt.cli.terminal import Terminal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.problem import Problem
 
 
-def list_problems(terminal: "Terminal") -> int:
+def list_problems(terminal: Terminal) -> int:
     """List the named problems by walker; of those whose run is in results/ also period, radius and stability."""
     from gaitopt.problem import load_problem, problem_names
 
@@ -39,9 +40,8 @@ def _stored_record(problem: "Problem") -> "Mapping[str, Any]":
         return {}
 
 
-def show(terminal: "Terminal", problem: ProblemArgument, changes: SetOption = None) -> int:
+def show(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
     """Show a problem, complete and in SI."""
-    from gaitopt.cli.runs import load
     from gaitopt.library.print_gait import print_problem
 
     loaded = load(problem, changes)
@@ -52,17 +52,15 @@ def show(terminal: "Terminal", problem: ProblemArgument, changes: SetOption = No
     return 0
 
 
-def validate(terminal: "Terminal", problem: ProblemArgument, changes: SetOption = None) -> int:
+def validate(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
     """Check a problem and name all of its faults."""
-    from gaitopt.cli.runs import load
-
     loaded = load(problem, changes, terminal)
     record = {"problem": loaded.name, "valid": True, "hash": loaded.digest}
     terminal.show(record, lambda console, _: console.print(f"{problem}: valid ({loaded.name}, hash {loaded.hash8})"))
     return 0
 
 
-def schema(terminal: "Terminal") -> int:
+def schema(terminal: Terminal) -> int:
     """Print the JSON schema of problem files, for editors."""
     from gaitopt.problem import problem_schema
 

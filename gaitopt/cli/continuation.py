@@ -11,11 +11,13 @@ import typer
 from gaitopt.cli.branches import SPECIAL, special_records
 from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
 from gaitopt.cli.options import OutOption, SetOption
+from gaitopt.cli.runs import gait_of, report
+from gaitopt.cli.signals import interruptible
+from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import counts, number
 from gaitopt.errors import ProblemError, SolveError, StorageError
 
 if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.gait import Gait, SpecialPoint
     from gaitopt.runs.branch_run import BranchRun
 
@@ -55,7 +57,7 @@ FollowOption = Annotated[
 
 
 def continue_(
-    terminal: "Terminal",
+    terminal: Terminal,
     problem: GaitArgument,
     param: ParamOption,
     to: ToOption,
@@ -74,7 +76,6 @@ def continue_(
     many steps, at a branch point the curve that crosses, at a change of modes the sequences that were not followed.
     What is found is kept at once; the same command takes up a walk that was cut short.
     """
-    from gaitopt.cli.runs import gait_of, report
     from gaitopt.families import Request, check_request
     from gaitopt.gait import SpecialPoint
     from gaitopt.runs.branch_run import BranchRun
@@ -124,9 +125,8 @@ def _special_point(place: str, changes: list[str] | None) -> "SpecialPoint":
     return recorded_special(family_of(problem, parameter), parameter, records[int(index)])
 
 
-def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: "Terminal") -> bool:
+def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: Terminal) -> bool:
     """Walk along the family, show each record, and say whether the simulator refutes a gait at an end."""
-    from gaitopt.cli.signals import interruptible
     from gaitopt.library.print_results import print_branch, sequence
 
     refuted, summary = False, list[dict[str, Any]]()
@@ -153,7 +153,7 @@ def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: "Terminal") 
 
 
 @contextmanager
-def _live(terminal: "Terminal", parameter: str) -> Iterator[Callable[[Record], None]]:
+def _live(terminal: Terminal, parameter: str) -> Iterator[Callable[[Record], None]]:
     """A line that follows the walk: a live one on a terminal, one per record elsewhere."""
     from gaitopt.library.print_results import event
 

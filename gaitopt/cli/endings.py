@@ -19,13 +19,7 @@ SUFFIXES = {"output": " with -o"}
 
 
 def check_working_folder() -> None:
-    """Refuse to work in a folder that has been deleted.
-
-    Raises
-    ------
-    StorageError
-        If there is no working directory.
-    """
+    """Refuse to work in a folder that has been deleted."""
     try:
         Path.cwd()
     except FileNotFoundError as error:

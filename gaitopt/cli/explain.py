@@ -1,15 +1,13 @@
 """``gaitopt explain``: why there is no such gait, what there is instead, and where it begins to exist."""
 
-from typing import TYPE_CHECKING
-
 from gaitopt.cli.options import ProblemArgument, SamplesOption, SeedOption, SetOption, WorkersOption
-
-if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.runs import load
+from gaitopt.cli.signals import interruptible
+from gaitopt.cli.terminal import Terminal
 
 
 def explain(
-    terminal: "Terminal",
+    terminal: Terminal,
     problem: ProblemArgument,
     starts: SamplesOption = 1000,
     seed: SeedOption = 0,
@@ -17,8 +15,6 @@ def explain(
     changes: SetOption = None,
 ) -> int:
     """Say why a problem has no gait: the conditions that it violates, the gaits that there are, the nearest values."""
-    from gaitopt.cli.runs import load
-    from gaitopt.cli.signals import interruptible
     from gaitopt.library.print_results import print_explanation
     from gaitopt.search.explain import explain as explained
     from gaitopt.workers.jobs import make_workers

@@ -1,6 +1,6 @@
-"""``gaitopt find``: the gaits at a problem's parameters, whatever their mode sequence."""
+"""``gaitopt find``: the gaits at a problem's parameters, of any mode sequence."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -14,10 +14,9 @@ from gaitopt.cli.options import (
     SetOption,
     WorkersOption,
 )
+from gaitopt.cli.runs import load
+from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import ranges
-
-if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
 
 StepsOption = Annotated[int | None, typer.Option("--steps", min=1, help="Longest cycle, in steps.", show_default=False)]
 WithinOption = Annotated[
@@ -27,7 +26,7 @@ WithinOption = Annotated[
 
 
 def find(
-    terminal: "Terminal",
+    terminal: Terminal,
     problem: ProblemArgument,
     steps: StepsOption = None,
     starts: SamplesOption = 1000,
@@ -38,12 +37,11 @@ def find(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Search for all gaits at a problem's parameters, whatever their mode sequence.
+    """Search for all gaits at a problem's parameters, of any mode sequence.
 
     Walks from many start states and a program with open modes propose gaits; each is solved, verified and listed once,
     stable ones first. What is done is kept; the same command goes on where it was.
     """
-    from gaitopt.cli.runs import load
     from gaitopt.library.print_results import print_gaits
     from gaitopt.runs.find_run import find_durably
     from gaitopt.search.find import SearchPlan, opened

@@ -7,15 +7,16 @@ import typer
 
 from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
 from gaitopt.cli.options import OutOption, OverOption, ProblemArgument, SetOption
+from gaitopt.cli.runs import load
+from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import grid
 
 if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.runs.front import Front
 
 
 def front(
-    terminal: "Terminal",
+    terminal: Terminal,
     problem: ProblemArgument,
     over: OverOption,
     changes: SetOption = None,
@@ -25,7 +26,6 @@ def front(
 
     Every design is kept as soon as it is found; the same command goes on where it was.
     """
-    from gaitopt.cli.runs import load
     from gaitopt.library.print_results import print_front
     from gaitopt.runs.front import check_front, design_front
     from gaitopt.store import adding, check_folder, json_text, run_folder, write_files, writing

@@ -11,13 +11,13 @@ from gaitopt.cli.endings import NOT_A_GAIT
 from gaitopt.cli.maps import DEFAULT_FORMATS, Format, check_words, draw_again, map_in
 from gaitopt.cli.options import RunArguments, SetOption
 from gaitopt.cli.runs import gaits_of
+from gaitopt.cli.terminal import Terminal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.figures.motion import Motion
     from gaitopt.gait import Gait
 
@@ -47,7 +47,7 @@ FolderOption = Annotated[
 
 
 def plot(
-    terminal: "Terminal",
+    terminal: Terminal,
     runs: RunArguments,
     what: WhatOption = None,
     formats: FormatOption = None,

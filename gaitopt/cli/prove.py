@@ -9,13 +9,13 @@ from gaitopt.cli.branches import SPECIAL, special_records
 from gaitopt.cli.endings import NOT_A_GAIT
 from gaitopt.cli.options import OutOption, SetOption
 from gaitopt.cli.runs import gait_of, report
+from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import key_value
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.proof import Proof
 
 CERTIFICATE_FILE = "proof.json"
@@ -37,7 +37,7 @@ CheckOption = Annotated[bool, typer.Option("--check", help="Verify a certificate
 
 
 def prove(
-    terminal: "Terminal",
+    terminal: Terminal,
     run: TargetArgument,
     check: CheckOption = False,
     width: WidthOption = None,
@@ -62,7 +62,7 @@ def prove(
     return _prove(run, changes, output, terminal)
 
 
-def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: "Terminal") -> int:
+def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt.library.stored import save
     from gaitopt.proof import prove as prove_gait
 
@@ -76,7 +76,7 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: "
     return _keep(prove_gait(gait, intervals, progress=terminal.say), folder / CERTIFICATE_FILE, terminal)
 
 
-def _prove_special(target: str, width: float | None, output: Path | None, terminal: "Terminal") -> int:
+def _prove_special(target: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt import solve
     from gaitopt.proof import BRACKETED, prove_special
     from gaitopt.search.distinct import closed
@@ -99,7 +99,7 @@ def _prove_special(target: str, width: float | None, output: Path | None, termin
     return _keep(proof, folder / f"special-{number}-{CERTIFICATE_FILE}", terminal)
 
 
-def _keep(proof: "Proof", file: Path, terminal: "Terminal") -> int:
+def _keep(proof: "Proof", file: Path, terminal: Terminal) -> int:
     """Keep the certificate and report."""
     from gaitopt.store import json_text, write_whole
 
@@ -136,7 +136,7 @@ def _checked(file: Path) -> "Proof":
         raise StorageError(f"{file} is no certificate of a proof ({error!r})") from error
 
 
-def _report(proof: "Proof", file: Path, terminal: "Terminal") -> int:
+def _report(proof: "Proof", file: Path, terminal: Terminal) -> int:
     terminal.show({**proof.to_record(), "certificate": str(file)}, _print, "certificate")
     return 0 if proof.proved else NOT_A_GAIT
 

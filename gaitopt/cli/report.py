@@ -1,7 +1,7 @@
 """``gaitopt report``: a gait, a branch, or gaits side by side as one offline HTML page."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -9,9 +9,7 @@ from gaitopt.cli.branches import holds_branch, holds_walk, stored_branch
 from gaitopt.cli.endings import NOT_A_GAIT
 from gaitopt.cli.options import RunArguments, SetOption
 from gaitopt.cli.runs import gaits_of
-
-if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.terminal import Terminal
 
 REPORT = "report.html"
 COMPARISON = "comparison.html"
@@ -22,7 +20,7 @@ FileOption = Annotated[
 ]
 
 
-def report(terminal: "Terminal", runs: RunArguments, changes: SetOption = None, output: FileOption = None) -> int:
+def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, output: FileOption = None) -> int:
     """Write a page about a gait, a walk or a branch, or about several gaits side by side.
 
     The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says

@@ -1,12 +1,11 @@
 """``gaitopt reproduce``: the figures and the printed numbers of a paper, computed again."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.terminal import Terminal
 
 PaperArgument = Annotated[str, typer.Argument(metavar="PAPER", help="gamus-or-2013.")]
 OnlyOption = Annotated[
@@ -18,7 +17,7 @@ FolderOption = Annotated[
 ]
 
 
-def reproduce(terminal: "Terminal", paper: PaperArgument, only: OnlyOption = None, output: FolderOption = None) -> int:
+def reproduce(terminal: Terminal, paper: PaperArgument, only: OnlyOption = None, output: FolderOption = None) -> int:
     """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
 
     Gaits and families are taken from the run folders in results/, or computed and kept there.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
+from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import overrides
 from gaitopt.errors import UnknownNameError
 
@@ -13,14 +14,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Any
 
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
 
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
-def load(problem: str, changes: list[str] | None, terminal: "Terminal | None" = None) -> "Problem":
+def load(problem: str, changes: list[str] | None, terminal: Terminal | None = None) -> "Problem":
     """The problem of a name or a file, with the ``--set`` options applied; what is unusual about it is remarked."""
     from gaitopt.problem import load_problem
 
@@ -65,9 +65,7 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
     return restore_gait(read_run(Path(run))), Path(run)
 
 
-def gait_of(
-    run: str, changes: list[str] | None, output: Path | None, terminal: "Terminal"
-) -> "tuple[Gait, Path, bool]":
+def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> "tuple[Gait, Path, bool]":
     """A gait, its run folder, and whether it was solved just now (and is verified, but not stored)."""
     from gaitopt.store import check_folder, is_complete, run_folder
 
@@ -82,7 +80,7 @@ def gait_of(
     return solve_verified(problem, terminal), folder, True
 
 
-def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: "Terminal") -> "tuple[list[Gait], list[Path]]":
+def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal) -> "tuple[list[Gait], list[Path]]":
     """Gaits and their run folders; what was solved just now is stored, and a failed attempt is reported."""
     from gaitopt.library.stored import save
 
@@ -98,7 +96,7 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: "Termin
     return gaits, folders
 
 
-def solve_verified(problem: "Problem", terminal: "Terminal") -> "Gait":
+def solve_verified(problem: "Problem", terminal: Terminal) -> "Gait":
     """The gait of a problem with its verification, or the failed attempt."""
     from gaitopt.search import own
 
@@ -107,7 +105,7 @@ def solve_verified(problem: "Problem", terminal: "Terminal") -> "Gait":
     return verified(gait, terminal)
 
 
-def verified(gait: "Gait", terminal: "Terminal") -> "Gait":
+def verified(gait: "Gait", terminal: Terminal) -> "Gait":
     """A gait with its verification; a failed attempt as it is."""
     from gaitopt import study
 
@@ -122,7 +120,7 @@ def verified(gait: "Gait", terminal: "Terminal") -> "Gait":
 def report(
     gait: "Gait",
     folder: Path | None,
-    terminal: "Terminal",
+    terminal: Terminal,
     *,
     store: bool = False,
     about: "Mapping[str, Any] | None" = None,

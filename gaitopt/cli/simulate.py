@@ -1,6 +1,6 @@
-"""``gaitopt simulate``: walk from a state, whatever becomes of it."""
+"""``gaitopt simulate``: walk forward from a state."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -8,9 +8,7 @@ from gaitopt.cli import values
 from gaitopt.cli.options import EngineOption, OutOption, RunArgument, SetOption
 from gaitopt.cli.runs import is_folder, load, stored_gait
 from gaitopt.cli.signals import interruptible
-
-if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.terminal import Terminal
 
 StateOption = Annotated[
     list[str] | None,
@@ -24,7 +22,7 @@ StepsOption = Annotated[int, typer.Option("--steps", min=1, help="Steps to walk.
 
 
 def simulate(
-    terminal: "Terminal",
+    terminal: Terminal,
     run: RunArgument,
     state: StateOption = None,
     steps: StepsOption = 1,

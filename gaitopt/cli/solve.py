@@ -2,16 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from gaitopt.cli.options import OutOption, SchedulerOption, SeedOption, SetOption, WorkersOption
 from gaitopt.cli.runs import load, report, solve_verified, verified
 from gaitopt.cli.starts import SpreadOption, StartOption, StartsOption, started
-
-if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.terminal import Terminal
 
 ATTRACTOR = "@attractor."
 
@@ -25,7 +23,7 @@ SolvedArgument = Annotated[
 
 
 def solve(
-    terminal: "Terminal",
+    terminal: Terminal,
     problem: SolvedArgument,
     start: StartOption = None,
     starts: StartsOption = 1,
@@ -73,7 +71,7 @@ def solve(
         return report(gait, folder if gait.converged else None, terminal, store=True, about=about)
 
 
-def _solve_attractor(place: str, output: Path | None, terminal: "Terminal") -> int:
+def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int:
     """Solve the gait of RUN@attractor.K, verify it and store it."""
     from gaitopt.runs.basin_tiles import stored_attractor
     from gaitopt.search.attractor import solve_attractor

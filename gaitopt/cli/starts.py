@@ -6,10 +6,10 @@ import typer
 
 from gaitopt.cli.branches import stored_branch
 from gaitopt.cli.runs import gait_of
+from gaitopt.cli.terminal import Terminal
 from gaitopt.errors import ProblemError, SolveError, StorageError
 
 if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
     from gaitopt.problem import Problem
 
 LARGEST_SPREAD = 0.99
@@ -34,18 +34,8 @@ SpreadOption = Annotated[
 ]
 
 
-def started(problem: "Problem", start: str, terminal: "Terminal") -> "Problem":
-    """The problem with a known gait as its guess.
-
-    Raises
-    ------
-    ProblemError
-        If it is a gait of another walker.
-    SolveError
-        If what is named is no gait.
-    StorageError
-        If there is no such point.
-    """
+def started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
+    """The problem with a known gait as its guess."""
     from gaitopt.study.warm import guessed_from
 
     source, record, known = _branch_point(start) if "@" in start else _gait(start, terminal)
@@ -56,7 +46,7 @@ def started(problem: "Problem", start: str, terminal: "Terminal") -> "Problem":
     return guessed_from(problem, record, known)
 
 
-def _gait(run: str, terminal: "Terminal") -> "tuple[Problem, dict[str, Any], dict[str, float]]":
+def _gait(run: str, terminal: Terminal) -> "tuple[Problem, dict[str, Any], dict[str, float]]":
     gait, _, _ = gait_of(run, None, None, terminal)
     if not gait.converged:
         raise SolveError(f"--start {run}: {gait.status}: {gait.message}")

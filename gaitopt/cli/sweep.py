@@ -1,16 +1,15 @@
 """``gaitopt sweep``: a grid of problems, solved and verified on all cores or on a cluster."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gaitopt.cli.maps import DEFAULT_FORMATS, draw_sweep
 from gaitopt.cli.options import OutOption, OverOption, ProblemArgument, SchedulerOption, SetOption, WorkersOption
+from gaitopt.cli.runs import load
+from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import grid
 from gaitopt.errors import UnknownNameError
-
-if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
 
 WarmOption = Annotated[
     bool, typer.Option("--warm", help="Start from the neighbour's gait; from the guess where that fails.")
@@ -19,7 +18,7 @@ WhatOption = Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar 
 
 
 def sweep(
-    terminal: "Terminal",
+    terminal: Terminal,
     problem: ProblemArgument,
     over: OverOption,
     warm: WarmOption = False,
@@ -34,7 +33,6 @@ def sweep(
     What is done is kept and never done again; the same command goes on where it was. A point without a gait is a
     result.
     """
-    from gaitopt.cli.runs import load
     from gaitopt.library.print_results import print_sweep
     from gaitopt.problem import SCALARS
     from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep

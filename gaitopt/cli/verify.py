@@ -1,15 +1,13 @@
 """``gaitopt verify``: claim by claim, does an independent simulation confirm a gait?"""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gaitopt.cli.endings import NOT_VERIFIED
 from gaitopt.cli.options import EngineOption, OutOption, RunArgument, SetOption
 from gaitopt.cli.runs import gait_of, report
-
-if TYPE_CHECKING:
-    from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.terminal import Terminal
 
 OptimumOption = Annotated[
     bool, typer.Option("--optimum", help="Of a design: search its feasible neighbourhood for a better one.")
@@ -17,7 +15,7 @@ OptimumOption = Annotated[
 
 
 def verify(
-    terminal: "Terminal",
+    terminal: Terminal,
     run: RunArgument,
     engine: EngineOption = "auto",
     optimum: OptimumOption = False,

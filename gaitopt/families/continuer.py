@@ -31,8 +31,8 @@ Record = BranchPoint | SpecialPoint
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
 ASIDE = 1e-3
-"""Arclength from a branch point at which tangents are taken: rounding does not reach so far, and curvature hardly
-counts there."""
+"""Arclength from a branch point at which tangents are taken: far enough for rounding, near
+enough for curvature to be negligible."""
 HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
 
 

@@ -23,7 +23,10 @@ def follow_family(
 
     ``done`` are the JSON records of an unfinished family, see ``resumable``.
     """
-    gait = with_friction(_gait_of(start), request.parameter)
+    stated = start if isinstance(start, Gait) else start.gait
+    if stated is None:
+        raise SolveError(f"there is no gait at the special point {start!r}")
+    gait = with_friction(stated, request.parameter)
     check_request(gait, request)
     numbers = count(1 + max((n for record in done for n in (record["branch"], *record.get("next", ()))), default=-1))
     stored, walks = _walks_done(done), first_walks(start, gait, request)
@@ -41,23 +44,8 @@ def follow_family(
             return
 
 
-def _gait_of(start: Gait | SpecialPoint) -> Gait:
-    """The gait to start from.
-
-    Raises
-    ------
-    SolveError
-        If a special point has none.
-    """
-    if isinstance(start, Gait):
-        return start
-    if start.gait is None:
-        raise SolveError(f"there is no gait at the special point {start.type} at {start.value:g}")
-    return start.gait
-
-
 def resumable(records: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The records from which an unfinished family goes on: special points after the last point are found again."""
+    """The records from which an unfinished family goes on: special points after the last point are located again."""
     kept = list(records)
     while kept and kept[-1].get("record") == "special" and kept[-1]["type"] not in TERMINAL:
         kept.pop()

@@ -67,9 +67,8 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
         margins = [_margins(gait, arc) for arc in group]
         for row, kind in enumerate(margin_names(modes[phase])):
             if kind != "upright" and not margin(kind).rises:
-                zeros = _zeros(gait, phase, kind)
-                found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
-                yield MonitorKey(kind, phase), _combine(found, group, whole)
+                values = [own[row] for own in margins]
+                yield MonitorKey(kind, phase), _lowest(values, _zeros(gait, phase, kind), group, whole)
         if gait.problem.cycle.starts_from_rest(phase) and gait.dynamics.friction_drops:
             yield MonitorKey("onset", phase), MonitorValue(_beyond_cone(gait, whole[0]), 0.0)
     for first, step in zip(gait.problem.cycle.first_phases, gait.steps, strict=True):
@@ -100,16 +99,15 @@ def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
     return start, int(after is not None and kind == ending_margin(cycle.phases[phase], after))
 
 
-def _own(zeros: tuple[int, int], arc: Arc, whole: list[Arc]) -> tuple[int, int]:
-    return (zeros[0] if arc is whole[0] else 0), (zeros[1] if arc is whole[-1] else 0)
-
-
-def _lowest(values: Array, start: int, end: int) -> tuple[float, float]:
-    """Where in [-1, 1] the margin without its zeros is lowest, and its value there."""
-    if start or end:
-        values = _deflation(values.size, start, end) @ values
-    at, lowest = curves.maximum(-values)
-    return at, -lowest
+def _lowest(values: list[Array], zeros: tuple[int, int], group: list[Arc], whole: list[Arc]) -> MonitorValue:
+    """The lowest value of a margin without its zeros, on some of the arcs of a phase, and where in the phase it is."""
+    minima = []
+    for arc, own in zip(group, values, strict=True):
+        start, end = zeros[0] * (arc is whole[0]), zeros[1] * (arc is whole[-1])
+        at, height = curves.maximum(-(_deflation(own.size, start, end) @ own if start or end else own))
+        time = arc.start + arc.duration * (at + 1) / 2
+        minima.append((-height, (time - whole[0].start) / (whole[-1].end - whole[0].start)))
+    return MonitorValue(*minima[int(np.argmin([value for value, _ in minima]))])
 
 
 @lru_cache(maxsize=64)
@@ -122,14 +120,6 @@ def _deflation(count: int, start: int, end: int) -> Array:
         product[: k + factor.size, k] = chebyshev.chebmul(np.eye(n)[k][: k + 1], factor)
     quotient = np.linalg.pinv(product) @ np.linalg.inv(chebyshev.chebvander(curves.points(count), count - 1))
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
-
-
-def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc]) -> MonitorValue:
-    index = int(np.argmin([value for _, value in found]))
-    at, value = found[index]
-    arc = group[index]
-    time = arc.start + arc.duration * (at + 1) / 2
-    return MonitorValue(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))
 
 
 def _early_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
@@ -150,18 +140,11 @@ def _margins(gait: Gait, arc: Arc) -> Array:
 
 
 def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
-    cycle, arcs = gait.problem.cycle, _arcs_by_phase(gait)
+    """Margins of every impact in natural units."""
+    cycle, arcs, scales = gait.problem.cycle, _arcs_by_phase(gait), gait.dynamics.scales
     for phase, mode in cycle.resets:
-        at = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}
-        for kind, value in _impact_monitors(gait, mode, arcs[phase][-1]):
-            yield MonitorKey(kind, **at), MonitorValue(float(value))
-
-
-def _impact_monitors(gait: Gait, mode: Mode, last: Arc) -> Iterator[tuple[str, float]]:
-    """Margins by name of the impact after an arc, in natural units."""
-    scales = gait.dynamics.scales
-    margins = gait.dynamics.standing(last.side).impact_margins(mode, last.states[-1])
-    for name, value in margins.items():
-        if name == "touchdown_rate" or (name == "impact_onset" and not gait.dynamics.friction_drops):
-            continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
-        yield name, value / margin_unit(name, scales)
+        at, last = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}, arcs[phase][-1]
+        for kind, value in gait.dynamics.standing(last.side).impact_margins(mode, last.states[-1]).items():
+            if kind == "touchdown_rate" or (kind == "impact_onset" and not gait.dynamics.friction_drops):
+                continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
+            yield MonitorKey(kind, **at), MonitorValue(float(value) / margin_unit(kind, scales))

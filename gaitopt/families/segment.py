@@ -55,7 +55,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a segment with its gait; what is watched is computed when it is asked for.
+    """A point of a segment with its gait; monitors and test functions are computed on first use.
 
     Attributes
     ----------

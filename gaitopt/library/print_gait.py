@@ -83,7 +83,7 @@ def print_verification(console: Console, record: Mapping[str, Any]) -> None:
             c["name"],
             f"{c['figure']:.2g}" if c["figure"] is not None else "-",
             f"{c['tolerance']:.2g}",
-            _verdict(c),
+            "ok" if c["passed"] else "FAILED",
             c["note"],
         )
         for c in record["claims"]
@@ -108,10 +108,6 @@ def _phases(step: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         (str(k), Mode.from_record(phase), number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)
     ]
     return [*rows, ("impact", step["impact"], "")]
-
-
-def _verdict(claim: Mapping[str, Any]) -> str:
-    return "ok" if claim["passed"] else "FAILED"
 
 
 def friction(problem: Problem) -> str:

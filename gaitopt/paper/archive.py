@@ -58,13 +58,7 @@ class Archive:
         return self._gaits[problem.digest]
 
     def family(self, problem: Problem, parameter: str, to: Sequence[float]) -> Records:
-        """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``.
-
-        Raises
-        ------
-        SolveError, StorageError
-            As ``gait``.
-        """
+        """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``."""
         run = BranchRun(problem=problem, request=Request(parameter=parameter, to=tuple(to)))
         run = replace(run, output=self._results / run.folder.name)
         if run.folder not in self._families:

@@ -28,12 +28,6 @@ def _motions(archive: Archive, names: Mapping[str, str]) -> list[Motion]:
     return [motion_of(gait_of(archive, name), words) for name, words in names.items()]
 
 
-def _families(archive: Archive, names: Mapping[str, str], quantity: str) -> Figure:
-    return over_parameter(
-        {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}, "friction", quantity
-    )
-
-
 def _drawn(records: Records, targets: Sequence[float]) -> Records:
     """The records without the ends of the drawn range; where the family itself ends, its line goes on to the end."""
     ends = [record for record in records if record.get("type") == "end"]
@@ -85,7 +79,11 @@ def _portrait(names: Mapping[str, str]) -> Draw:
 
 
 def _over_friction(names: Mapping[str, str], quantity: str) -> Draw:
-    return lambda archive: _families(archive, names, quantity)
+    def draw(archive: Archive) -> Figure:
+        families = {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}
+        return over_parameter(families, "friction", quantity)
+
+    return draw
 
 
 FIGURES: Mapping[str, Draw] = {

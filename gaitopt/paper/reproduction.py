@@ -22,13 +22,7 @@ def parts() -> tuple[str, ...]:
 
 
 def check_names(paper: str, only: Sequence[str]) -> None:
-    """Refuse a paper or a part of it that is not known.
-
-    Raises
-    ------
-    UnknownNameError
-        The message lists the names.
-    """
+    """Refuse a paper or a part of it that is not known."""
     if paper not in PAPERS:
         raise UnknownNameError(f"no paper is called {paper!r}; choose from {', '.join(PAPERS)}")
     unknown = [name for name in only if name not in parts()]

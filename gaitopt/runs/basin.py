@@ -4,8 +4,8 @@ xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps be
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,11 +49,6 @@ class Outcomes:
     states: Array
     phases: Codes
     impacts: Codes
-
-    @classmethod
-    def joined(cls, parts: "list[Outcomes]") -> Self:
-        """Several one after the other."""
-        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
 
 
 def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callable[[], bool] | None = None) -> Outcomes:

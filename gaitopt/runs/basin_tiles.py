@@ -40,7 +40,7 @@ class Basin(Plotted, ReadOnlyArrays):
     ----------
     problem, grid : of the request.
     base : the section coordinates that the grid does not vary.
-    attractors : the gaits that were found; ``labels`` counts them.
+    attractors : the gaits on which states settle; ``labels`` are indices into them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
     endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Outcomes``.
     steps : ndarray, grid's shape - steps until it settled or failed.

@@ -4,7 +4,7 @@ A job is named by the hash of its resolved problem.
 """
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -74,8 +74,11 @@ def solve_all(
 def solve_job(
     problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Callable[[], bool] | None = None
 ) -> dict[str, Any]:
-    """The record of a problem's gait with its verification; runs in any process."""
-    for start, candidate in _starts(problem, neighbour):
+    """The record of a problem's verified gait, from that of a neighbour if there is one; runs in any process."""
+    starts = {"cold": problem}
+    if neighbour is not None and neighbour["status"] == Status.CONVERGED:
+        starts = {"warm": guessed_from(problem, neighbour, neighbour["parameters"])} | starts
+    for start, candidate in starts.items():
         try:
             gait = solve(candidate, should_stop=should_stop)
         except SolveError as error:
@@ -88,10 +91,3 @@ def solve_job(
             gait = gait.verified(verify(gait).to_record())
             break
     return {**gait.to_record(), "start": start}
-
-
-def _starts(problem: Problem, neighbour: Mapping[str, Any] | None) -> Iterable[tuple[str, Problem]]:
-    """The problem with the neighbour's gait as its guess, if there is one; then as it is."""
-    if neighbour is not None and neighbour["status"] == Status.CONVERGED:
-        yield "warm", guessed_from(problem, neighbour, neighbour["parameters"])
-    yield "cold", problem

@@ -78,13 +78,7 @@ class SearchJob:
 
 
 def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
-    """Candidates of one part of a search, and how many starts it has made.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C was pressed here, or ``should_stop`` became true.
-    """
+    """Candidates of one part of a search, and how many starts it took."""
     stop = should_stop or (lambda: False)
     step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process
     dynamics = step.dynamics

@@ -24,11 +24,11 @@ SAME_GAIT = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Gaits(Reported, Sequence[Gait]):
-    """The gaits that a search has found, stable ones first.
+    """The gaits of a search, stable ones first.
 
     Attributes
     ----------
-    problem : what was asked.
+    problem : the problem of the search.
     gaits : verified gaits.
     starts : for every gait the starts that led to it.
     searched : what was tried, and what became of it.
@@ -76,11 +76,6 @@ def gaits_of(
     ----------
     known : gaits that need not be solved again.
     progress, should_stop : of the solver, see ``solve``.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` said so.
     """
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]

@@ -28,7 +28,7 @@ class Explanation:
 
     Attributes
     ----------
-    problem : what was asked.
+    problem : the problem without a gait.
     gait : the attempt, where ``exists`` the gait; None where the reference of a PD law already failed.
     exists : whether the gait exists after all.
     causes : violated conditions, the decisive one first.

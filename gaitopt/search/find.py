@@ -1,4 +1,4 @@
-"""All gaits at given parameters, whatever their mode sequence: candidates, each solved, verified and counted once.
+"""All gaits at given parameters, of any mode sequence: candidates, each solved, verified and counted once.
 
 Nothing is claimed about gaits that no start has led to: ``searched`` says what was tried.
 """
@@ -132,13 +132,7 @@ def opened(problem: Problem) -> Problem:
 
 
 def search_jobs(plan: SearchPlan) -> list[Job]:
-    """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity.
-
-    Raises
-    ------
-    UnknownNameError
-        If ``within`` names something that is no section coordinate.
-    """
+    """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity."""
     names = plan.problem.walker.section_names(slipping=True)
     unknown = [name for name in plan.within if name not in names]
     if unknown:

@@ -8,7 +8,7 @@ from typing import Any
 
 from gaitopt.errors import StorageError
 from gaitopt.problem import Problem
-from gaitopt.store.files import TEMPORARY_SUFFIX, clear_leftovers, make_folder, reason
+from gaitopt.store.files import TEMPORARY_SUFFIX, clear_leftovers, entries, make_folder, reason
 from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.lock import LOCK_FILE, WRITER_FILE, only_writer
 from gaitopt.store.manifest import read_manifest, seal
@@ -22,7 +22,9 @@ def check_folder(folder: Path, problem: Problem) -> None:
     StorageError
         If it holds another problem's run, anything that is not a run, a broken run, or a newer one.
     """
-    if not _entries(folder):
+    names = [path.name for path in entries(folder)]
+    left = [n for n in names if n.startswith(".") and n.endswith(TEMPORARY_SUFFIX)]  # by a writer that was killed
+    if not set(names) - {LOCK_FILE, WRITER_FILE, *left}:
         check_writable(folder)
         return
     manifest = read_manifest(folder)
@@ -106,17 +108,3 @@ def stored_lines(folder: Path, name: str) -> Iterator[dict[str, Any]]:
     known = read_manifest(folder).files.get(name)
     if known is not None or (folder / name).exists():
         yield from read_lines(folder / name, known)
-
-
-def _entries(folder: Path) -> list[str]:
-    """Names in a folder that may not exist yet, apart from what a killed writer left behind."""
-    try:
-        names = [path.name for path in folder.iterdir()]
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another").about(
-            "output"
-        ) from error
-    ours = {LOCK_FILE, WRITER_FILE}
-    return [n for n in names if n not in ours and not (n.startswith(".") and n.endswith(TEMPORARY_SUFFIX))]

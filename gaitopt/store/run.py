@@ -117,7 +117,7 @@ def read_walk(folder: Path) -> tuple[dict[str, Any], Table]:
 
 
 def read_problem(folder: Path) -> Problem:
-    """The problem of a run folder, whatever else it holds."""
+    """The problem of a run folder."""
     return restored_problem(folder, read_object(folder, RESOLVED_FILE), _read_text(folder, PROBLEM_FILE))
 
 

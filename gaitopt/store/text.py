@@ -37,7 +37,9 @@ def csv_text(table: Table) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table.header)
-    writer.writerows([_cell(value) for value in row] for row in table.rows)
+    writer.writerows(
+        ["" if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in row] for row in table.rows
+    )
     return text.getvalue()
 
 
@@ -111,7 +113,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(entry) for entry in value]
     return value
-
-
-def _cell(value: Cell) -> Cell:
-    return "" if isinstance(value, float) and not math.isfinite(value) else value

@@ -59,13 +59,7 @@ class Workers:
 
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
-    """So many processes of this machine (None: one per core), or those of a scheduler.
-
-    Raises
-    ------
-    UnknownNameError
-        If the address of the scheduler cannot be one, or lacks certificates.
-    """
+    """So many processes of this machine (None: one per core), or those of a scheduler."""
     if scheduler is not None:
         from gaitopt.workers.cluster import check_address
 
