@@ -18,13 +18,9 @@ from numpy.polynomial import chebyshev
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, curves
+from gaitopt.gait.early_fall import SHORT, lowest_after_rise
 from gaitopt.mechanics import Mode, ending_margin, margin, margin_names, margin_scales, margin_unit
 
-SHORT = 1e-4
-"""Phases shorter than this part of the period are judged by their duration alone: the rest is rounding."""
-CLEAR = 1e-3
-"""Part of its largest clearance above which the swing foot has left the ground: next to a phase of no duration, or of
-less, the clearance that it starts from is not exactly zero."""
 OPEN = 1.0
 """Value of a monitor that is far from anything."""
 
@@ -80,7 +76,7 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
             within = [name in margin_names(arc.mode) for arc in step.arcs]
             last = max(phase for phase, has in zip(step.arc_phases, within, strict=True) if has)
             own = [arc for arc, has in zip(step.arcs, within, strict=True) if has]
-            yield MonitorKey(name, first + last), MonitorValue(_second_fall(gait, name, own))
+            yield MonitorKey(name, first + last), MonitorValue(_early_fall(gait, name, own))
 
 
 def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
@@ -126,22 +122,9 @@ def _deflation(count: int, start: int, end: int) -> Array:
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
-def _second_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
-    """Lowest interior minimum of a margin after it has risen from zero: below zero it falls earlier, as a touchdown."""
-    lowest, armed = OPEN, False
-    clearances = [_margins(gait, arc)[margin_names(arc.mode).index(name)] for arc in arcs]
-    level, period = CLEAR * max(float(values.max()) for values in clearances), abs(arcs[-1].end)
-    for arc, values in zip(arcs, clearances, strict=True):
-        if arc.duration < SHORT * period:
-            continue
-        c = curves.coefficients(values)
-        slope = np.asarray(curves.evaluate(_derivative(c, 1), curves.points(c.size)))
-        minima = [s for s in curves.roots(slope) if curves.evaluate(_derivative(c, 2), s) > 0]
-        for s in minima:
-            if armed or (values[curves.points(values.size) < s] > level).any():
-                lowest = min(lowest, float(curves.evaluate(c, s)))
-        armed = armed or bool((values[:-1] > level).any())
-    return lowest
+def _early_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
+    margins = [_margins(gait, arc)[margin_names(arc.mode).index(name)] for arc in arcs]
+    return min(OPEN, lowest_after_rise([arc.times for arc in arcs], margins)[0])
 
 
 def _beyond_cone(gait: Gait, arc: Arc) -> float:
@@ -149,10 +132,6 @@ def _beyond_cone(gait: Gait, arc: Arc) -> float:
     stick = arc.mode.with_contact(Mode.STICK)
     margins = gait.dynamics.standing(arc.side).margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
     return -float(margins[margin_names(stick).index(ending_margin(stick, arc.mode))])
-
-
-def _derivative(c: Array, order: int) -> Array:
-    return np.asarray(chebyshev.chebder(c, order), dtype=float)
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:
