@@ -62,7 +62,7 @@ class Optimum:
         return float(self.record["spectral_radius"])
 
     def to_record(self) -> dict[str, Any]:
-        """What tells it from the other solutions."""
+        """What distinguishes it from the other solutions."""
         kept = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
         kkt = self.record["solver"].get("kkt")
         return {

@@ -40,7 +40,7 @@ PERIODS = (0.7, 3.0)
 """Range of the guessed periods in natural units."""
 TYPICAL_PERIOD = 1.7
 WALK = 8
-"""Steps of a walk on which a near-return is looked for."""
+"""Steps of a walk within which a near-return counts."""
 TRIES = 40
 """Walks of one job from which Newton's method starts, those that come closest to themselves first."""
 WALKS, GUESSES = 250, 4

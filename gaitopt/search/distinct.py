@@ -80,13 +80,9 @@ def gaits_of(
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
     part = np.inf if problem.free or problem.objective else SAME  # a design finds its own motion
-    groups: list[list[Record]] = []
-    for candidate in (c for c in candidates if _fits(problem, c)):
-        group = next((g for g in groups if _same(g[0], candidate, part)), None)
-        groups.append([candidate]) if group is None else group.append(candidate)
     listed: list[tuple[Gait, list[str]]] = []
     rejected = []
-    for group in groups:
+    for group in _grouped([c for c in candidates if _fits(problem, c)], part):
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], part)), None)
         gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
@@ -153,6 +149,14 @@ def _fits(problem: Problem, candidate: Record) -> bool:
     impact = getattr(problem.modes, "impact", None)
     short = len(candidate["steps"]) <= getattr(problem.modes, "steps", 1)
     return short and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
+
+
+def _grouped(candidates: Sequence[Record], part: float) -> list[list[Record]]:
+    groups: list[list[Record]] = []
+    for candidate in candidates:
+        group = next((g for g in groups if _same(g[0], candidate, part)), None)
+        groups.append([candidate]) if group is None else group.append(candidate)
+    return groups
 
 
 def _same(first: Mapping[str, Any], second: Mapping[str, Any], part: float) -> bool:

@@ -39,7 +39,7 @@ class SearchPlan:
 
     @property
     def n_steps(self) -> int:
-        """Length of the longest cycle that is looked for."""
+        """Length of the longest cycle of the search."""
         return getattr(self.problem.modes, "steps", 1)
 
     def job(self, problem: Problem, method: str, number: int, parameter: str = "") -> Job:

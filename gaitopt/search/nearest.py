@@ -24,7 +24,7 @@ ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painle
 MAX_POINTS = 200
 """Bound on the work for one family, which answers within some tens of points if it does."""
 WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
-"""Largest friction and slope [rad] at which a gait is looked for."""
+"""Largest friction and slope [rad] of the search."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

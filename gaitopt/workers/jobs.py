@@ -1,7 +1,7 @@
 """Many independent jobs on Dask: processes of this machine, or the workers of a cluster.
 
 Every job has a key and is submitted once. A result lies with the scheduler before its job counts as finished, and is
-handed over from there, so that whoever started the jobs can keep each at once. A worker that dies costs the job it was
+handed over from there, so that the caller can keep each at once. A worker that dies costs the job it was
 at and no other; a job that takes three workers with it is set aside.
 """
 
