@@ -42,7 +42,7 @@ NEARBY = 0.3
 class Change:
     """The successor of a mode sequence, or why there is none.
 
-    ``length`` is a first arclength step on it; ``at`` is the gait at the event, where the successor determines it more precisely.
+    ``length`` is a first arclength step on it; ``at`` is the gait at the event as located on the successor.
     """
 
     segment: Segment | None

@@ -1,6 +1,6 @@
 """The processes that jobs run in: workers of this machine, started and ended here, or those of a Dask scheduler.
 
-Anybody who can connect to a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
+A client of a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
 made for the run, stays in memory, and is needed on both sides of every connection.
 """
 
