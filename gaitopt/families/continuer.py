@@ -72,10 +72,10 @@ class Continuer:
             yield from self._emit()
         ended = False
         while not ended and not (self._should_stop is not None and self._should_stop()):
-            at_bound = self._state.index and self._limits.reached(self._state.point.value)  # also when cut short there
-            reason = at_bound or self._limits.exhausted(self._count, time.monotonic() - self._began)
-            if reason:
-                yield self._special("end", self._state.point, reason=reason)
+            reached = self._limits.reached(self._state.point.value) if self._state.index else None
+            reason = reached or self._limits.exhausted(self._count, time.monotonic() - self._began)
+            if reason is not None:
+                yield replace(self._special("end", self._state.point, reason=reason), bound=reached is not None)
                 return
             for record in self._advance():
                 yield record
