@@ -11,16 +11,15 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
-from scipy.integrate import DOP853
 from scipy.sparse import csc_matrix
 
 from gaitopt.arrays import Array
+from gaitopt.integration.dop853 import combined
+from gaitopt.integration.tableau import N_STAGES, A, B, C
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import with_data
-
-N_STAGES = DOP853.n_stages
 
 
 @lru_cache(maxsize=64)
@@ -34,8 +33,8 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
     both = Function("flow_and_derivatives", [z, t, p, r], cse([f, jacobian(f, by)]))
     stages: list[SX] = []
     columns: list[SX] = []
-    for a, c in zip(DOP853.A, DOP853.C, strict=True):
-        at = z + h * sum((float(w) * k for w, k in zip(a, stages, strict=False) if w), SX.zeros(n_z))
+    for a, c in zip(A, C, strict=True):
+        at = z + h * combined(a, stages)
         rate, derivative = both(at, t + float(c) * h, p, r)
         stages.append(rate)
         columns += [rate, derivative]
@@ -166,12 +165,12 @@ def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:
         at[:, :n_z] += h[:, :, None] * (weights @ varied[:i]).reshape(n, n_z, n_in + 1)
         at[:, :n_z, n_z + 1] += (weights @ flat[:i]).reshape(n, n_z)
 
-    for i, (a, c) in enumerate(zip(DOP853.A, DOP853.C, strict=True)):
+    for i, (a, c) in enumerate(zip(A, C, strict=True)):
         inner = base.copy()
         inner[:, n_z, n_z + 1] = c
         added(a[:i], inner)
         varied[i] = (derivatives[i] @ inner).ravel()
-    added(DOP853.B, base)
+    added(B, base)
     return base[:, :n_z]
 
 
