@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from gaitopt.library.display import animate, plot, report
     from gaitopt.library.stored import load_run
     from gaitopt.mechanics.consistency import check_walker
-    from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
-    from gaitopt.mechanics.walker import Body, Mechanism, Walker
+    from gaitopt.mechanics.cycle import Cycle, ModeSequence
+    from gaitopt.mechanics.mechanism import Body, Mechanism
+    from gaitopt.mechanics.modes import ImpactLaw, Mode
+    from gaitopt.mechanics.walker import Walker
     from gaitopt.problem import Problem, load_problem
     from gaitopt.proof import prove
     from gaitopt.runs.basin_tiles import Basin
@@ -70,17 +72,17 @@ __all__ = [
 
 _HOME = {
     "Basin": "gaitopt.runs.basin_tiles",
-    "Body": "gaitopt.mechanics.walker",
+    "Body": "gaitopt.mechanics.mechanism",
     "Branch": "gaitopt.gait",
-    "Cycle": "gaitopt.mechanics.modes",
+    "Cycle": "gaitopt.mechanics.cycle",
     "Front": "gaitopt.runs.front",
     "Gait": "gaitopt.gait",
     "GaitoptError": "gaitopt.errors",
     "Gaits": "gaitopt.search.distinct",
     "ImpactLaw": "gaitopt.mechanics.modes",
-    "Mechanism": "gaitopt.mechanics.walker",
+    "Mechanism": "gaitopt.mechanics.mechanism",
     "Mode": "gaitopt.mechanics.modes",
-    "ModeSequence": "gaitopt.mechanics.modes",
+    "ModeSequence": "gaitopt.mechanics.cycle",
     "Page": "gaitopt.display",
     "Problem": "gaitopt.problem",
     "Status": "gaitopt.gait",

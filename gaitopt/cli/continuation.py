@@ -205,12 +205,9 @@ def _short(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sequence(record: Mapping[str, Any]) -> str:
-    from gaitopt.mechanics.modes import Mode, in_words
+    from gaitopt.mechanics import Cycle
 
-    steps = [
-        f"{in_words(map(Mode.from_record, step['phases']))}; {step['impact']}"
-        for step in record.get("steps", (record,))
-    ]
+    steps = [str(step) for step in Cycle.from_record(record).steps]
     return f"{len(steps)} times {steps[0]}" if len(steps) > 1 and len(set(steps)) == 1 else " | ".join(steps)
 
 

@@ -128,11 +128,12 @@ def print_list(console: "Console", title: str, gaits: "Sequence[Mapping[str, Any
     """One line per gait: sequence, steps, period, speed, radius, stability, and how many starts led there."""
     from gaitopt.library.quantities import number
     from gaitopt.library.tables import STABILITY, section
+    from gaitopt.mechanics import Cycle
 
     columns = ("phases; impact", "steps", "period [s]", "speed [m/s]", "radius", "", "starts")
     rows = (
         (
-            " | ".join(map(_sequence, gait.get("steps") or [gait])),
+            str(Cycle.from_record(gait)),
             str(gait["n_steps"]),
             number(gait["period"]),
             number(gait["speed"]),
@@ -143,9 +144,3 @@ def print_list(console: "Console", title: str, gaits: "Sequence[Mapping[str, Any
         for gait in gaits
     )
     section(console, title, columns, rows, numbers=(1, 2, 3, 4, 6))
-
-
-def _sequence(step: "Mapping[str, Any]") -> str:
-    from gaitopt.mechanics.modes import Mode, in_words
-
-    return f"{in_words(map(Mode.from_record, step['phases']))}; {step['impact']}"

@@ -11,7 +11,7 @@ from gaitopt.families.change import with_cycle
 from gaitopt.families.segment import Metric, Point, Segment, segment_through
 from gaitopt.families.switching import first_point
 from gaitopt.gait import Gait, SpecialPoint
-from gaitopt.mechanics import Cycle, Mode, ModeSequence
+from gaitopt.mechanics import Cycle
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.problem import Problem
 
@@ -38,22 +38,12 @@ def restored_special(gait: Gait, parameter: str, record: Record) -> SpecialPoint
         value=record["value"],
         status=record["status"],
         reason=record["reason"],
-        before=recorded_cycle(record["from"]) if "from" in record else None,
-        after=recorded_cycle(record["to"]) if "to" in record else None,
+        before=Cycle.from_record(record["from"]) if "from" in record else None,
+        after=Cycle.from_record(record["to"]) if "to" in record else None,
         next=tuple(record["next"]),
         gait=restored,
         tangent=None if tangent is None else np.array(tangent),
     )
-
-
-def recorded_cycle(record: Record) -> Cycle:
-    """The modes of a record of a gait, or of one side of a change."""
-    steps = record.get("steps", (record,))
-    return Cycle(tuple(ModeSequence(tuple(map(_mode, step["phases"])), Mode(step["impact"])) for step in steps))
-
-
-def _mode(phase: str | Mapping[str, Any]) -> Mode:
-    return Mode(phase) if isinstance(phase, str) else Mode.from_record(phase)
 
 
 def _segment(gait: Gait, parameter: str, metric: Metric, record: Record, value: float) -> tuple[Segment, Array]:
@@ -71,5 +61,5 @@ def _recorded_motion(gait: Gait, p: Array, record: Record) -> tuple[Problem, Rol
     durations = np.array([phase["duration"] for phase in record["phases"]])
     starts = [step["state"] for step in record.get("steps", (record,))]
     states = np.array([[state[name] for name in gait.system.state_names] for state in starts])
-    problem = with_cycle(gait.problem, gait.system, recorded_cycle(record), states[0])
+    problem = with_cycle(gait.problem, gait.system, Cycle.from_record(record), states[0])
     return problem, roll_out(gait.system, p, problem.cycle, states, durations)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gaitopt.figures.labels import label
 from gaitopt.figures.style import COLOURS, HEIGHT, NEUTRAL, entry, legend_below, panels
-from gaitopt.mechanics.modes import Mode, in_words
+from gaitopt.mechanics.cycle import Cycle, mode_words
 
 Record = Mapping[str, Any]
 
@@ -123,10 +123,8 @@ def _sequences(points: Sequence[Record]) -> dict[int, tuple[str, str]]:
 
 
 def _words(point: Record) -> str:
-    steps = point.get("steps", (point,))
-    modes = [in_words(map(Mode.from_record, step["phases"])).replace("_", " ") for step in steps]
-    sequences = [f"{own}; impact {step['impact'].replace('_', ' ')}" for own, step in zip(modes, steps, strict=True)]
-    return " | ".join(sequences)
+    steps = Cycle.from_record(point).steps
+    return " | ".join(f"{mode_words(step.phases)}; impact {step.impact}" for step in steps).replace("_", " ")
 
 
 def is_stable(point: Record) -> bool:

@@ -15,7 +15,7 @@ from gaitopt.library.tables import (
     print_walk,
     section,
 )
-from gaitopt.mechanics.modes import in_words
+from gaitopt.mechanics.cycle import mode_words
 from gaitopt.problem import Problem
 from gaitopt.runs.basin_tiles import Basin
 from gaitopt.runs.front import Front
@@ -60,7 +60,7 @@ def _(result: Trajectory, console: Console) -> None:
     rows = [
         (
             str(k),
-            in_words(mode for mode, _ in step.phases),
+            mode_words(mode for mode, _ in step.phases),
             "-" if step.impact is None else str(step.impact.mode),
             number(step.period),
             "-" if step.impact is None else number(step.impact.step_length),

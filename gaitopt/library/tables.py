@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitopt.library.quantities import number, with_degrees
-from gaitopt.mechanics.modes import Mode, ModeSequence
+from gaitopt.mechanics.cycle import ModeSequence
+from gaitopt.mechanics.modes import Mode
 from gaitopt.problem import OpenSequence, PDSpec, Problem
 from gaitopt.problem.scalars import label_of, scalar_values, state_unit, unit_of
 

@@ -13,7 +13,8 @@ from types import SimpleNamespace
 from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
 
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics.walker import Mechanism, Walker
+from gaitopt.mechanics.mechanism import Mechanism
+from gaitopt.mechanics.walker import Walker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

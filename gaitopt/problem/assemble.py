@@ -13,8 +13,9 @@ from pydantic import BaseModel
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.control.reference import BeyondEnd
-from gaitopt.mechanics.modes import Cycle
-from gaitopt.mechanics.walker import Walker, refused_walkers
+from gaitopt.mechanics.cycle import Cycle
+from gaitopt.mechanics.registry import refused_walkers
+from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.demands import Scope, check_unknowns, read_constraints, read_objective
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
 from gaitopt.problem.initial import read_gait

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from pydantic import TypeAdapter, ValidationError
 
-from gaitopt.mechanics.modes import Cycle, Mode
+from gaitopt.mechanics.cycle import Cycle
+from gaitopt.mechanics.modes import Mode
 from gaitopt.mechanics.units import Angle, Number
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown

@@ -10,7 +10,8 @@ from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
-from gaitopt.mechanics.modes import NEXT_STATE, Cycle, Mode, ModeSequence
+from gaitopt.mechanics.cycle import Cycle, ModeSequence
+from gaitopt.mechanics.modes import NEXT_STATE, Mode
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, read_section, shown
 from gaitopt.problem.sections import (

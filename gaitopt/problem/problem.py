@@ -13,8 +13,10 @@ from typing import Any
 
 from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.mechanics.modes import Cycle, ImpactLaw
-from gaitopt.mechanics.walker import Walker, registered_walkers
+from gaitopt.mechanics.cycle import Cycle
+from gaitopt.mechanics.modes import ImpactLaw
+from gaitopt.mechanics.registry import registered_walkers
+from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown

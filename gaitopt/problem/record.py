@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.mechanics.modes import Cycle
+from gaitopt.mechanics.cycle import Cycle
 from gaitopt.problem.initial import OPEN
 from gaitopt.problem.sections import ConstantTorqueSpec, ControlSpec, Free, OpenSequence, Range
 

@@ -10,7 +10,7 @@ from math import inf
 from typing import Any
 
 from gaitopt.mechanics.ranges import Interval, Within, symmetric
-from gaitopt.mechanics.walker import registered_walkers
+from gaitopt.mechanics.registry import registered_walkers
 
 POSITIVE: Interval = (0, inf)
 MOTORS, PUSH = "motors", "push"

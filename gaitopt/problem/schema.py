@@ -5,8 +5,9 @@ from typing import Any
 from pydantic import BaseModel
 
 from gaitopt.mechanics.ranges import Within
+from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.mechanics.units import ANGLE_UNITS
-from gaitopt.mechanics.walker import Walker, registered_walkers
+from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, Scalar
 from gaitopt.problem.sections import (
     Curve,

@@ -10,8 +10,9 @@ import numpy as np
 from gaitopt.errors import StorageError
 from gaitopt.families.change import with_cycle
 from gaitopt.families.coefficients import with_friction
-from gaitopt.families.records import recorded_cycle, restored_special
+from gaitopt.families.records import restored_special
 from gaitopt.gait import MEASURES, Branch, BranchPoint, Gait, SpecialPoint, Status
+from gaitopt.mechanics import Cycle
 from gaitopt.problem import Problem
 from gaitopt.runs.recorded import recorded_steps
 from gaitopt.store import BRANCH_FILE, read_problem, stored_lines
@@ -84,7 +85,7 @@ def _gait(family: Gait, parameter: str, value: float, record: Record) -> Gait:
     p = system.values({**problem.parameters, **freed, parameter: value})
     state = np.array([record["state"][name] for name in system.state_names])
     return Gait(
-        problem=with_cycle(problem.replace({parameter: value}), system, recorded_cycle(record), state),
+        problem=with_cycle(problem.replace({parameter: value}), system, Cycle.from_record(record), state),
         system=system,
         p=p,
         status=Status(record["status"]),

@@ -16,7 +16,7 @@ from gaitopt.figures.motion import motion_of
 from gaitopt.figures.packing import CODES, pack
 from gaitopt.figures.skeleton import skeleton, slope
 from gaitopt.mechanics import CompassBiped
-from gaitopt.mechanics.walker import polar
+from gaitopt.mechanics.mechanism import polar
 
 WALKERS = (*SEQUENCES, TORSO)
 

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 from casadi import cos, pi, sin, vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, polar
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class KneedWalker(Walker):

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 from casadi import vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Mechanism, polar
 from gaitopt.mechanics.units import NonNegative
-from gaitopt.mechanics.walker import Mechanism, polar
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 

@@ -9,9 +9,10 @@ from typing import Annotated, Any
 from casadi import SX, cos, pi, sin, vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, polar
 from gaitopt.mechanics.ranges import Within
 from gaitopt.mechanics.units import Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class RimlessWheel(Walker):

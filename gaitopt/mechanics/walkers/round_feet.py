@@ -16,8 +16,9 @@ from typing import Annotated, Any, Self
 from casadi import cos, pi, sin, vertcat
 from pydantic import Field, model_validator
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, polar
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Walker
 
 ARC = tuple(k / 10 for k in range(-6, 7))
 """Angles from the leg at which the arc is drawn [rad]."""

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 from casadi import SX, cos, pi, sin, vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, coil, polar
 from gaitopt.mechanics.units import Angle, Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, coil, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class SlipRunnerFoot(Walker):

@@ -13,8 +13,9 @@ from typing import Annotated, Any, Self
 from casadi import cos, pi, sin, vertcat
 from pydantic import Field, model_validator
 
+from gaitopt.mechanics.mechanism import Body, Damper, Mechanism, coil, polar
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Body, Damper, Mechanism, Walker, coil, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class TelescopicCompass(Walker):

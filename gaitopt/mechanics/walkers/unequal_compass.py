@@ -12,8 +12,8 @@ from typing import Annotated, Any, Self
 from casadi import vertcat
 from pydantic import Field, model_validator
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, polar
 from gaitopt.mechanics.units import Positive
-from gaitopt.mechanics.walker import Body, Mechanism, polar
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 
