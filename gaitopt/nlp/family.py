@@ -54,7 +54,7 @@ class Family:
         self._transcription = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)))
         self._should_stop = should_stop
         self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
-        self._factor = linearise(self._transcription, self._w, gait.p).factor()
+        self._jacobian = linearise(self._transcription, self._w, gait.p).scaled
 
     @cached_property
     def _program(self) -> Feasibility:
@@ -104,7 +104,7 @@ class Family:
 
         end = iterate(
             point(self._w),
-            lambda at: point(at[0] - self._factor.solve(at[1])),
+            lambda at: point(at[0] - self._jacobian.solve(at[1])),
             size=lambda at: at[2],
             solved=lambda at: at[2] < SETTLED,
             most=MAX_CHORDS,
@@ -113,11 +113,11 @@ class Family:
         if not end.solved:
             return None, (), end.count
         w, residual, _ = end.at
-        w = w - self._factor.solve(residual)
+        w = w - self._jacobian.solve(residual)
         refined = refine(self._transcription, polish(self._transcription, w, p).at)
         return refined, rejection_reason(refined), end.count + 1
 
     def _remember(self, refined: Refined) -> None:
         """Start the next solution from this one, unless it had to be refined."""
         if refined.transcription is self._transcription:
-            self._w, self._factor = refined.at.w, refined.at.factor()
+            self._w, self._jacobian = refined.at.w, refined.at.scaled

@@ -11,15 +11,14 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
-from scipy.sparse import csc_matrix
 
 from gaitopt.arrays import Array
 from gaitopt.integration.dop853 import combined
 from gaitopt.integration.tableau import N_STAGES, A, B, C
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
+from gaitopt.nlp.sparse import Pattern, SparseMatrix
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import with_data
 
 
 @lru_cache(maxsize=64)
@@ -58,11 +57,11 @@ class ShootingJacobian:
         ]
         self._by_duration()
 
-    def jacobian(self, w: Array, p: Array) -> csc_matrix:
+    def jacobian(self, w: Array, p: Array) -> SparseMatrix:
         """d equalities / d w."""
         (tail,) = self._tail_nonzeros(w, p)
         data = np.concatenate([np.ones(self._n * self._n_z), *self._steps(w, p), tail])
-        return with_data(self._pattern, data[self._order])
+        return SparseMatrix(pattern=self._pattern, data=data[self._order])
 
     @cached_property
     def _tail(self) -> Function:
@@ -110,8 +109,7 @@ class ShootingJacobian:
         columns = np.concatenate([after, own[1].ravel(), rest[1].ravel(), np.array(sparsity.get_col(), dtype=int)])
         self._order = np.lexsort((rows, columns))
         pointers = np.searchsorted(columns[self._order], np.arange(n_w + 1))
-        places = (np.zeros(rows.size), rows[self._order], pointers)
-        self._pattern = csc_matrix(places, shape=(t.equalities.numel(), n_w))
+        self._pattern = Pattern(shape=(t.equalities.numel(), n_w), pointers=pointers, rows=rows[self._order])
 
     def _steps(self, w: Array, p: Array) -> tuple[Array, Array]:
         """Minus the derivatives of all steps by their own nodes, and by durations and freed parameters."""
