@@ -78,7 +78,7 @@ def torques(motions: Sequence[Motion]) -> Figure:
     colours = cycle(COLOURS)
     handles: list[Line2D | Patch] = []
     for motion in motions:
-        for k, name in enumerate(motion.system.walker.actuators):
+        for k, name in enumerate(motion.walker.actuators):
             prefix = f"{motion.name}: " if len(motions) > 1 else ""
             colour = next(colours)
             handles.append(entry(f"{prefix}{name}", color=colour))

@@ -19,7 +19,7 @@ def multiplier_distance(first: NDArray[np.complex128], second: NDArray[np.comple
     """Largest distance between two sets of multipliers, paired so that the sum of distances is the least."""
     distances = np.abs(first[:, None] - second[None, :])
     closest = distances.argmin(axis=1) if distances.size else np.arange(0)
-    if np.unique(closest).size == closest.size:  # nobody's closest partner is also another's
+    if len({*closest.tolist()}) == closest.size:  # nobody's closest partner is also another's
         return float(distances.min(axis=1, initial=np.inf).max(initial=0.0))
     from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import, and is seldom needed
 

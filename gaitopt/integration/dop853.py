@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from math import inf, nextafter, sqrt
 
-from casadi import SX, Function, fabs, fmax, sumsqr, vertcat
+from casadi import DM, SX, Function, fabs, fmax, horzcat, sparsify, sumsqr, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.integration.tableau import E3, E5, A, B, C
@@ -113,7 +113,7 @@ class Integration:
 
 def combined(weights: Array, stages: Sequence[SX]) -> SX:
     """The sum of the stages with their weights."""
-    return sum((float(a) * k for a, k in zip(weights, stages, strict=False) if a), SX(0))
+    return horzcat(*stages) @ sparsify(DM(weights[: len(stages)]))
 
 
 @lru_cache(maxsize=64)

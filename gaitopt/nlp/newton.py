@@ -140,7 +140,7 @@ def section_sensitivity(problem: Transcription, at: Linearisation) -> tuple[Arra
     columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
     data[columns][pattern.rows[columns] >= n - n_z] = 0.0
     opened = at.scaled_as_square(SparseMatrix(pattern=pattern, data=data))
-    full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
+    full = problem.dynamics(at.p, problem.unpack(at.w).freed).p
     (flat,) = buffered(system.lift_jacobian)(at.w[system.section(Mode.SLIP_FORWARD)], full)
     lift = flat.reshape(n_z, -1, order="F")
     right = np.zeros((n, indices.size))
