@@ -89,14 +89,9 @@ class HybridSystem:
 
         return self._build(f"events_{mode.key}", lambda: [self._symbols.margins(mode), rates()])
 
-    def linearisation(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> dz/dt, its Jacobian in z, and the Jacobian of the margins in z."""
-
-        def outputs() -> list[SX]:
-            dz = self._symbols.motion(mode).dz
-            return [dz, jacobian(dz, self._eom.z), jacobian(self._symbols.margins(mode), self._eom.z)]
-
-        return self._build(f"linearisation_{mode.key}", outputs)
+    def gradients(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> Jacobian of the margins in z."""
+        return self._build(f"gradients_{mode.key}", lambda: [jacobian(self._symbols.margins(mode), self._eom.z)])
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
