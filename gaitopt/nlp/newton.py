@@ -112,9 +112,8 @@ def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array,
     nodes : ndarray, shape (n_z, K + 1) - change of the node states.
     durations : ndarray, shape (n_phases,) - change of the durations [s].
     """
-    difference = problem.halved_defects(at.w, at.p)
-    right = np.zeros(at.residual.size)
-    right[: difference.size] = -difference
+    halved, right = problem.halved_defects(at.w, at.p), np.zeros(at.residual.size)
+    right[: halved.size] = at.residual[: halved.size] - halved
     nodes, durations, _ = problem.unpack(at.scaled.solve(right))
     return nodes, durations
 

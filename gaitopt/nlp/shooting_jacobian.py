@@ -149,27 +149,23 @@ def shooting_jacobian(transcription: Transcription) -> ShootingJacobian:
 
 
 def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:
-    """Derivatives of all steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free)."""
+    """Derivatives of all steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free).
+
+    What a stage moves the state by is h K_i; of it dK_i is multiplied by h, and K_i stands in the column of h.
+    """
     n, n_z, n_in = derivatives.shape[1:]
     base = np.zeros((n, n_in, n_in + 1))
     base[:, : n_z + 1, : n_z + 1] = np.eye(n_z + 1)
     base[:, n_z + 1 :, n_z + 2 :] = np.eye(n_in - n_z - 1)
-    h = lengths[:, None]
-    varied = np.zeros((N_STAGES, n * n_z * (n_in + 1)))
-    flat = rates.reshape(N_STAGES, -1)
-
-    def added(weights: Array, at: Array) -> None:
-        i = weights.size
-        at[:, :n_z] += h[:, :, None] * (weights @ varied[:i]).reshape(n, n_z, n_in + 1)
-        at[:, :n_z, n_z + 1] += (weights @ flat[:i]).reshape(n, n_z)
-
+    moved = np.empty((N_STAGES, n, n_z, n_in + 1))
+    flat, scaled = moved.reshape(N_STAGES, -1), derivatives * lengths[:, None, None]
     for i, (a, c) in enumerate(zip(A, C, strict=True)):
         inner = base.copy()
         inner[:, n_z, n_z + 1] = c
-        added(a[:i], inner)
-        varied[i] = (derivatives[i] @ inner).ravel()
-    added(B, base)
-    return base[:, :n_z]
+        inner[:, :n_z] += (a[:i] @ flat[:i]).reshape(n, n_z, -1)
+        np.matmul(scaled[i], inner, out=moved[i])
+        moved[i, :, :, n_z + 1] += rates[i]
+    return np.asarray(base[:, :n_z] + (B @ flat).reshape(n, n_z, -1))
 
 
 def step_derivatives(
