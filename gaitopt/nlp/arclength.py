@@ -15,13 +15,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csc_matrix
 
 from gaitopt.arrays import Array
 from gaitopt.iteration import NO_CONTRACTION, iterate
-from gaitopt.nlp.newton import Linearisation, ScaledFactor
+from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
+from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
@@ -44,13 +43,13 @@ class CurvePoint:
     ----------
     at : equalities and Jacobian.
     tangent : ndarray, shape of w - direction of the curve, of unit length in y.
-    factor : the bordered Jacobian with this tangent, factored.
+    bordered : the Jacobian with this tangent.
     iterations : what Newton's method took to get here.
     """
 
     at: Linearisation
     tangent: Array
-    factor: ScaledFactor
+    bordered: ScaledMatrix
     iterations: int
 
 
@@ -62,7 +61,7 @@ class _Trial:
     residual: Array
     offset: float
     size: float
-    chord: ScaledFactor | None
+    chord: ScaledMatrix | None
 
 
 class Curve:
@@ -81,7 +80,7 @@ class Curve:
         transcription: Transcription,
         p: Array,
         scales: Array,
-        jacobian: Callable[[Array, Array], csc_matrix] | None = None,
+        jacobian: Callable[[Array, Array], SparseMatrix] | None = None,
     ) -> None:
         self.transcription, self.p = transcription, p
         self._jacobian = shooting_jacobian(transcription).jacobian if jacobian is None else jacobian
@@ -115,7 +114,7 @@ class Curve:
     def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
         """The point at arclength ``length`` along the tangent; None if Newton's method does not converge."""
         normal = self.coordinates(point.tangent)
-        return self._correct(point.at.w + length * point.tangent, normal, point.factor, normal)
+        return self._correct(point.at.w + length * point.tangent, normal, point.bordered, normal)
 
     @overflow_allowed()
     def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
@@ -137,12 +136,13 @@ class Curve:
         along : ndarray, shape of y - tangent of the known branch in scaled coordinates.
         """
         at = self._linearised(w, self.transcription.violation(w, self.p))
-        bordered = self._factor(at, along)
-        if bordered is None:
-            return None
+        bordered = self._bordered(at, along)
         vector = np.random.default_rng(0).standard_normal(w.size) / self._columns
         for _ in range(INVERSE_ITERATIONS):
-            vector = bordered.solve(bordered.solve_transposed(vector))
+            try:
+                vector = bordered.solve(bordered.solve_transposed(vector))
+            except RuntimeError:  # singular
+                return None
             vector /= np.linalg.norm(self.coordinates(vector))
         left = np.abs(at.jacobian @ vector / self._units.equalities).max()
         return vector if left < SINGULAR else None
@@ -154,58 +154,44 @@ class Curve:
 
     @overflow_allowed()
     def _correct(
-        self, predicted: Array, normal: Array, factor: ScaledFactor | None, forward: Array
+        self, predicted: Array, normal: Array, chord: ScaledMatrix | None, forward: Array
     ) -> CurvePoint | None:
-        def trial(w: Array, chord: ScaledFactor | None, last: float) -> _Trial:
-            """The equations at ``w``, with the factor that is still good for the next step."""
+        def trial(w: Array, chord: ScaledMatrix | None, last: float) -> _Trial:
+            """The equations at ``w``, with the Jacobian that is still good for the next step."""
             residual = self.transcription.violation(w, self.p)
             offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
             size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
             return _Trial(w=w, residual=residual, offset=offset, size=size, chord=None if size > SLOW * last else chord)
 
-        def following(at: _Trial) -> _Trial | None:
-            chord = at.chord or self._factor(self._linearised(at.w, at.residual), normal)
-            if chord is None:
-                return None
+        def following(at: _Trial) -> _Trial:
+            chord = at.chord or self._bordered(self._linearised(at.w, at.residual), normal)
             return trial(at.w - chord.solve(np.append(at.residual, at.offset)), chord, at.size)
 
-        end = iterate(
-            trial(predicted, factor, np.inf),
-            following,
-            size=lambda at: at.size,
-            solved=lambda at: at.size < RESIDUAL,
-            most=ITERATIONS,
-            contraction=NO_CONTRACTION,
-        )
-        return self._finish(self._linearised(end.at.w, end.at.residual), forward, end.count) if end.solved else None
+        try:
+            end = iterate(
+                trial(predicted, chord, np.inf),
+                following,
+                size=lambda at: at.size,
+                solved=lambda at: at.size < RESIDUAL,
+                most=ITERATIONS,
+                contraction=NO_CONTRACTION,
+            )
+            return self._finish(self._linearised(end.at.w, end.at.residual), forward, end.count) if end.solved else None
+        except RuntimeError:  # singular
+            return None
 
     def _linearised(self, w: Array, residual: Array) -> Linearisation:
         return Linearisation(w=w, p=self.p, residual=residual, jacobian=self._jacobian(w, self.p), units=self._units)
 
-    def _finish(self, at: Linearisation, forward: Array, iterations: int) -> CurvePoint | None:
-        """Tangent and factor at a converged point."""
-        bordered = self._factor(at, forward)
-        if bordered is None:
-            return None
+    def _finish(self, at: Linearisation, forward: Array, iterations: int) -> CurvePoint:
+        """A converged point with its tangent."""
         right = np.zeros(at.w.size)
         right[-1] = 1.0
-        tangent = bordered.solve(right)
+        tangent = self._bordered(at, forward).solve(right)
         tangent /= np.linalg.norm(self.coordinates(tangent))
-        factor = self._factor(at, self.coordinates(tangent))
-        return None if factor is None else CurvePoint(at=at, tangent=tangent, factor=factor, iterations=iterations)
+        bordered = self._bordered(at, self.coordinates(tangent))
+        return CurvePoint(at=at, tangent=tangent, bordered=bordered, iterations=iterations)
 
-    def _factor(self, at: Linearisation, normal: Array) -> ScaledFactor | None:
-        try:
-            matrix = _with_row(at.jacobian, self._indices, normal / self.scales)
-            return ScaledFactor(matrix, np.append(self._units.equalities, 1.0), self._columns)
-        except RuntimeError:  # exactly singular
-            return None
-
-
-def _with_row(matrix: csc_matrix, columns: NDArray[np.intp], values: Array) -> csc_matrix:
-    """The matrix with one more row, whose entries in the ascending ``columns`` are ``values``."""
-    rows, size = matrix.shape
-    ends = matrix.indptr[columns + 1]
-    pointers = matrix.indptr + np.searchsorted(columns, np.arange(size + 1))
-    data, indices = np.insert(matrix.data, ends, values), np.insert(matrix.indices, ends, rows)
-    return csc_matrix((data, indices, pointers), shape=(rows + 1, size))
+    def _bordered(self, at: Linearisation, normal: Array) -> ScaledMatrix:
+        matrix = at.jacobian.with_row(self._indices, normal / self.scales)
+        return ScaledMatrix(matrix, np.append(self._units.equalities, 1.0), self._columns)

@@ -60,6 +60,7 @@ class Transcription:
         ]
         self.p = vertcat(*entries) if free else self.parameters
         self.w = vertcat(vec(self.Z), self.durations, self.freed)
+        self._units: tuple[bytes, Units] | None = None
         self._sampled: tuple[bytes, dict[tuple[int, int], tuple[Array, Array]]] = (b"", {})
         self._switches: list[tuple[MX, MX]] = []
         for j in range(self.n_phases):
@@ -81,7 +82,7 @@ class Transcription:
         full, walker = p.copy(), self.system.walker
         for name, value in zip(self.free, freed, strict=True):
             full[self.system.parameters.index(name)] = value
-        return Dynamics(self.system, full).standing(walker.side(self.layout.cycle.step_of(phase)))
+        return _dynamics(self.system, full.tobytes(), walker.side(self.layout.cycle.step_of(phase)))
 
     def standing_names(self, phase: int) -> tuple[str, ...]:
         """Dotted keys under which the freed parameters stand in the parameter vector of a phase."""
@@ -108,7 +109,12 @@ class Transcription:
 
     def units(self, p: Array) -> Units:
         """Natural units of unknowns, equalities and margins for the walker at parameters ``p``, shape (n_p,)."""
-        dynamics = Dynamics(self.system, p)
+        known = p.tobytes()
+        if self._units is None or self._units[0] != known:
+            self._units = known, self._units_at(_dynamics(self.system, known, 0))
+        return self._units[1]
+
+    def _units_at(self, dynamics: Dynamics) -> Units:
         scales, state = dynamics.scales, dynamics.state_units
         nodes = np.tile(state, self.n_nodes)
         events = [margin_unit(name, scales) / scales.time**order for _, name, order in self._endings()]
@@ -121,7 +127,7 @@ class Transcription:
 
     def margin_units(self, p: Array) -> Array:
         """Natural units of the inequalities."""
-        scales = Dynamics(self.system, p).scales
+        scales = _dynamics(self.system, p.tobytes(), 0).scales
         return np.array([label.unit(scales) for label in self.inequalities[1]])
 
     @cached_property
@@ -142,11 +148,10 @@ class Transcription:
 
     @cached_property
     def _halved_defects(self) -> BufferedFunction:
-        difference = self._defects(halves=2) - self._defects(halves=1)
-        return BufferedFunction(Function("halved_defects", [self.w, self.parameters], [difference]))
+        return BufferedFunction(Function("halved_defects", [self.w, self.parameters], [self._defects(halves=2)]))
 
     def halved_defects(self, w: Array, p: Array) -> Array:
-        """Difference of the defects when every interval is integrated in two halves."""
+        """The defects when every interval is integrated in two halves."""
         return self._halved_defects(w, p)[0].copy()
 
     def node_times(self, w: Array) -> Array:
@@ -264,6 +269,12 @@ class Transcription:
             x = z_plus[n] if impact.locked else 0  # counted from the new stance foot
             rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], x, z_plus[n + 1 :]))
         return rows
+
+
+@lru_cache(maxsize=64)
+def _dynamics(system: HybridSystem, p: bytes, side: int) -> Dynamics:
+    """The system at its parameters, as a leg stands; an examination of one solution reads it many times."""
+    return Dynamics(system, np.frombuffer(p)).standing(side)
 
 
 @lru_cache(maxsize=32)

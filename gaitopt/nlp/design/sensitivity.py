@@ -21,7 +21,6 @@ from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.shooting_jacobian import step_derivatives
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import factorise
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved; every point costs a step."""
@@ -106,7 +105,7 @@ def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
         If the equalities are singular there, so that the gait is no function of the freed parameters.
     """
     n = at.residual.size
-    answer = -factorise(at.square).solve(at.jacobian[:, n:].toarray())
+    answer = -at.scaled.solve(at.jacobian.dense(n, at.w.size))
     slopes = np.vstack([answer, np.eye(answer.shape[1])])
     (step,) = assemble_steps(transcription, at.w, at.p, COUNTS)
     arcs = tuple(_arc_curves(transcription, at, slopes, k, arc) for k, arc in enumerate(step.arcs))

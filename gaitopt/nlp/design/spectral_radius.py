@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
-from scipy.optimize import brentq
 
 from gaitopt.arrays import Array
+from gaitopt.iteration import bracketed_root
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.newton import linearise, section_sensitivity
 from gaitopt.nlp.transcription import Transcription
@@ -187,7 +187,7 @@ def smoothed_radius(M: Array) -> tuple[float, Array]:
         return float(np.log(trace)) if trace > 0 else FAR  # below the largest modulus, by rounding
 
     ceiling = 2 * max(largest, float(np.linalg.norm(M, 2)))
-    radius = float(brentq(excess, largest * (1 + NARROWEST), ceiling, xtol=1e-14, rtol=1e-14))
+    radius = bracketed_root(excess, largest * (1 + NARROWEST), ceiling, 1e-14)
     return radius, lyapunov(radius)
 
 
