@@ -5,13 +5,14 @@ say what it is, and where the mode sequence ends there, go on with one that the 
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.families.bifurcations import TestFunction, bifurcations_between, is_bifurcation
 from gaitopt.families.change import Change, find_change
 from gaitopt.families.locate import Location
@@ -43,14 +44,7 @@ class Continuer:
     should_stop : polled before every point; the walk then ends without a special point.
     """
 
-    def __init__(
-        self,
-        position: Position,
-        numbers: Iterator[int],
-        *,
-        count: int = 0,
-        should_stop: Callable[[], bool] | None = None,
-    ) -> None:
+    def __init__(self, position: Position, numbers: Iterator[int], *, count: int = 0, should_stop: Stop = None) -> None:
         self._state, self._limits, self._numbers, self._should_stop = position, position.limits, numbers, should_stop
         self._count, self._began = count, time.monotonic()
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families.coefficients import coefficient_bounds
 from gaitopt.families.continuer import Continuer
@@ -44,9 +45,7 @@ class Walk:
         """Dotted key of the parameter of the family."""
         return self.limits.request.parameter
 
-    def continuer(
-        self, done: Sequence[Record], numbers: Iterator[int], should_stop: Callable[[], bool] | None
-    ) -> Continuer:
+    def continuer(self, done: Sequence[Record], numbers: Iterator[int], should_stop: Stop) -> Continuer:
         """The walk from its first gait, or from the last point that is ``done``."""
         points = [record for record in done if record["record"] == "point"]
         if points:

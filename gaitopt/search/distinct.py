@@ -1,15 +1,15 @@
 """From the candidates of a search to gaits: each solved with its mode sequence, verified, and counted once."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, overload
 
 import numpy as np
 
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.display import Reported
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import Cycle
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.search.candidates import SAME, Record
 from gaitopt.study.system import solve_sequence
@@ -67,8 +67,8 @@ def gaits_of(
     parts: Sequence[Record | FailedJob],
     *,
     known: Sequence[Gait] = (),
-    progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    progress: Valued = None,
+    should_stop: Stop = None,
 ) -> Gaits:
     """The gaits behind the candidates of all parts of a search.
 
@@ -127,9 +127,7 @@ def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
     return problem.replace(changes)
 
 
-def _solved(
-    problem: Problem, candidates: Sequence[Record], progress: Progress | None, should_stop: Callable[[], bool] | None
-) -> Gait:
+def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, should_stop: Stop) -> Gait:
     """The gait of the first candidate that leads to one, verified; or the last attempt."""
     for candidate in candidates:
         gait = solve_sequence(closed(problem, candidate), progress=progress, should_stop=should_stop)

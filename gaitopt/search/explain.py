@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gaitopt.callbacks import Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait import Cause, Gait, Status
 from gaitopt.nlp import free_parameters
@@ -65,7 +66,7 @@ def explain(
     seed: int = 0,
     workers: int = 1,
     progress: Callable[[str], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Explanation:
     """Why a problem has no gait: the violated conditions, what happens instead, and where the gait begins to exist.
 

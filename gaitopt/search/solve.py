@@ -1,11 +1,9 @@
 """The gait of a problem, whether its mode sequence is given or open, or that of an attractor of the simulator."""
 
-from collections.abc import Callable
-
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Gait
 from gaitopt.gait.attractor import Attractor
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.orbit import ReturnMap
 from gaitopt.problem import Problem
 from gaitopt.search.candidates import cycle_record
@@ -16,11 +14,7 @@ from gaitopt.study.system import problem_dynamics, solve_sequence
 
 
 def solve(
-    problem: Problem | Attractor,
-    *,
-    start: Gait | None = None,
-    progress: Callable[[int, float], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    problem: Problem | Attractor, *, start: Gait | None = None, progress: Valued = None, should_stop: Stop = None
 ) -> Gait:
     """As ``gaitopt.solve``; ``progress`` is called with the iteration and the largest violation of a constraint."""
     if isinstance(problem, Attractor):
@@ -30,9 +24,7 @@ def solve(
     return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)
 
 
-def solve_attractor(
-    attractor: Attractor, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
-) -> Gait:
+def solve_attractor(attractor: Attractor, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """The gait of an attractor; of a cycle that repeats itself, the shortest one.
 
     Raises
