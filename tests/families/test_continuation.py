@@ -20,8 +20,8 @@ from gaitopt.families.segment import Metric, Point, Segment
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
 from gaitopt.mechanics import Cycle, Dynamics, Mode
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.transcription import Transcription
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
@@ -88,7 +88,7 @@ def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | Spe
     system, sequence = gait.system, gait.problem.cycle
     durations = tuple(duration for _, duration in gait.phases)
     plan = layout(sequence, durations, ()).refined([intervals] * len(durations))
-    transcription = Transcription(system, plan, ("friction",))
+    transcription = MultipleShooting(system, plan, ("friction",))
     value = float(gait.p[system.parameters.index("friction")])
     segment = Segment(gait.problem, "friction", transcription, gait.p, Metric.of(gait, abs(to - value)))
     nodes = roll_out(Dynamics(system, gait.p), sequence, gait.state, durations).nodes(plan)
