@@ -181,7 +181,7 @@ class Segment:
         self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
 
     def assembled(self, w: Array) -> Gait:
-        """The gait at ``w`` as it is, without Newton's method, which fails at a branch point."""
+        """The gait at ``w`` without Newton's method, which fails at a branch point."""
         return self._gait(linearise(self.transcription, w, self.p), 0)
 
     def _point(self, curve_point: CurvePoint) -> Point:

@@ -112,7 +112,7 @@ def _place(line: Sequence[Record], value: float) -> int:
 
 def _is_bound(special: Record) -> bool:
     """Whether a branch ends at a bound of its request."""
-    return special["type"] == "end" and special.get("reason", "").startswith("reached ")
+    return bool(special.get("bound"))
 
 
 def _sequences(points: Sequence[Record]) -> dict[int, tuple[str, str]]:

@@ -12,7 +12,9 @@ from named import named
 import gaitopt as go
 from gaitopt import continuation
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.families.continuer import Continuer, Limits
+from gaitopt.families.continuer import Continuer
+from gaitopt.families.limits import Limits
+from gaitopt.families.position import Position
 from gaitopt.families.request import Request
 from gaitopt.families.segment import Metric, Point, Segment
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
@@ -96,7 +98,7 @@ def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | Spe
     limits = Limits(
         request=Request(parameter="friction", to=(to,)), lower=min(to, value), upper=max(to, 2 * value - to)
     )
-    return Continuer(segment, point, limits, numbers=count(1)).records()
+    return Continuer(Position(segment, point, 0, limits), count(1)).records()
 
 
 def test_neighbours_on_a_family_are_neighbours() -> None:
