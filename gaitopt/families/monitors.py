@@ -61,6 +61,7 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
 def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
     modes = gait.problem.cycle.phases
     arcs = _arcs_by_phase(gait)
+    along = {id(arc): _margins(gait, arc) for whole in arcs for arc in whole}
     period = abs(gait.period)
     for phase, whole in enumerate(arcs):
         duration = sum(arc.duration for arc in whole)
@@ -68,7 +69,7 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
         if duration < SHORT * period:
             continue
         group = [arc for arc in whole if arc.duration > SHORT * period]
-        margins = [_margins(gait, arc) for arc in group]
+        margins = [along[id(arc)] for arc in group]
         for row, kind in enumerate(margin_names(modes[phase])):
             if kind != "upright" and not margin(kind).rises:
                 zeros = _zeros(gait, phase, kind)
@@ -81,7 +82,8 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
             within = [name in margin_names(arc.mode) for arc in step.arcs]
             last = max(phase for phase, has in zip(step.arc_phases, within, strict=True) if has)
             own = [arc for arc, has in zip(step.arcs, within, strict=True) if has]
-            yield MonitorKey(name, first + last), MonitorValue(_second_fall(gait, name, own))
+            clearances = [along[id(arc)][margin_names(arc.mode).index(name)] for arc in own]
+            yield MonitorKey(name, first + last), MonitorValue(_second_fall(own, clearances))
 
 
 def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
@@ -136,16 +138,16 @@ def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc
     return MonitorValue(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))
 
 
-def _second_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
+def _second_fall(arcs: Sequence[Arc], clearances: Sequence[Array]) -> float:
     """Lowest interior minimum of a margin after it has risen from zero: below zero it falls earlier, as a touchdown."""
     lowest, armed = OPEN, False
-    clearances = [_margins(gait, arc)[margin_names(arc.mode).index(name)] for arc in arcs]
     level, period = CLEAR * max(float(values.max()) for values in clearances), abs(arcs[-1].end)
     for arc, values in zip(arcs, clearances, strict=True):
         if arc.duration < SHORT * period:
             continue
         c = curves.coefficients(values)
-        minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
+        bend = curves.derivative(curves.derivative(c))
+        minima = [s for s in curves.critical(values) if curves.evaluate(bend, s) > 0]
         for s in minima:
             if armed or (values[curves.points(values.size) < s] > level).any():
                 lowest = min(lowest, float(curves.evaluate(c, s)))
@@ -158,14 +160,6 @@ def _beyond_cone(gait: Gait, arc: Arc) -> float:
     stick = arc.mode.with_contact(Mode.STICK)
     margins = gait.dynamics.standing(arc.side).margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
     return -float(margins[margin_names(stick).index(ending_margin(stick, arc.mode))])
-
-
-def _slope(c: Array) -> Array:
-    return np.asarray(curves.evaluate(_derivative(c, 1), curves.points(c.size)))
-
-
-def _derivative(c: Array, order: int) -> Array:
-    return np.asarray(chebyshev.chebder(c, order), dtype=float)
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:
