@@ -105,7 +105,7 @@ def design_front(
     *,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[FrontPoint]:
+) -> Front:
     """Designs for every value of an axis, in its order.
 
     Parameters
@@ -120,17 +120,14 @@ def design_front(
     ------
     ProblemError
         If the problem has no objective, or a value is wrong for it.
-    StorageError
-        If the designs do not fit in memory or on disk.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
     """
     check_front(problem, axis, folder)
     problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
-    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+    points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems)
+    return Front(problem=problem, key=axis.key, points=tuple(points))
 
 
 def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
@@ -140,8 +137,6 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
     ------
     ProblemError
         If the problem has no objective, or is none at an end of the axis.
-    StorageError
-        If the designs do not fit in memory or on disk.
     """
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
