@@ -135,5 +135,5 @@ def _plot_branch(run: Path, what: list[str] | None, formats: "Sequence[str]", fo
     check_words(what or [], BRANCH_FIGURES)
     problem, parameter, records = stored_branch(str(run))
     words = what or usual_branch_figures(records)
-    drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
+    drawn = [save(branch_figure(word, problem, parameter, records), folder / word, formats) for word in words]
     return [path for paths in drawn for path in paths]

@@ -1,7 +1,6 @@
 """Sweeps: a scalar of the gait over one parameter as a curve, over two as a heat map."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
@@ -11,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.arrays import Array
-from gaitopt.figures.labels import label
+from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
 from gaitopt.runs.grid import Axis, Grid
 
@@ -70,7 +69,7 @@ def shown(axis: Axis) -> Array:
 
 def axis_label(axis: Axis) -> str:
     """Name and unit of an axis, in degrees where it was given so."""
-    return str(replace(label(axis.key), unit="°") if axis.unit == "deg" else label(axis.key))
+    return str(Parameter(key=axis.key, in_degrees=axis.unit == "deg").label)
 
 
 def _curve(axes: Axes, first: Array, values: Array, scalar: str) -> list[Line2D]:
@@ -103,8 +102,9 @@ def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, radii: Arra
     known = radii[np.isfinite(radii)]
     if min(radii.shape) < 2 or not known.size or not known.min() < BOUNDARY < known.max():
         return []
-    axes.contour(first, second, np.ma.masked_invalid(radii.T), levels=[BOUNDARY], colors=LOST, linewidths=2)
-    return [entry("spectral radius 1: stability lost", color=LOST, linewidth=2)]
+    line = axes.contour(first, second, np.ma.masked_invalid(radii.T), levels=[BOUNDARY], colors=LOST, linewidths=2)
+    drawn_at_all = any(len(path.vertices) for path in line.get_paths())  # not where its neighbours have no gait
+    return [entry("spectral radius 1: stability lost", color=LOST, linewidth=2)] if drawn_at_all else []
 
 
 def _limits(values: Array) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from gaitopt.figures.branches import over_parameter
 from gaitopt.figures.force import force_ratio
-from gaitopt.figures.labels import label
+from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.motion import Motion, motion_of
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.style import COLOURS, entry, legend_below, panels
@@ -29,7 +29,9 @@ def _motions(archive: Archive, names: Mapping[str, str]) -> list[Motion]:
 
 def _families(archive: Archive, names: Mapping[str, str], quantity: str) -> Figure:
     return over_parameter(
-        {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}, "friction", quantity
+        {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()},
+        Parameter(key="friction"),
+        quantity,
     )
 
 

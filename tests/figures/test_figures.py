@@ -13,7 +13,7 @@ from gaitopt.figures.branches import UNSTABLE, over_parameter
 from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, informative
 from gaitopt.figures.comparison import differences, simulated
 from gaitopt.figures.front import front_figure, pareto_front
-from gaitopt.figures.labels import label, symbol
+from gaitopt.figures.labels import Parameter, label, symbol
 from gaitopt.figures.motion import motion_from_record, motion_of
 from gaitopt.figures.style import SLIP_DASHES, save
 from gaitopt.figures.sweep import sweep
@@ -21,12 +21,15 @@ from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import Mode
 from gaitopt.runs.grid import Axis, Grid
 
+FRICTION = Parameter(key="friction")
+
 
 def figures():
     one = [((word, name), GAIT_FIGURES[word]([gait(name)])) for name in SEQUENCES for word in informative([gait(name)])]
     pair = [gait("compass-passive-a"), gait("compass-passive-b")]
     two = [((word, "both"), GAIT_FIGURES[word](pair)) for word in informative(pair)]
-    paths = [(word, branch_figure(word, "gait", "friction", branch())) for word in ("multipliers", "spectral_radius")]
+    problem = gait("compass-passive-a").problem
+    paths = [(word, branch_figure(word, problem, "friction", branch())) for word in ("multipliers", "spectral_radius")]
     front = pareto_front({"front": [record for record in branch() if record["record"] == "point"]}, "speed", "period")
     return dict([*one, *two, *paths, ("front", front)])
 
@@ -117,7 +120,7 @@ def test_arcs_are_not_compared_beyond_a_different_mode():
 
 
 def test_stable_gaits_are_thick_and_unstable_ones_dotted():
-    axes = over_parameter({"gait": branch()}, "friction").axes[0]
+    axes = over_parameter({"gait": branch()}, FRICTION).axes[0]
     thick = [line for line in axes.lines if line.get_linewidth() > 2]
     assert [len(line.get_xdata()) for line in thick] == [4]  # gait A, stable throughout
     assert max(thick[0].get_ydata()) < 1
@@ -127,7 +130,7 @@ def test_stable_gaits_are_thick_and_unstable_ones_dotted():
 
 
 def test_special_points_have_a_marker_and_a_word():
-    figure = over_parameter({"gait": branch()}, "friction")
+    figure = over_parameter({"gait": branch()}, FRICTION)
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "Neimark–Sacker" in words
     assert "branch ends" in words
@@ -137,7 +140,7 @@ def test_special_points_have_a_marker_and_a_word():
 
 @pytest.mark.parametrize("word", BRANCH_FIGURES)
 def test_every_scalar_of_a_branch_can_be_drawn(word):
-    assert branch_figure(word, "gait", "friction", branch()).axes
+    assert branch_figure(word, gait("compass-passive-a").problem, "friction", branch()).axes
 
 
 def test_unstable_gaits_of_a_front_are_hollow():
@@ -229,7 +232,7 @@ def test_the_stable_line_reaches_the_bifurcation_and_an_end_that_was_asked_for_i
     special = {"record": "special", "branch": 0, "status": "converged", "next": []}
     crossing = special | {"type": "fold", "value": 0.1125, "gait": {"spectral_radius": 1 + 1e-12}}
     end = special | {"type": "end", "value": 0.12, "reason": "reached friction = 0.12", "gait": {}}
-    figure = over_parameter({"gait": [*points, crossing, end]}, "friction")
+    figure = over_parameter({"gait": [*points, crossing, end]}, FRICTION)
     (thick,) = [line for line in figure.axes[0].lines if line.get_linewidth() > 2]
     assert thick.get_xdata()[-1] == 0.1125
     assert "branch ends" not in [text.get_text() for text in figure.legends[0].get_texts()]
@@ -237,7 +240,7 @@ def test_the_stable_line_reaches_the_bifurcation_and_an_end_that_was_asked_for_i
 
 
 def test_mode_sequences_of_a_branch_have_colours_and_names():
-    figure = over_parameter({"gait": branch()}, "friction")
+    figure = over_parameter({"gait": branch()}, FRICTION)
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words[0] == "slip forward, stick, slip backward; impact stick"
     assert len({line.get_color() for line in figure.axes[0].lines if len(line.get_xdata()) > 2}) > 1
@@ -270,7 +273,7 @@ def test_a_doubled_family_begins_in_the_picture_where_the_period_doubles(quantit
     steps = [{**one, "phases": one["phases"], quantity: 0.8 + side * 0.1} for side in (-1, 1)]
     doubled = [{**one, "branch": 1, "index": k, "value": 0.12 + 0.01 * k, "steps": steps} for k in range(2)]
     special = {"record": "special", "branch": 0, "type": "period_doubling", "value": 0.115, "next": [1], "gait": one}
-    axes = over_parameter({"cascade": [*points, special, *doubled]}, "friction", quantity).axes[0]
+    axes = over_parameter({"cascade": [*points, special, *doubled]}, FRICTION, quantity).axes[0]
     begins = [
         line.get_ydata()[0]
         for line in axes.lines
