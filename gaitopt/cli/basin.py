@@ -56,7 +56,7 @@ def basin(
         with interruptible() as interrupted, job_progress(console, "tiles") as progress:
             result = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
         record = {**result.to_record(), "run": str(plan.place)}
-        if len(points.axes) == 2:
+        if len(points.axes) <= 2:
             with adding(folder, plan.place) as figures:
                 figures += draw_basin(result, DEFAULT_FORMATS, plan.place)
             record["figures"] = [str(path) for path in figures]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.style import COLOURS, MORE_COLOURS, NEUTRAL, entry, legend_below, panels
+from gaitopt.gait import TERMINAL
 from gaitopt.mechanics.cycle import Cycle, mode_words
 
 Record = Mapping[str, Any]
@@ -61,7 +62,8 @@ def over_parameter(
     handles, present = dict[str, Line2D](), set[str]()
     for (name, records), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         points = _points(records, quantity)
-        specials = [record for record in records if record["record"] == "special" and not _is_bound(record)]
+        specials = [_bounded(record, quantity) for record in records if record["record"] == "special"]
+        specials = [record for record in specials if not is_bound(record)]
         named = _sequences(points) if len(curves) == 1 else {}
         for number, branch in groupby(sorted(points, key=_order), key=lambda point: point["branch"]):
             words, own_colour = named.get(number, (name, colour))
@@ -110,7 +112,12 @@ def _place(line: Sequence[Record], value: float) -> int:
     return len(line) if not detours or beyond <= min(detours) else int(np.argmin(detours)) + 1
 
 
-def _is_bound(special: Record) -> bool:
+def _bounded(special: Record, quantity: str) -> Record:
+    """A special point; where a family ends, multipliers may grow without bound, and the last gait's height is shown."""
+    return {**special, "gait": {}} if quantity == "spectral_radius" and special["type"] in TERMINAL else special
+
+
+def is_bound(special: Record) -> bool:
     """Whether a branch ends at a bound of its request."""
     return special["type"] == "end" and special.get("reason", "").startswith("reached ")
 

@@ -54,8 +54,9 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     axes.set_ylabel("force ratio σ = $f_t/f_n$")
     handles.extend(_cones(axes, motions))
     modes = [mode for motion in motions for mode in motion.modes]
-    cross = entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8)
-    legend_below(figure, [*handles, *mode_legend(modes), cross])
+    crosses = [line for line in axes.lines if line.get_marker() == "x"][:1]
+    words = [entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8) for _ in crosses]
+    legend_below(figure, [*handles, *mode_legend(modes), *words])
     return figure
 
 

@@ -60,7 +60,9 @@ def symbol(state: str) -> str:
     stem = name.rstrip("0123456789")
     greek = {"theta": "θ", "phi": "φ", "psi": "ψ", "alpha": "α"}.get(stem, stem)
     written = greek + name[len(stem) :].translate(_SUBSCRIPTS)
-    return (written[0] + "\u0307" + written[1:]) if rate and len(greek) == 1 else ("d" + written if rate else written)
+    if not rate:
+        return written
+    return written[0] + "\u0307" + written[1:] if len(greek) == 1 else f"rate of {written}"
 
 
 def label(key: str) -> Label:

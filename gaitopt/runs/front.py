@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from gaitopt.display import Plotted
-from gaitopt.errors import ProblemError
+from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import data_frame
 from gaitopt.problem import Problem
-from gaitopt.problem.scalars import SCALARS, unit_of
+from gaitopt.problem.faults import nearest_keys
+from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
@@ -140,11 +141,17 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
     ------
     ProblemError
         If the problem has no objective, or is none at an end of the axis.
+    UnknownNameError
+        If it has no such number.
     StorageError
         If the designs do not fit in memory or on disk.
     """
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
+    keys = (*problem.parameters, *(f"constraints.{name}" for name in DESIGN_SCALARS))
+    if axis.key not in keys and "." not in axis.key:
+        words = f"{axis.key}: no number of {problem.name}{nearest_keys(axis.key, keys)}"
+        raise UnknownNameError(words).about("over")
     check_jobs_fit(2 * axis.count, folder)
     for value in axis.numbers(problem)[:: max(axis.count - 1, 1)]:
         at_point(problem, {axis.key: value})
