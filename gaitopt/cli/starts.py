@@ -103,7 +103,7 @@ def _gait(run: str, console: "Console") -> "tuple[Problem, dict[str, Any], dict[
     gait, _, _ = gait_of(run, None, None, console)
     if not gait.converged:
         raise SolveError(f"--start {run}: {gait.status}: {gait.message}")
-    return gait.problem, gait.to_record(), dict(zip(gait.system.parameters, gait.p.tolist(), strict=True))
+    return gait.problem, gait.to_record(), gait.dynamics.parameters
 
 
 def _branch_point(start: str) -> "tuple[Problem, dict[str, Any], dict[str, float]]":

@@ -18,8 +18,8 @@ from gaitopt.families.monitors import MonitorKey, MonitorValue
 from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.segment import Point, Segment, segment_through
 from gaitopt.families.successors import successors
-from gaitopt.mechanics import MARGINS, Cycle, HybridSystem, ModeSequence
-from gaitopt.nlp.rollout import after_impact, roll_out
+from gaitopt.mechanics import MARGINS, Cycle, Dynamics, HybridSystem, ModeSequence
+from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.verify import confirm
@@ -68,7 +68,7 @@ def find_change(segment: Segment, event: Location) -> Change:
                     at = _seen_from_behind(*found, event) if vanished else None
                     length = FIRST_STEPS * distance
                     return Change(segment=found[0], point=found[1], reason=words, length=length, at=at)
-    if segment.transcription.system.friction_drops(event.point.gait.p) and candidates:
+    if event.point.gait.dynamics.friction_drops and candidates:
         words = f"{words}, and the return map jumps: static friction is above kinetic friction"
     tried = " or ".join(map(str, candidates)) or "none"
     return Change(segment=None, point=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
@@ -103,7 +103,7 @@ def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Po
     Where friction drops at the onset of slip, the return map may jump at an event; a gait beyond the jump is none of
     this family, however near it lies.
     """
-    if not point.gait.system.friction_drops(point.gait.p):
+    if not point.gait.dynamics.friction_drops:
         return True
     closer = _attempt(segment, point, successor.cycle, offset * CLOSER * segment.metric.span)
     if closer is None:
@@ -124,19 +124,18 @@ def _active(point: Point, located: MonitorKey | None = None) -> list[tuple[Monit
 def _attempt(segment: Segment, point: Point, cycle: Cycle, offset: float) -> tuple[Segment, Point] | None:
     """The successor at a distance past the event, if it holds there."""
     value = point.value + offset
-    p = segment.p.copy()
-    p[point.gait.system.parameters.index(segment.parameter)] = value
-    states = _start_states(segment, point, cycle, offset, p)
+    dynamics = Dynamics(point.gait.system, segment.p).at({segment.parameter: value})
+    states = _start_states(segment, point, cycle, offset, dynamics)
     try:
         problem = with_cycle(segment.problem, point.gait.system, cycle, states[0])
     except ProblemError:  # the state contradicts the impact
         return None
-    system, period = point.gait.system, float(point.curve_point.at.w[-1 - segment.transcription.n_phases : -1].sum())
-    rolled = roll_out(system, p, cycle, states, longest=(1 + NEARBY) * period)
+    period = float(point.curve_point.at.w[-1 - segment.transcription.n_phases : -1].sum())
+    rolled = roll_out(dynamics, cycle, states, longest=(1 + NEARBY) * period)
     period *= len(cycle.steps) / len(segment.cycle.steps)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
-    successor, w = segment_through(problem, system, segment.parameter, segment.metric, rolled, p)
+    successor, w = segment_through(problem, dynamics, segment.parameter, segment.metric, rolled)
     found = successor.start(w, _forward(point, states[0], offset, w.size))
     if found is None or not _holds(successor, found, point):
         return None
@@ -167,21 +166,21 @@ def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Arra
     return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})
 
 
-def _start_states(segment: Segment, point: Point, cycle: Cycle, offset: float, p: Array) -> Array:
+def _start_states(segment: Segment, point: Point, cycle: Cycle, offset: float, dynamics: Dynamics) -> Array:
     """States after the impacts before the steps of the successor, (k, n_z): along the old branch, through new impacts.
 
     Of a cycle with another number of steps it is the first one alone.
     """
-    system, slope = point.gait.system, point.curve_point.tangent[-1]
+    slope = point.curve_point.tangent[-1]
     w = point.curve_point.at.w + point.curve_point.tangent * (offset / slope if slope else 0.0)
-    nodes, ends = segment.transcription.unpack(w)[0], segment.transcription.layout.impact_nodes
+    nodes, ends = segment.transcription.unpack(w).nodes, segment.transcription.layout.impact_nodes
     count = len(cycle.steps) if len(cycle.steps) == len(segment.cycle.steps) else 1
     states = []
     for step in range(count):
         impact = cycle.impacts[step - 1]
         state = nodes[:, (ends[step - 1] + 1) % nodes.shape[1]]
         if impact is not segment.cycle.impacts[step - 1]:
-            state = after_impact(system, p, impact, nodes[:, ends[step - 1]])
+            state = dynamics.after_impact(impact, nodes[:, ends[step - 1]])
             if impact.sticks:
                 state[-1] = 0.0
         states.append(state)

@@ -19,7 +19,6 @@ from numpy.polynomial import chebyshev
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, curves
 from gaitopt.mechanics import Mode, ending_margin, margin, margin_names, margin_scales, margin_unit
-from gaitopt.mechanics.buffered import buffered, buffered_map
 
 SHORT = 1e-4
 """Phases shorter than this part of the period are judged by their duration alone: the rest is rounding."""
@@ -75,7 +74,7 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
                 zeros = _zeros(gait, phase, kind)
                 found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
                 yield MonitorKey(kind, phase), _combine(found, group, whole)
-        if gait.problem.cycle.starts_from_rest(phase) and gait.system.friction_drops(gait.p):
+        if gait.problem.cycle.starts_from_rest(phase) and gait.dynamics.friction_drops:
             yield MonitorKey("onset", phase), MonitorValue(_beyond_cone(gait, whole[0]), 0.0)
     for first, step in zip(gait.problem.cycle.first_phases, gait.steps, strict=True):
         for name in dict.fromkeys(name for arc in step.arcs for name in margin_names(arc.mode) if margin(name).rises):
@@ -99,7 +98,7 @@ def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
 
 def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
     """Orders of the zeros that events give a margin at the start and at the end of its phase."""
-    cycle, jump = gait.problem.cycle, gait.system.friction_drops(gait.p)
+    cycle, jump = gait.problem.cycle, gait.dynamics.friction_drops
     start = cycle.onset_order(phase, jump=jump) if kind == "slip_velocity" else 0
     after = cycle.after(phase)
     return start, int(after is not None and kind == ending_margin(cycle.phases[phase], after))
@@ -156,14 +155,9 @@ def _second_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
 
 def _beyond_cone(gait: Gait, arc: Arc) -> float:
     """By how much the force that would hold the foot at the start of a slip exceeds static friction [N]."""
-    data, stick = gait.system.control.data(arc.segment), arc.mode.with_contact(Mode.STICK)
-    margins = np.asarray(gait.system.margins(stick)(arc.times[0], arc.states[0], _standing(gait, arc), data)).ravel()
+    stick = arc.mode.with_contact(Mode.STICK)
+    margins = gait.dynamics.standing(arc.side).margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
     return -float(margins[margin_names(stick).index(ending_margin(stick, arc.mode))])
-
-
-def _standing(gait: Gait, arc: Arc) -> Array:
-    """Parameters in an arc, as its leg stands."""
-    return gait.system.walker.standing(gait.p, arc.side)
 
 
 def _slope(c: Array) -> Array:
@@ -175,9 +169,8 @@ def _derivative(c: Array, order: int) -> Array:
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:
-    margins = buffered_map(gait.system.margins(arc.mode), arc.times.size)
-    (values,) = margins(arc.times[:, None], arc.states, _standing(gait, arc), gait.system.data(arc.segment))
-    return np.asarray(values / margin_scales(arc.mode, gait.system.scales(gait.p))).T
+    values = gait.dynamics.standing(arc.side).margins(arc.mode, arc.segment, arc.times, arc.states)
+    return np.asarray(values / margin_scales(arc.mode, gait.dynamics.scales)).T
 
 
 def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
@@ -190,9 +183,9 @@ def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
 
 def _impact_monitors(gait: Gait, mode: Mode, last: Arc) -> Iterator[tuple[str, float]]:
     """Margins by name of the impact after an arc, in natural units."""
-    scales = gait.system.scales(gait.p)
-    (values,) = buffered(gait.system.impact_margins(mode))(last.states[-1], _standing(gait, last))
-    for name, value in zip(gait.system.impact_margin_names(mode), values.tolist(), strict=True):
-        if name == "touchdown_rate" or (name == "impact_onset" and not gait.system.friction_drops(gait.p)):
+    scales = gait.dynamics.scales
+    margins = gait.dynamics.standing(last.side).impact_margins(mode, last.states[-1])
+    for name, value in margins.items():
+        if name == "touchdown_rate" or (name == "impact_onset" and not gait.dynamics.friction_drops):
             continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
         yield name, value / margin_unit(name, scales)

@@ -11,7 +11,7 @@ from gaitopt.families.change import with_cycle
 from gaitopt.families.segment import Metric, Point, Segment, segment_through
 from gaitopt.families.switching import first_point
 from gaitopt.gait import Gait, SpecialPoint
-from gaitopt.mechanics import Cycle
+from gaitopt.mechanics import Cycle, Dynamics
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.problem import Problem
 
@@ -29,7 +29,7 @@ def restored_special(gait: Gait, parameter: str, record: Record) -> SpecialPoint
     own, tangent = record["gait"], record.get("tangent")
     restored = None
     if own:
-        metric = Metric(state=gait.system.state_scales(gait.system.scales(gait.p)), period=own["period"], span=1.0)
+        metric = Metric(state=gait.dynamics.state_units, period=own["period"], span=1.0)
         segment, w = _segment(gait, parameter, metric, own, record["value"])
         restored = replace(segment.assembled(w), verification=own.get("verification"))
     return SpecialPoint(
@@ -47,19 +47,16 @@ def restored_special(gait: Gait, parameter: str, record: Record) -> SpecialPoint
 
 
 def _segment(gait: Gait, parameter: str, metric: Metric, record: Record, value: float) -> tuple[Segment, Array]:
-    system = gait.system
-    p = gait.p.copy()
-    p[system.parameters.index(parameter)] = value
-    problem, rolled = _recorded_motion(gait, p, record)
-    return segment_through(
-        problem.replace({parameter: value}), system, parameter, metric, rolled, p, record.get("intervals", ())
-    )
+    dynamics = gait.dynamics.at({parameter: value})
+    problem, rolled = _recorded_motion(gait, dynamics, record)
+    intervals = record.get("intervals", ())
+    return segment_through(problem.replace({parameter: value}), dynamics, parameter, metric, rolled, intervals)
 
 
-def _recorded_motion(gait: Gait, p: Array, record: Record) -> tuple[Problem, Rollout]:
+def _recorded_motion(gait: Gait, dynamics: Dynamics, record: Record) -> tuple[Problem, Rollout]:
     """The problem with the modes of a record, and its motion; every step from its own state."""
     durations = np.array([phase["duration"] for phase in record["phases"]])
     starts = [step["state"] for step in record.get("steps", (record,))]
     states = np.array([[state[name] for name in gait.system.state_names] for state in starts])
     problem = with_cycle(gait.problem, gait.system, Cycle.from_record(record), states[0])
-    return problem, roll_out(gait.system, p, problem.cycle, states, durations)
+    return problem, roll_out(dynamics, problem.cycle, states, durations)

@@ -112,7 +112,7 @@ def first_walks(start: Gait | SpecialPoint, gait: Gait, request: Request) -> lis
 
     ``gait`` is that of ``start``, restated for the parameter.
     """
-    value = float(gait.p[gait.system.parameters.index(request.parameter)])
+    value = gait.dynamics.parameter(request.parameter)
     spans = [abs(to - value) for to in request.to]
     if isinstance(start, SpecialPoint):
         metric = Metric.of(gait, gait.period, max(spans))
@@ -143,7 +143,7 @@ def _given(beginning: Beginning) -> Beginning:
 
 def _limits(gait: Gait, request: Request, targets: Sequence[float]) -> Limits:
     """Bounds at the targets, and as far on the other side unless the request has bounds of its own."""
-    value = float(gait.p[gait.system.parameters.index(request.parameter)])
+    value = gait.dynamics.parameter(request.parameter)
     least, largest = coefficient_bounds(gait, request.parameter)
     span = max(abs(to - value) for to in targets)
     lower = value - span if request.lower is None else request.lower

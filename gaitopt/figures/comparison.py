@@ -13,7 +13,6 @@ from gaitopt.figures.labels import symbol
 from gaitopt.figures.motion import Motion, position_label, running, time_label
 from gaitopt.figures.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels
 from gaitopt.gait import Arc, Gait, Step, curves
-from gaitopt.mechanics import HybridSystem
 from gaitopt.simulation import Simulator
 
 NODES_SHOWN = 20
@@ -24,7 +23,7 @@ ROUNDING = 1e-17
 
 def simulated(gait: Gait) -> tuple[Step, ...]:
     """The steps that the forward simulator walks from the gait's state, choosing its modes by itself."""
-    return Simulator(gait.system, gait.p).run(gait.state, steps=len(gait.steps), dense=True).steps
+    return Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
 
 
 def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array] | None = None) -> Figure:
@@ -40,7 +39,7 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
     figure, (upper, lower) = panels(2, heights=[3, 2], height=5.4)
     times, states = thinned(*(points_of(motion.steps) if nodes is None else nodes))
     handles: list[Line2D] = []
-    for name, colour in zip(positions_of(motion.system), COLOURS, strict=False):
+    for name, colour in zip(positions_of(motion), COLOURS, strict=False):
         column = motion.state_index(name)
         for began, step in running(walked):
             for arc in step.arcs:
@@ -54,9 +53,9 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
     return figure
 
 
-def positions_of(system: HybridSystem) -> tuple[str, ...]:
+def positions_of(motion: Motion) -> tuple[str, ...]:
     """The shape coordinates, and the height of a foot that flies."""
-    return tuple(name for name in system.state_names if name in (*system.walker.shape, "y"))
+    return tuple(name for name in motion.dynamics.system.state_names if name in (*motion.walker.shape, "y"))
 
 
 def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[Array, Array]]:
@@ -71,7 +70,7 @@ def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[
 
 def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Line2D]:
     """Angles' and rates' differences along arcs that both methods have."""
-    rate = motion.state_index(f"d{motion.system.walker.shape[0]}")
+    rate = motion.state_index(f"d{motion.walker.shape[0]}")
     kinds = {"positions": (slice(0, rate), "-"), "velocities": (slice(rate, None), ":")}
     entries = []
     for words, (columns, line) in kinds.items():

@@ -42,7 +42,7 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "name": motion.name,
         "slope": slope(motion),
         "friction": motion.friction,
-        "weight": float(motion.system.weight(motion.p)),
+        "weight": float(motion.dynamics.system.weight(motion.dynamics.p)),
         "period": _short(motion.period),
         "steps": len(motion.steps),
         "repeats": REPEATS if motion.periodic else 1,
@@ -50,9 +50,9 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "path": path,
         "impacts": [str(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
-        "shape": list(motion.system.walker.shape),
-        "lengths": bool(motion.system.walker.lengths),
-        "actuators": list(motion.system.walker.actuators),
+        "shape": list(motion.walker.shape),
+        "lengths": bool(motion.walker.lengths),
+        "actuators": list(motion.walker.actuators),
         "phases": _phases(cycle),
         "legs": drawing.legs,
         "ties": drawing.ties,
@@ -132,9 +132,9 @@ def _columns(motion: Motion, arcs: list[Arc], drawing: Skeleton) -> dict[str, An
     torque = np.vstack([o.torque for o in observed])
     states = np.vstack([arc.states for arc in arcs])
     columns = {"f_t": force[:, 0], "f_n": force[:, 1]}
-    for name in motion.system.walker.shape:
+    for name in motion.walker.shape:
         columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
-    columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.system.walker.actuators)}
+    columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.walker.actuators)}
     for k in range(drawing.points.shape[1]):
         columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}
     return columns

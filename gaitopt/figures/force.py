@@ -42,7 +42,7 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     ----------
     against : ``time``, or the name of a shape coordinate.
     """
-    flying = against == "time" and any(motion.system.walker.flies for motion in motions)
+    flying = against == "time" and any(motion.walker.flies for motion in motions)
     figure, (axes, *normal) = panels(2, heights=[3, 2], height=5.4) if flying else panels()
     handles: list[Line2D | Patch] = []
     for motion, colour in zip(motions, cycle(COLOURS), strict=False):
@@ -84,7 +84,7 @@ def torques(motions: Sequence[Motion]) -> Figure:
     colours = cycle(COLOURS)
     handles: list[Line2D | Patch] = []
     for motion in motions:
-        for k, name in enumerate(motion.system.walker.actuators):
+        for k, name in enumerate(motion.walker.actuators):
             prefix = f"{motion.name}: " if len(motions) > 1 else ""
             colour = next(colours)
             handles.append(entry(f"{prefix}{name}", color=colour))
@@ -131,7 +131,7 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
 
 def _draw_normal_force(axes: Axes, motion: Motion, colour: str) -> None:
     """Normal force over time, in units of the weight."""
-    weight = float(motion.system.weight(motion.p))
+    weight = float(motion.dynamics.system.weight(motion.dynamics.p))
     for began, arc in smooth(motion.steps):
         force = motion.observe(arc).force[:, 1] / weight
         axes.plot(began + arc.times, force, color=colour, linestyle=dashes(arc.mode))

@@ -24,12 +24,12 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
     colours = cycle(COLOURS)
     handles: list[Line2D] = []
     for motion in motions:
-        for name in motion.system.walker.shape:
+        for name in motion.walker.shape:
             prefix = f"{motion.name}: " if len(motions) > 1 else ""
             colour = next(colours)
             handles.append(entry(f"{prefix}{symbol(name)}", color=colour))
             _draw(axes, motion, name, colour)
-    lengths = any(motion.system.walker.lengths for motion in motions)
+    lengths = any(motion.walker.lengths for motion in motions)
     axes.set_xlabel(position_label(motions))
     axes.set_ylabel("rate [rad/s, m/s]" if lengths else "angular rate [rad/s]")
     modes = [mode for motion in motions for mode in motion.modes]

@@ -11,7 +11,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import HybridSystem, Scales
+from gaitopt.mechanics import Dynamics, HybridSystem, Scales
 from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.problem.scalars import SCALARS
 
@@ -48,16 +48,16 @@ class Observation:
     loss: Array
 
 
-def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
+def observe(dynamics: Dynamics, arc: Arc) -> Observation:
     """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
-    observation = buffered_map(system.observation(arc.mode), arc.times.size)
-    own = system.walker.standing(p, arc.side)
-    outputs = observation(arc.times[:, None], arc.states, own, system.data(arc.segment))
+    observation = buffered_map(dynamics.system.observation(arc.mode), arc.times.size)
+    own, data = dynamics.standing(arc.side).p, dynamics.system.data(arc.segment)
+    outputs = observation(arc.times[:, None], arc.states, own, data)
     force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
     return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0])
 
 
-def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, float | None]:
+def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None]:
     """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
 
     ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``,
@@ -74,7 +74,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     Gamus & Or (2013), eq. (22) for the cost of transport.
     """
     impacts = [step.final_impact for step in steps]
-    by_step = [[(arc, observe(system, p, arc)) for arc in step.arcs] for step in steps]
+    by_step = [[(arc, observe(dynamics, arc)) for arc in step.arcs] for step in steps]
     observed = [pair for pairs in by_step for pair in pairs]
     pushed = sum(impact.push_work for impact in impacts)
     work = pushed + sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
@@ -82,8 +82,8 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
         curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T
     )
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
-    moves = abs(length) > ON_THE_SPOT * system.scales(p).length
-    weighted_length = float(system.weight(p)) * length
+    moves = abs(length) > ON_THE_SPOT * dynamics.scales.length
+    weighted_length = float(dynamics.system.weight(dynamics.p)) * length
     sticking = [friction_ratio(o.force) for a, o in observed if a.mode.sticks]
     return {
         "period": period,
@@ -95,7 +95,7 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
         "absolute_cost_of_transport": absolute / weighted_length if moves else None,
         "torque_squared": sum(curves.integral((o.torque**2).sum(axis=1), a.duration) for a, o in observed),
         "peak_torque": max((_peak(column) for _, o in observed for column in o.torque.T), default=0.0),
-        "slip_distance": sum(_slip(system, a) for a, _ in observed),
+        "slip_distance": sum(_slip(dynamics.system, a) for a, _ in observed),
         "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in by_step),
         "required_friction": max((_peak(ratio) for ratio in sticking), default=None),
         "impulse_ratio": max((r for r in (impact.impulse_ratio for impact in impacts) if r is not None), default=None),

@@ -13,6 +13,7 @@ from gaitopt.mechanics.control import (
     control_points,
 )
 from gaitopt.mechanics.cycle import Cycle, ModeSequence
+from gaitopt.mechanics.dynamics import Dynamics
 from gaitopt.mechanics.friction import CoulombFriction, Friction, StaticKineticFriction
 from gaitopt.mechanics.margins import (
     IMPACT_MARGINS,
@@ -49,6 +50,7 @@ __all__ = [
     "CoulombFriction",
     "Cycle",
     "Damper",
+    "Dynamics",
     "Friction",
     "HybridSystem",
     "ImpactLaw",

@@ -18,14 +18,12 @@ from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.expressions import Expressions
 from gaitopt.mechanics.friction import CoulombFriction, Friction
 from gaitopt.mechanics.lagrangian import parameter_namespace
 from gaitopt.mechanics.margins import PUSH, impact_margin_names
 from gaitopt.mechanics.modes import ImpactLaw, Mode
-from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.walker import Walker
 
 COULOMB = CoulombFriction()
@@ -202,21 +200,11 @@ class HybridSystem:
         """p -> total weight [N]."""
         return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
 
-    def scales(self, p: Array) -> Scales:
-        """Natural units of the walker at parameters ``p`` of shape (n_p,)."""
-        length, gravity, mass = (float(value[0]) for value in buffered(self._scale_function)(p))
-        return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
-
-    def state_scales(self, scales: Scales) -> Array:
-        """Natural unit of every entry of ``z``, shape (n_z,): angles 1, rates 1 / time, lengths by the leg's."""
-        lengths = {*self.walker.lengths, "x", "y"}
-        units = np.array([scales.length if name in lengths else 1.0 for name in self.walker.coordinates()])
-        return np.concatenate([units, units / scales.time])
-
     @cached_property
-    def _scale_function(self) -> Function:
+    def size(self) -> Function:
+        """p -> length of a leg [m], gravity [m/s^2] and total mass [kg]."""
         eom = self._eom
-        return Function("scales", [self._p], [eom.length, eom.gravity, eom.mass])
+        return Function("size", [self._p], [eom.length, eom.gravity, eom.mass])
 
     @cached_property
     def lift(self) -> Function:
@@ -240,12 +228,6 @@ class HybridSystem:
         names = self.walker.section_names(slipping=impact_mode.slips)
         return np.array([self.state_names.index(name) for name in names])
 
-    def lift_state(self, xi: Array, p: Array) -> Array:
-        """State just after an impact from section coordinates, with or without dx; shape (n_z,)."""
-        full = np.zeros(len(self.walker.section_names(slipping=True)))
-        full[: xi.size] = xi
-        return buffered(self.lift)(full, p)[0].copy()
-
     def values(self, parameters: Mapping[str, float]) -> Array:
         """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
         known = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
@@ -264,10 +246,6 @@ class HybridSystem:
     def kinetic_friction(self, p: Any) -> Any:
         """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
         return self.friction.kinetic(p[self._friction_entries])
-
-    def friction_drops(self, p: Array) -> bool:
-        """Whether friction drops when a foot begins to slip: static above kinetic at parameters ``p``."""
-        return bool(self.static_friction(p) > self.kinetic_friction(p))
 
     def _build(self, name: str, outputs: Callable[[], list[SX]], inputs: list[SX] | None = None) -> Function:
         if name not in self._functions:

@@ -8,7 +8,6 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import Cause
 from gaitopt.mechanics import Control, Cycle, ending_margin, margin
-from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.mechanics.margins import PUSH
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
@@ -29,7 +28,7 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     ``margins`` are the values of the transcription's inequalities at ``w``. Where a phase runs backwards in time, that
     is all there is to say.
     """
-    if (margins >= 0).all() and (problem.unpack(w)[1] >= 0).all():
+    if (margins >= 0).all() and (problem.unpack(w).durations >= 0).all():
         return []
     present = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
     present = present or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
@@ -42,13 +41,11 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
 
 def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
     """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
-    armed, freed = False, problem.unpack(w)[2]
+    armed, freed = False, problem.unpack(w).freed
     for index, arc in enumerate(problem.layout.arcs):
         armed = armed and not (arc.start is None and arc.phase in problem.layout.cycle.first_phases)
         times, states = problem.sample(w, p, index, SAMPLES)
-        margins = buffered_map(problem.system.margins(arc.mode), times.size)
-        own = problem.standing_values(p, freed, arc.phase)
-        (values,) = margins(times[:, None], states, own, problem.system.data(arc.segment))
+        values = problem.dynamics(p, freed, arc.phase).margins(arc.mode, arc.segment, times, states)
         for t, height in zip(times, values[:, 0].tolist(), strict=True):
             if armed and height < -AIRBORNE:
                 words = f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"
@@ -97,7 +94,7 @@ def largest_residual(problem: Transcription, w: Array, p: Array, residual: Array
 def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     """Friction that is needed against friction that there is, where the foot should stick."""
     _, labels = problem.inequalities
-    friction = float(problem.system.static_friction(problem.full_parameters(p, problem.unpack(w)[2])))
+    friction = problem.dynamics(p, problem.unpack(w).freed).static_friction
     rows = {label: i for i, label in enumerate(labels)}
     for label, i in rows.items():
         if not label.name.endswith("cone_forward"):
@@ -117,7 +114,7 @@ def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array)
 
 def _margin_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     _, labels = problem.inequalities
-    units = problem.margin_units(problem.full_parameters(p, problem.unpack(w)[2]))
+    units = problem.margin_units(problem.dynamics(p, problem.unpack(w).freed).p)
     for label, value, unit in zip(labels, margins, units, strict=True):
         if value < 0 and margin(label.name).violated:
             text = f"{_place(problem, w, label)}: {margin(label.name).violated.format(value=value)}"

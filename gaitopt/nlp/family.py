@@ -13,6 +13,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.iteration import iterate
+from gaitopt.mechanics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.layout import layout
@@ -75,7 +76,8 @@ class Family:
         if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
             raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: use solve")
         began = time.perf_counter()
-        p = self._system.values(problem.parameters)
+        dynamics = Dynamics(self._system, self._system.values(problem.parameters))
+        p = dynamics.p
         refined, wrong, iterations = self._near(p)
         status, message = Status.CONVERGED, "solved"
         if refined is None or wrong:
@@ -87,7 +89,7 @@ class Family:
                 status, message = (Status.NOT_CONVERGED, in_words(wrong)) if wrong else (status, message)
         solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
         if refined is None or status is not Status.CONVERGED:
-            return Gait(problem=problem, system=self._system, p=p, status=status, message=message, solver=solver)
+            return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
         self._remember(refined)
         return assemble_gait(
             problem, refined.transcription, refined.at, errors=refined.errors, message=message, solver=solver

@@ -91,4 +91,4 @@ def solve_nearby(
 
 
 def _period(transcription: Transcription, w: Array) -> float:
-    return float(transcription.unpack(w)[1].sum())
+    return float(transcription.unpack(w).durations.sum())

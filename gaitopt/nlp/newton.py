@@ -184,7 +184,7 @@ def section_sensitivity(problem: Transcription, at: Linearisation) -> tuple[Arra
     columns = slice(*opened.indptr[[last.start, last.stop]])
     opened.data[columns][opened.indices[columns] >= n - n_z] = 0.0
     factor = at.factor_of(opened)
-    full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
+    full = problem.dynamics(at.p, problem.unpack(at.w).freed).p
     (flat,) = buffered(system.lift_jacobian)(at.w[system.section(Mode.SLIP_FORWARD)], full)
     lift = flat.reshape(n_z, -1, order="F")
     right = np.zeros((n, indices.size))

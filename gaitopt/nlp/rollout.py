@@ -14,7 +14,7 @@ from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import brentq
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names, margin_unit
+from gaitopt.mechanics import Cycle, Dynamics, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.nlp.layout import Layout
 from gaitopt.nlp.trial import overflow_allowed
@@ -71,8 +71,7 @@ class Rollout:
 
 @overflow_allowed()
 def roll_out(
-    system: HybridSystem,
-    p: Array,
+    dynamics: Dynamics,
     cycle: Cycle,
     state: Array,
     durations: Sequence[float] | Array | None = None,
@@ -84,12 +83,12 @@ def roll_out(
     durations are kept, errors of one step would grow in the next ones. No phase whose end is looked for lasts beyond
     ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
     """
-    scales = system.scales(p)
+    scales, walker = dynamics.scales, dynamics.system.walker
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
     starts = np.atleast_2d(state)
 
-    def p_at(step: int) -> Array:
-        return system.walker.standing(p, system.walker.side(step))
+    def in_step(step: int) -> Dynamics:
+        return dynamics.standing(walker.side(step))
 
     time, z = 0.0, starts[0].copy()
     found: list[float] = []
@@ -100,20 +99,20 @@ def roll_out(
         if impact is not None:
             step = cycle.step_of(phase)
             known_start = phase in cycle.first_phases and step < len(starts)
-            landing = p_at(cycle.step_of(phase - 1))
-            z = starts[step].copy() if known_start else after_impact(system, landing, impact, z)
+            landing = in_step(cycle.step_of(phase - 1))
+            z = starts[step].copy() if known_start else landing.after_impact(impact, z)
             time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # of a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
-        flow = _ModeFlow(system, p_at(cycle.step_of(phase)), mode, cycle.after(phase))
+        flow = _ModeFlow(in_step(cycle.step_of(phase)), mode, cycle.after(phase))
         duration = None if durations is None else durations[phase]
         if duration is None:
             motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)
             end = flow.end(motion)
             if end is None:
                 endless = phase if endless is None else endless
-                end = flow.lost_end(motion, transit_time(system, p, cycle, starts[0]))
+                end = flow.lost_end(motion, transit_time(dynamics, cycle, starts[0]))
             duration = end - time
         else:
             motion = flow.integrate(time, z, duration, until_end=False)
@@ -124,25 +123,17 @@ def roll_out(
     return Rollout(durations=tuple(found), motions=tuple(motions), endless=endless)
 
 
-def after_impact(system: HybridSystem, p: Array, mode: Mode, z: Array) -> Array:
-    """State just after an impact, with x counted from the stance foot if that has changed; shape (n_z,)."""
-    z_plus = np.asarray(system.impact(mode)(z, p)[0]).ravel()
-    if not mode.locked:
-        z_plus[system.n_shape] = 0.0
-    return z_plus
-
-
-def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> float:
+def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
     """Time of a step [s] at the rates of ``state``, for the joint that would be first where an impact leads back to it.
 
     Where no joint has any way to go, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so
     that s_minus follows from any one of its values, unless the walker itself says how its massless feet land.
     """
-    time = system.scales(p).time
+    system, p, time = dynamics.system, dynamics.p, dynamics.scales.time
     if system.walker.massless_feet:
         return time
     n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
-    mapped = np.asarray(system.impact(cycle.impact)(state, p)[0]).ravel()[:n]
+    mapped = dynamics.after_impact(cycle.impact, state)[:n]
     A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
     way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
     if not np.isfinite(way).all():
@@ -154,12 +145,13 @@ def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> 
 class _ModeFlow:
     """Motion in one mode at fixed parameters, across the control's breakpoints, and the margin that ends its phase."""
 
-    def __init__(self, system: HybridSystem, p: Array, mode: Mode, after: Mode | None) -> None:
+    def __init__(self, dynamics: Dynamics, mode: Mode, after: Mode | None) -> None:
+        system = dynamics.system
         self._flow, self._margins = BufferedFunction(system.flow(mode)), BufferedFunction(system.margins(mode))
         for function in (self._flow, self._margins):
-            function.inputs[2][:] = p
-        self._scales = system.scales(p)
-        self._tolerances = ATOL * system.state_scales(self._scales)
+            function.inputs[2][:] = dynamics.p
+        self._scales = dynamics.scales
+        self._tolerances = ATOL * dynamics.state_units
         names = margin_names(mode)
         self._units = [margin_unit(name, self._scales) for name in names]
         self._upright, self._touchdown = names.index("upright"), 0  # or the clearance, while a stop is free

@@ -139,7 +139,7 @@ class ShootingJacobian:
             lengths[at] = (end - start) / m
             times: Array = start + lengths[at] * np.arange(m)
             data = t.system.data(arc.segment)
-            own, free = t.standing_values(p, freed, arc.phase), t.standing_names(arc.phase)
+            own, free = t.dynamics(p, freed, arc.phase).p, t.standing_names(arc.phase)
             values[at] = _stage_values(t.system, arc.mode, free, nodes.T[starts[at]], times, lengths[at], own, data)
         stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
         return stages[..., 0], stages[..., 1:], lengths

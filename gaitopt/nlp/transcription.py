@@ -13,13 +13,14 @@ by eq. (5)); the other factor stays an inequality at every node, except where an
 
 from collections.abc import Callable, Iterator
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from casadi import MX, Function, horzcat, repmat, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.gait.curves import points
-from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
@@ -27,6 +28,14 @@ from gaitopt.nlp.units import Label, Units
 
 GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
 """Margins that are zero where the spring of a massless leg has its full length: at landing and take-off."""
+
+
+class Unknowns(NamedTuple):
+    """The parts of a vector w: nodes (n_z, K + 1), durations (n_phases,) and freed parameters."""
+
+    nodes: Array
+    durations: Array
+    freed: Array
 
 
 class Transcription:
@@ -63,23 +72,18 @@ class Transcription:
         """The vector w from nodes (n_z, K + 1), durations (n_phases,) and freed parameters."""
         return np.concatenate([nodes.ravel(order="F"), durations, np.asarray(freed, dtype=float)])
 
-    def unpack(self, w: Array) -> tuple[Array, Array, Array]:
-        """Nodes (n_z, K + 1), durations (n_phases,) and freed parameters of a vector w."""
+    def unpack(self, w: Array) -> "Unknowns":
+        """What a vector w consists of."""
         n = self.system.n_z * self.n_nodes
         nodes = w[:n].reshape((self.system.n_z, self.n_nodes), order="F")
-        return nodes, w[n : n + self.n_phases], w[n + self.n_phases :]
+        return Unknowns(nodes, w[n : n + self.n_phases], w[n + self.n_phases :])
 
-    def full_parameters(self, p: Array, freed: Array) -> Array:
-        """The parameter vector with the freed ones put in."""
-        full = p.copy()
+    def dynamics(self, p: Array, freed: Array, phase: int = 0) -> Dynamics:
+        """The system at its parameters with the freed ones put in, in the step of a phase."""
+        full, walker = p.copy(), self.system.walker
         for name, value in zip(self.free, freed, strict=True):
             full[self.system.parameters.index(name)] = value
-        return full
-
-    def standing_values(self, p: Array, freed: Array, phase: int) -> Array:
-        """The parameter vector in a phase, as its leg stands, with the freed ones put in."""
-        walker = self.system.walker
-        return walker.standing(self.full_parameters(p, freed), walker.side(self.layout.cycle.step_of(phase)))
+        return Dynamics(self.system, full).standing(walker.side(self.layout.cycle.step_of(phase)))
 
     def standing_names(self, phase: int) -> tuple[str, ...]:
         """Dotted keys under which the freed parameters stand in the parameter vector of a phase."""
@@ -112,8 +116,8 @@ class Transcription:
 
     def units(self, p: Array) -> Units:
         """Natural units of unknowns, equalities and margins for the walker at parameters ``p``, shape (n_p,)."""
-        scales = self.system.scales(p)
-        state = self.system.state_scales(scales)
+        dynamics = Dynamics(self.system, p)
+        scales, state = dynamics.scales, dynamics.state_units
         nodes = np.tile(state, self.n_nodes)
         events = [margin_unit(name, scales) / scales.time**order for _, name, order in self._endings()]
         return Units(
@@ -125,7 +129,7 @@ class Transcription:
 
     def margin_units(self, p: Array) -> Array:
         """Natural units of the inequalities."""
-        scales = self.system.scales(p)
+        scales = Dynamics(self.system, p).scales
         return np.array([label.unit(scales) for label in self.inequalities[1]])
 
     @cached_property
@@ -155,7 +159,7 @@ class Transcription:
 
     def node_times(self, w: Array) -> Array:
         """Time since impact of every node; shape (K + 1,) [s]."""
-        return self.layout.node_times(self.unpack(w)[1])
+        return self.layout.node_times(self.unpack(w).durations)
 
     def sample(self, w: Array, p: Array, index: int, count: int) -> tuple[Array, Array]:
         """Times (count,) and states (count, n_z) at the Chebyshev points of one arc.
@@ -167,7 +171,7 @@ class Transcription:
             self._sampled = (solution, {})
         samples = self._sampled[1]
         if (index, count) not in samples:
-            start, end = self.layout.arc_times(self.unpack(w)[1])[index]
+            start, end = self.layout.arc_times(self.unpack(w).durations)[index]
             fractions = (points(count) + 1) / 2
             times, states = start + (end - start) * fractions, self.states_at(w, p, index, fractions)
             samples[index, count] = (times, states)
@@ -183,7 +187,7 @@ class Transcription:
         k = np.clip((fractions * arc.intervals).astype(int), 0, arc.intervals - 1)
         offset = (fractions * arc.intervals - k) * h
         step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
-        own, data = self.standing_values(p, freed, arc.phase), self.system.data(arc.segment)
+        own, data = self.dynamics(p, freed, arc.phase).p, self.system.data(arc.segment)
         (states,) = step(nodes.T[first + k], (start + k * h)[:, None], offset[:, None], own, data)
         return states.copy()
 

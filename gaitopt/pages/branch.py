@@ -10,11 +10,11 @@ from gaitopt.figures.labels import parameter_of
 from gaitopt.figures.motion import motion_from_record
 from gaitopt.figures.style import MODE_WORDS
 from gaitopt.gait.cascade import cascades
-from gaitopt.mechanics import HybridSystem
+from gaitopt.mechanics import Dynamics
 from gaitopt.pages.page import numbers, render, words
 from gaitopt.pages.provenance import provenance
 from gaitopt.problem import Problem
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 
 Record = Mapping[str, Any]
 
@@ -41,8 +41,8 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     points = [record for record in records if record["record"] == "point" and record["state"] is not None]
     if not points:
         raise ValueError(f"the branch of {problem.name} has no points yet")
-    system, shown = build_system(problem), parameter_of(problem, parameter)
-    films = [_film(system, problem, parameter, point) for point in points]
+    dynamics, shown = problem_dynamics(problem), parameter_of(problem, parameter)
+    films = [_film(dynamics, problem, parameter, point) for point in points]
     common = {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
     gaits = [
         {
@@ -72,9 +72,9 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     )
 
 
-def _film(system: HybridSystem, problem: Problem, parameter: str, point: Record) -> dict[str, Any]:
-    p = system.values({**problem.parameters, **point["parameters"], parameter: point["value"]})
-    return film(motion_from_record(system, p, point, name=problem.name, points=POINTS), FRAMES)
+def _film(dynamics: Dynamics, problem: Problem, parameter: str, point: Record) -> dict[str, Any]:
+    moved = dynamics.at({**point["parameters"], parameter: point["value"]})
+    return film(motion_from_record(moved, point, name=problem.name, points=POINTS), FRAMES)
 
 
 def _without(parameter: str, point: Record) -> Record:

@@ -59,7 +59,7 @@ def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
     """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
     walked = simulated(gait)
     times, states = thinned(*(node_points(gait) or points_of(motion.steps)))
-    names = positions_of(motion.system)
+    names = positions_of(motion)
     columns = [motion.state_index(name) for name in names]
     nodes = {"t": times} | {name: states[:, k] for name, k in zip(names, columns, strict=True)}
     arcs = [

@@ -91,7 +91,7 @@ class Archive:
         verification = verify(gait)
         if not verification.passed:
             raise SolveError(f"{problem.name}: the forward simulation refutes the gait; see gaitopt verify")
-        table = Table(header=trajectory_header(gait.system), rows=trajectory_rows(gait.system, gait.p, gait.steps))
+        table = Table(header=trajectory_header(gait.system), rows=trajectory_rows(gait.dynamics, gait.steps))
         gait = gait.verified(verification.to_record())
         write_run(run_folder(problem, self._results), problem=problem, gait=gait.to_record(), trajectory=table)
         return gait

@@ -14,7 +14,7 @@ import numpy as np
 from casadi import SX, Function
 from pydantic import BaseModel
 
-from gaitopt.mechanics import HybridSystem, Mode, NoControl, Scales, Walker
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, Scales, Walker
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.lagrangian import parameter_namespace
 from gaitopt.mechanics.ranges import Within, symmetric
@@ -111,7 +111,7 @@ def lacks_energy(problem: "Problem") -> bool:
 
 def natural_units(walker: Walker) -> Scales:
     """Natural units of a walker with its parameters."""
-    return _system(type(walker)).scales(np.array([*_values(walker), 0.0]))
+    return Dynamics(_system(type(walker)), np.array([*_values(walker), 0.0])).scales
 
 
 def _spans(problem: "Problem") -> Iterator[Span]:

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.nlp import integrate_to
 from gaitopt.nlp.assembly import impact_record
 
@@ -16,31 +15,31 @@ POINTS = 33
 """Chebyshev points of a phase; they resolve a phase of walking."""
 
 
-def recorded_steps(system: HybridSystem, p: Array, record: Mapping[str, Any], points: int = POINTS) -> tuple[Step, ...]:
+def recorded_steps(dynamics: Dynamics, record: Mapping[str, Any], points: int = POINTS) -> tuple[Step, ...]:
     """The steps of a gait, or of a point of a branch.
 
     Parameters
     ----------
-    p : ndarray, shape (n_p,) - parameters for which the record holds.
+    dynamics : at the parameters for which the record holds.
     record : with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : Chebyshev points of every phase.
     """
-    sides = map(system.walker.side, count())
+    sides = map(dynamics.system.walker.side, count())
     return tuple(
-        _integrated(system, p, step, points, side)
+        _integrated(dynamics.standing(side), step, points, side)
         for side, step in zip(sides, record.get("steps", (record,)), strict=False)
     )
 
 
-def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], points: int, side: int) -> Step:
+def _integrated(dynamics: Dynamics, record: Mapping[str, Any], points: int, side: int) -> Step:
     """One step from the record of its state after impact, its phases and its impact."""
-    p = system.walker.standing(p, side)
+    system, p = dynamics.system, dynamics.p
     z = np.array([record["state"][name] for name in system.state_names])
     time, arcs = 0.0, list[Arc]()
     for phase in record["phases"]:
         mode = Mode.from_record(phase)
         if arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
-            z = np.asarray(system.impact(mode)(z, p)[0]).ravel()
+            z = dynamics.after_impact(mode, z)
         if mode.sticks:
             z[-1] = 0.0
         for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
@@ -49,7 +48,7 @@ def _integrated(system: HybridSystem, p: Array, record: Mapping[str, Any], point
             arcs.append(Arc(mode=mode, segment=segment, times=times, states=states, side=side))
             z = states[-1].copy()
         time += phase["duration"]
-    return Step(arcs=tuple(arcs), impact=impact_record(system, Mode(record["impact"]), z, p))
+    return Step(arcs=tuple(arcs), impact=impact_record(dynamics, Mode(record["impact"]), z))
 
 
 def _segments(start: float, end: float, breakpoints: Sequence[float]) -> list[tuple[float, float, int]]:

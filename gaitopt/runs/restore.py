@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import Array
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Arc, Gait, Status, Step, measure
-from gaitopt.mechanics import Cycle, HybridSystem, Mode
+from gaitopt.mechanics import Cycle, Dynamics, HybridSystem, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.search.distinct import closed
 from gaitopt.store import Run, Table
 from gaitopt.store.run import restored_problem
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 
 SAME_TIME = 1e-14
 """Of the period: the end of one arc and the start of the next may differ by rounding, points inside an arc do not."""
@@ -37,38 +36,36 @@ def restore_gait(run: Run) -> Gait:
         raise SolveError(f"{run.folder} holds no gait: {run.gait.get('status')}, {run.gait.get('message')}")
     if problem.is_open:
         problem = replace(closed(problem, run.gait), origin=problem)
-    system = build_system(problem)
     try:
         freed = {name: float(value) for name, value in run.gait["parameters"].items()}
-        p = system.values(problem.parameters | freed)
+        dynamics = problem_dynamics(problem).at(freed)
         periods = [float(step["period"]) for step in run.gait.get("steps", (run.gait,))]
-        steps = tuple(_steps(system, problem.cycle, p, run.trajectory, periods))
+        steps = tuple(_steps(dynamics, problem.cycle, run.trajectory, periods))
         multipliers = np.array([complex(m["re"], m["im"]) for m in run.gait["multipliers"]])
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{run.folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
     return Gait(
         problem=problem,
-        system=system,
-        p=p,
+        dynamics=dynamics,
         status=Status.CONVERGED,
         message=str(run.gait.get("message", "")),
         steps=steps,
         multipliers=multipliers,
-        measures=measure(system, p, steps),
+        measures=measure(dynamics, steps),
         freed=freed,
         solver=dict(run.gait.get("solver", {})),
         verification=run.gait.get("verification"),
     )
 
 
-def _steps(system: HybridSystem, cycle: Cycle, p: Array, table: Table, periods: Sequence[float]) -> Iterator[Step]:
+def _steps(dynamics: Dynamics, cycle: Cycle, table: Table, periods: Sequence[float]) -> Iterator[Step]:
     """The steps of a table, in which time runs on over the impacts."""
     began = list(accumulate(periods[:-1], initial=0.0))
-    arcs = list(table_arcs(system, table, began))
+    arcs = list(table_arcs(dynamics.system, table, began))
     for step, impact in enumerate(cycle.impacts):
         own = tuple(arc for index, arc in arcs if index == step)
-        standing = system.walker.standing(p, system.walker.side(step))
-        yield Step(arcs=own, impact=impact_record(system, impact, own[-1].states[-1], standing))
+        standing = dynamics.standing(dynamics.system.walker.side(step))
+        yield Step(arcs=own, impact=impact_record(standing, impact, own[-1].states[-1]))
 
 
 def table_arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> Iterator[tuple[int, Arc]]:

@@ -16,7 +16,7 @@ from gaitopt.mechanics import Cycle
 from gaitopt.problem import Problem
 from gaitopt.runs.recorded import recorded_steps
 from gaitopt.store import BRANCH_FILE, read_problem, stored_lines
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 
 Record = Mapping[str, Any]
 OLDER = {"damping_loss": 0.0}
@@ -48,10 +48,7 @@ def restore_branch(folder: Path) -> Branch:
         As ``stored_branch``, or if a record is no gait.
     """
     problem, parameter, records = stored_branch(folder)
-    system = build_system(problem)
-    stated = Gait(
-        problem=problem, system=system, p=system.values(problem.parameters), status=Status.CONVERGED, message=""
-    )
+    stated = Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.CONVERGED, message="")
     family = with_friction(stated, parameter)
     try:
         points = [_point(family, parameter, record) for record in records if record["record"] == "point"]
@@ -82,15 +79,14 @@ def _gait(family: Gait, parameter: str, value: float, record: Record) -> Gait:
     """The gait of a record, integrated again from its state; ``family`` has its system."""
     system, problem = family.system, family.problem
     freed = {name: float(number) for name, number in record["parameters"].items()}
-    p = system.values({**problem.parameters, **freed, parameter: value})
+    dynamics = family.dynamics.at({**freed, parameter: value})
     state = np.array([record["state"][name] for name in system.state_names])
     return Gait(
         problem=with_cycle(problem.replace({parameter: value}), system, Cycle.from_record(record), state),
-        system=system,
-        p=p,
+        dynamics=dynamics,
         status=Status(record["status"]),
         message=str(record["message"]),
-        steps=recorded_steps(system, p, record),
+        steps=recorded_steps(dynamics, record),
         multipliers=np.array([complex(m["re"], m["im"]) for m in record["multipliers"]]),
         measures={name: {**OLDER, **record}[name] for name in MEASURES},
         freed=freed,

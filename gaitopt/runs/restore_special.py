@@ -8,7 +8,7 @@ from gaitopt.families.coefficients import with_friction
 from gaitopt.families.records import restored_special
 from gaitopt.gait import Gait, SpecialPoint, Status
 from gaitopt.problem import Problem
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 
 
 def restore_special(problem: Problem, parameter: str, record: Mapping[str, Any]) -> SpecialPoint:
@@ -23,7 +23,5 @@ def restore_special(problem: Problem, parameter: str, record: Mapping[str, Any])
         raise ProblemError(
             f"{problem.name} has free parameters: fix them at the values of the design, and continue that"
         )
-    system = build_system(problem)
-    p = system.values(problem.parameters)
-    family = Gait(problem=problem, system=system, p=p, status=Status.CONVERGED, message="")
+    family = Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.CONVERGED, message="")
     return restored_special(with_friction(family, parameter), parameter, record)

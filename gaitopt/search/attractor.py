@@ -11,7 +11,7 @@ from gaitopt.search.candidates import cycle_record
 from gaitopt.search.distinct import closed
 from gaitopt.simulation import Simulator
 from gaitopt.study.solve import solve_sequence
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 
 
 def solve_attractor(
@@ -31,12 +31,11 @@ def solve_attractor(
         raise ProblemError(
             f"{problem.name} has free parameters: fix them at the values of the design, then walk its basin"
         )
-    system = build_system(problem, should_stop=should_stop)
-    p = system.values(problem.parameters)
+    dynamics = problem_dynamics(problem, should_stop=should_stop)
     mode = attractor.impact
     xi = attractor.state if mode.slips else attractor.state[:-1]
-    walked = ReturnMap(Simulator(system, p), mode, attractor.period * system.walker.n_sides())(xi)
+    walked = ReturnMap(Simulator(dynamics), mode, attractor.period * dynamics.system.walker.n_sides())(xi)
     if walked.xi is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
-    found = closed(problem, cycle_record(system, walked.steps, "attractor"))
+    found = closed(problem, cycle_record(dynamics.system, walked.steps, "attractor"))
     return solve_sequence(found, progress=progress, should_stop=should_stop)

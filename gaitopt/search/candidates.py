@@ -13,7 +13,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Status, Step
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode
 from gaitopt.nlp import free_parameters
 from gaitopt.nlp.complementarity.program import Complementarity, Proposal
 from gaitopt.nlp.complementarity.swing import shapes_before, swing
@@ -86,17 +86,17 @@ def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] 
     """
     stop = should_stop or (lambda: False)
     step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process
-    system, p = step.system, step.p
-    box, rng = start_box(job.problem, system, p, job.within), np.random.default_rng([job.seed, job.number])
+    dynamics = step.dynamics
+    box, rng = start_box(job.problem, dynamics, job.within), np.random.default_rng([job.seed, job.number])
     search = _walks if job.method == "simulation" else _guesses
-    candidates, starts = search(job, system, p, box, rng, stop)
+    candidates, starts = search(job, dynamics, box, rng, stop)
     return {"method": job.method, "starts": starts, "candidates": candidates}
 
 
-def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[str, tuple[float, float]]) -> Box:
+def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[float, float]]) -> Box:
     """The box of start states: that of the walker, changed by ``within``."""
     names = problem.walker.section_names(slipping=True)
-    units = dict(zip(system.state_names, system.state_scales(system.scales(p)), strict=True))
+    units = dict(zip(dynamics.system.state_names, dynamics.state_units, strict=True))
     sizes = {"dx": SLIP} | dict.fromkeys(problem.walker.section, ANGLE)
     rate = RATE_OF_FLIGHT if problem.walker.flies else RATE
     half = np.array([sizes.get(name, rate) * units[name] for name in names])
@@ -107,15 +107,16 @@ def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[
 
 
 def _walks(
-    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
+    job: SearchJob, dynamics: Dynamics, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Fixed points of the return map and of its powers next to the walks from sampled states."""
-    xi, standing = _samples(system, p, box, rng), STANDING * system.scales(p).time
+    system = dynamics.system
+    xi, standing = _samples(dynamics, box, rng), STANDING * dynamics.scales.time
     if job.problem.start is not None and job.number == 0:
         xi[0] = [job.problem.start.state[name] for name in job.problem.walker.section_names(slipping=True)]
     engine = choose_engine(Engine.AUTO, steps=WALKS * WALK)
     history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
-    simulator = Simulator(system, p, stepper=make_stepper(system, p, engine))
+    simulator = Simulator(dynamics, stepper=make_stepper(dynamics, engine))
     candidates = []
     sides = system.walker.n_sides()
     for n_returns in range(1, job.n_steps // sides + 1):
@@ -131,26 +132,28 @@ def _walks(
     return candidates, len(xi)
 
 
-def _samples(system: HybridSystem, p: Array, box: Box, rng: np.random.Generator) -> Array:
+def _samples(dynamics: Dynamics, box: Box, rng: np.random.Generator) -> Array:
     """Start states, every other one at rest, in boxes of all sizes unless a box is given; shape (WALKS, n_xi)."""
+    walker = dynamics.system.walker
     xi = rng.uniform(box.lower, box.upper, (WALKS, box.lower.size))
     if not box.given:
         xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
-        if not system.walker.flies:
-            _turn_forward(system, p, xi)
-    if system.walker.massless_feet:
+        if not walker.flies:
+            _turn_forward(dynamics, xi)
+    if walker.massless_feet:
         xi[:, -1] = 0.0  # they cannot slip
     elif box.lower[-1] <= 0 <= box.upper[-1]:
         xi[::2, -1] = 0.0
     return xi
 
 
-def _turn_forward(system: HybridSystem, p: Array, xi: Array) -> None:
+def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
     """Mirror postures (n, n_xi) to which a step backward would lead."""
+    system, p = dynamics.system, dynamics.p
     n, n_section = system.n_shape, len(system.walker.section)
     (lifted,) = RowMap(system.lift)(xi, p)
     before = np.zeros_like(lifted)
-    before[:, :n] = shapes_before(system, p, lifted[:, :n])
+    before[:, :n] = shapes_before(dynamics, lifted[:, :n])
     step_lengths = RowMap(system.impact(Mode.STICK))(before, p)[0][:, n]
     xi[step_lengths < 0, :n_section] *= -1
 
@@ -179,34 +182,34 @@ def _near_returns(history: Array, n_steps: int, box: Box) -> Iterator[tuple[int,
 
 
 def _guesses(
-    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
+    job: SearchJob, dynamics: Dynamics, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
-    walker = system.walker
+    walker = dynamics.system.walker
     if walker.n_sides() > 1 or walker.stops or walker.switches or walker.flies or walker.pushes:
         return [], 0  # the conditions are those of legs that are alike, of which one is always on the ground
-    time, n = system.scales(p).time, len(job.problem.walker.section)
+    time, n = dynamics.scales.time, len(job.problem.walker.section)
     within = {
         name.removeprefix("state."): (span.minimum, span.maximum)
         for name, span in job.problem.constraints.items()
         if name.startswith("state.")
     }
-    free, candidates = free_parameters(job.problem, system), list[Record]()
+    free, candidates = free_parameters(job.problem, dynamics.system), list[Record]()
     for n_steps in range(1, job.n_steps + 1):
         program = Complementarity(
-            system, p, TYPICAL_PERIOD * time, free, within, n_steps=n_steps, should_stop=should_stop
+            dynamics, TYPICAL_PERIOD * time, free, within, n_steps=n_steps, should_stop=should_stop
         )
         xi = rng.uniform(box.lower, box.upper, (GUESSES * n_steps, box.lower.size))
         if not box.given:
-            _turn_forward(system, p, xi)
+            _turn_forward(dynamics, xi)
         for number, shapes in enumerate(np.split(xi[:, :n], GUESSES)):
             period = float(time * np.exp(rng.uniform(*np.log(PERIODS))))
-            result = program.solve(*swing(system, p, shapes, period), period)
+            result = program.solve(*swing(dynamics, shapes, period), period)
             if result is Status.INTERRUPTED:
                 raise KeyboardInterrupt
             if isinstance(result, Proposal):
                 start = f"{job.method} {job.number}.{number}"
-                candidates.append(_proposal_record(system, result, start))
+                candidates.append(_proposal_record(dynamics.system, result, start))
     return candidates, GUESSES * job.n_steps
 
 

@@ -122,7 +122,7 @@ def _given(problem: Problem, gait: Gait) -> Problem | None:
         return None
     if not problem.free:
         return problem
-    values = dict(zip(gait.system.parameters, map(float, gait.p), strict=True))
+    values = gait.dynamics.parameters
     return replace(problem, free={}, objective={}, constraints={}).replace({key: values[key] for key in problem.free})
 
 

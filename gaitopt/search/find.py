@@ -17,7 +17,7 @@ from gaitopt.problem import Problem
 from gaitopt.search.candidates import GUESSES, WALKS, Record, SearchJob, search_part
 from gaitopt.search.distinct import Gaits, closed, gaits_of, is_stable
 from gaitopt.search.neighbours import search_family, varied
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 STARTS = 1000
@@ -207,5 +207,4 @@ def family_jobs(plan: SearchPlan, gaits: Gaits) -> list[Job]:
 
 
 def _none(problem: Problem, status: Status, message: str) -> Gait:
-    system = build_system(problem)
-    return Gait(problem=problem, system=system, p=system.values(problem.parameters), status=status, message=message)
+    return Gait(problem=problem, dynamics=problem_dynamics(problem), status=status, message=message)

@@ -60,7 +60,7 @@ def own_gait(problem: Problem, should_stop: Callable[[], bool] | None = None) ->
 
 def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
     """Dotted keys whose values in the problem are not those of the gait."""
-    values = dict(zip(gait.system.parameters, gait.p.tolist(), strict=True))
+    values = gait.dynamics.parameters
     return [key for key, value in problem.parameters.items() if key in values and values[key] != value]
 
 

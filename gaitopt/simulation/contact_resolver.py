@@ -20,11 +20,9 @@ found out, not assumed; none or several is a named ending.
 from dataclasses import dataclass
 from math import isfinite
 
-import numpy as np
-
 from gaitopt.arrays import Array
 from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import ONSETS, HybridSystem, ImpactLaw, Mode, margin_names
+from gaitopt.mechanics import ONSETS, Dynamics, ImpactLaw, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import natural_system, units
@@ -67,16 +65,16 @@ class ContactResolver:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters.
+    dynamics : the walker under its control law, at its parameters.
     """
 
-    def __init__(self, system: HybridSystem, p: Array) -> None:
-        self._system, self._law, self._p = system, system.law, np.array(p)
-        self._friction, self._drops = float(system.static_friction(p)), system.friction_drops(p)
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._system = system = dynamics.system
+        self._law, self._p = system.law, dynamics.p
+        self._friction, self._drops = dynamics.static_friction, dynamics.friction_drops
         self._n_x = system.n_shape
         self._ground = tuple(contact for contact in system.walker.contacts() if contact is not Mode.FLIGHT)
-        self._units = units(system, p)
+        self._units = units(dynamics)
         self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in system.walker.modes()}
         self._approach, self._push = BufferedFunction(system.approach), BufferedFunction(system.push)
         self._impacts = {mode: BufferedFunction(system.impact(mode)) for mode in system.walker.modes()}

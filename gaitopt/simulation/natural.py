@@ -14,7 +14,7 @@ import numpy as np
 from casadi import SX, Function, cse, repmat, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import HybridSystem, Mode, margin_names, margin_scales
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names, margin_scales
 
 PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")
 """Its place among the margins of every slip."""
@@ -52,11 +52,10 @@ class Units:
         return np.asarray(y[n_z:].reshape((n_z, -1), order="F") * sizes * self.state[:, None])
 
 
-def units(system: HybridSystem, p: Array) -> Units:
-    """Natural units at parameters ``p``, shape (n_p,)."""
-    scales = system.scales(p)
-    state = system.state_scales(scales)
-    modes = system.walker.modes()
+def units(dynamics: Dynamics) -> Units:
+    """Natural units of a walker under its control law."""
+    p, scales, state = dynamics.p, dynamics.scales, dynamics.state_units
+    modes = dynamics.system.walker.modes()
     units = {mode: margin_scales(mode, scales) for mode in modes}
     most = max(map(len, units.values()))
     parameters = {

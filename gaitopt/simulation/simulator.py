@@ -12,7 +12,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
-from gaitopt.mechanics import ONSETS, PHASE_MARGINS, HybridSystem, Mode
+from gaitopt.mechanics import ONSETS, PHASE_MARGINS, Dynamics, Mode
 from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
@@ -61,28 +61,26 @@ class Simulator:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters in the order of ``system.parameters``.
+    dynamics : the walker under its control law, at its parameters.
     rtol, atol : tolerances of the default stepper, ``atol`` in natural units.
     max_step_time : longest time from impact to impact [s]; ``MAX_STEP_TIME`` natural units unless given.
     max_switches : largest number of mode switches within a step.
     stepper : what integrates the arcs; scipy's DOP853 unless given.
-    side : which leg stands at parameters ``p``, see ``Walker.side``.
+    side : which leg stands at these parameters, see ``Walker.side``.
 
     Attributes
     ----------
-    system, p : as given.
+    dynamics, system : as given.
 
     Raises
     ------
     ValueError
-        If ``p`` does not have one finite value per parameter of the system.
+        If the parameters do not have one finite value per parameter of the system.
     """
 
     def __init__(
         self,
-        system: HybridSystem,
-        p: Array,
+        dynamics: Dynamics,
         *,
         rtol: float = RTOL,
         atol: float = ATOL,
@@ -91,12 +89,13 @@ class Simulator:
         stepper: Stepper | None = None,
         side: int = 0,
     ) -> None:
-        p = _finite_vector("parameters", p, system.parameters)
-        self.system, self.p = system, p
+        _finite_vector("parameters", dynamics.p, dynamics.system.parameters)
+        self.dynamics = dynamics
+        self.system = system = dynamics.system
         self._max_switches, self._max_step_time, self._side = max_switches, max_step_time, side
-        self.stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
-        self._resolver = ContactResolver(system, p)
-        self._units = units(system, p)
+        self.stepper = ScipyStepper(dynamics, rtol=rtol, atol=atol) if stepper is None else stepper
+        self._resolver = ContactResolver(dynamics)
+        self._units = units(dynamics)
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         self._limit = min(longest, system.control.horizon)
         self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
@@ -106,11 +105,9 @@ class Simulator:
         """The simulator itself and, where the legs differ, that of the steps in which the other leg stands."""
         others = []
         for side in range(1, self.system.walker.n_sides()):
-            p = self.system.walker.standing(self.p, side)
-            stepper, longest, switches = self.stepper.at(p), self._max_step_time, self._max_switches
-            others.append(
-                Simulator(self.system, p, max_step_time=longest, max_switches=switches, stepper=stepper, side=side)
-            )
+            dynamics = self.dynamics.standing(side)
+            stepper, longest, switches = self.stepper.at(dynamics), self._max_step_time, self._max_switches
+            others.append(Simulator(dynamics, max_step_time=longest, max_switches=switches, stepper=stepper, side=side))
         return (self, *others)
 
     def run(

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.gait import Gait
-from gaitopt.mechanics import CONTACTS, HybridSystem, Mode
+from gaitopt.mechanics import CONTACTS, Dynamics, Mode
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine
 from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, followed_by, phase_names, stack_outcomes
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 if TYPE_CHECKING:
@@ -135,18 +135,19 @@ def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array],
 class StepMap:
     """The return map of one system at fixed parameters for arrays of section coordinates (n, k)."""
 
-    def __init__(self, system: HybridSystem, p: Array, engine: Engine) -> None:
-        self.system, self.p, self._engine = system, p, engine
+    def __init__(self, dynamics: Dynamics, engine: Engine) -> None:
+        self.dynamics, self._engine = dynamics, engine
+        system = dynamics.system
         self.names = system.walker.section_names(slipping=True)
         self._indices = system.section(Mode.SLIP_FORWARD)
         self._lift = RowMap(system.lift)
 
     def __call__(self, xi: Array) -> Returns:
         """One return of every state, a step or, where the legs differ, one with either; see ``section_states``."""
-        (states,) = self._lift(xi, self.p)
-        modes = self.system.walker.modes()
+        (states,) = self._lift(xi, self.dynamics.p)
+        modes = self.dynamics.system.walker.modes()
         walked = self._step(states, 0)
-        for side in range(1, self.system.walker.n_sides()):
+        for side in range(1, self.dynamics.system.walker.n_sides()):
             going = np.flatnonzero(walked.endings == 0)
             if going.size:
                 walked = followed_by(walked, self._step(walked.states[going], side), going, modes)
@@ -157,25 +158,25 @@ class StepMap:
     def _batches(self) -> "list[BatchSimulator]":
         from gaitopt.simulation.batch.simulator import BatchSimulator  # needs heyoka, which is optional
 
-        walker = self.system.walker
-        return [BatchSimulator(self.system, walker.standing(self.p, side)) for side in range(walker.n_sides())]
+        walker = self.dynamics.system.walker
+        return [BatchSimulator(self.dynamics.standing(side)) for side in range(walker.n_sides())]
 
     @cached_property
     def _simulator(self) -> Simulator:
-        return Simulator(self.system, self.p)
+        return Simulator(self.dynamics)
 
     def _step(self, states: Array, side: int) -> BatchSteps:
         """One step of every state, shape (n, n_z), while the leg of this ``side`` stands."""
         if self._engine is Engine.HEYOKA:
             return self._batches[side].step(states)
         simulator = self._simulator.sides[side]
-        return stack_outcomes([simulator.step(state) for state in states], states, self.system.walker.modes())
+        return stack_outcomes([simulator.step(state) for state in states], states, self.dynamics.system.walker.modes())
 
 
 @lru_cache(maxsize=8)
 def _step_map(key: "_ByDigest", p: tuple[float, ...] | None, engine: Engine) -> StepMap:
-    system = build_system(key.problem)
-    return StepMap(system, np.array(p) if p else system.values(key.problem.parameters), engine)
+    dynamics = problem_dynamics(key.problem)
+    return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine)
 
 
 def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:

@@ -14,6 +14,7 @@ from gaitopt.mechanics import (
     ConstantTorque,
     Control,
     CoulombFriction,
+    Dynamics,
     HybridSystem,
     ImpactLaw,
     NoControl,
@@ -65,6 +66,12 @@ def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = N
     return _shared_system(structure)
 
 
+def problem_dynamics(problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> Dynamics:
+    """That system at the parameters of the problem; raises as ``build_system``."""
+    system = build_system(problem, should_stop=should_stop)
+    return Dynamics(system, system.values(problem.parameters))
+
+
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
     """The joint angles of a gait as a reference for a PD law, continued past its end.
 
@@ -75,7 +82,7 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
     if beyond_end is not BeyondEnd.FLOW:
         return continued(pieces, gait.period, beyond_end)
     arc, duration = gait.arcs[-1], gait.period
-    unit = gait.system.state_scales(gait.system.scales(gait.p))
+    unit = gait.dynamics.state_units
     while arc.end < (1 + FLOW_PERIODS) * gait.period:
         beyond = _flow_on(gait, arc, duration)
         if curves.tail(beyond.states / unit) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.period:
@@ -180,6 +187,6 @@ def _flow_on(gait: Gait, arc: Arc, duration: float) -> Arc:
     """The motion of an arc's mode for a while after its end."""
     times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
     data = gait.system.control.data(arc.segment)
-    p = gait.system.walker.standing(gait.p, arc.side)
+    p = gait.dynamics.standing(arc.side).p
     states = integrate_to(gait.system, arc.mode, arc.states[-1], times, p, data)
     return replace(arc, times=times, states=states)

@@ -119,7 +119,7 @@ def test_gait_that_the_simulator_refutes_ends_the_branch_and_the_command_with_5(
     def refuted_in_the_end(gait):
         check = confirm(gait)
         wrong = [replace(claim, passed=False) if claim.name == "period" else claim for claim in check.claims]
-        return check if gait.p[gait.system.parameters.index("friction")] > 0.95 else Verification(claims=tuple(wrong))
+        return check if gait.dynamics.parameter("friction") > 0.95 else Verification(claims=tuple(wrong))
 
     monkeypatch.setattr(continuer, "confirm", refuted_in_the_end)
     code, out, _ = run(*COMMAND, "--json", "--verify-every", "1")

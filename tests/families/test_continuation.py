@@ -16,7 +16,7 @@ from gaitopt.families.continuer import Continuer, Limits
 from gaitopt.families.request import Request
 from gaitopt.families.segment import Metric, Point, Segment
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
-from gaitopt.mechanics import Cycle, Mode
+from gaitopt.mechanics import Cycle, Dynamics, Mode
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.transcription import Transcription
@@ -89,7 +89,7 @@ def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | Spe
     transcription = Transcription(system, plan, ("friction",))
     value = float(gait.p[system.parameters.index("friction")])
     segment = Segment(gait.problem, "friction", transcription, gait.p, Metric.of(gait, gait.period, abs(to - value)))
-    nodes = roll_out(system, gait.p, sequence, gait.state, durations).nodes(plan)
+    nodes = roll_out(Dynamics(system, gait.p), sequence, gait.state, durations).nodes(plan)
     w = transcription.pack(nodes, np.array(durations), (value,))
     point = segment.start(w, np.append(np.zeros(w.size - 1), to - value))
     assert isinstance(point, Point)

@@ -94,7 +94,7 @@ def test_torques_of_a_passive_walker_are_not_drawn_unasked():
 @pytest.mark.parametrize("name", [*SEQUENCES, TORSO])
 def test_a_record_is_enough_to_draw_the_same_motion(name):
     ours = gait(name)
-    again = motion_from_record(ours.system, ours.p, ours.to_record())
+    again = motion_from_record(ours.dynamics, ours.to_record())
     assert [arc.mode for arc in again.steps[0].arcs] == [arc.mode for arc in ours.steps[0].arcs]
     for one, other in zip(again.steps[0].arcs, ours.steps[0].arcs, strict=True):
         np.testing.assert_allclose(one.states[-1], other.states[-1], atol=1e-9)

@@ -57,7 +57,7 @@ def test_masses_of_legs_that_differ_are_drawn_where_they_are():
     gait = named("compass-unequal")
     moved = gait.problem.replace({"walker.leg_com": 0.7})
     motion = motion_of(gait)
-    p = motion.system.values(moved.parameters)
+    p = motion.dynamics.system.values(moved.parameters)
     state = motion.steps[0].arcs[0].states[:1]
     distances = []
     for side in (0, 1):

@@ -31,7 +31,7 @@ def transcribed(gait, free):
     durations = np.array([duration for _, duration in gait.phases])
     plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
     t = Transcription(gait.system, plan, free)
-    values = [gait.p[gait.system.parameters.index(key)] for key in free]
+    values = [gait.dynamics.parameter(key) for key in free]
     return t, t.pack(gait.shooting.states.T, durations, values)
 
 

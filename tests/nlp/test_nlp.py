@@ -7,7 +7,7 @@ import pytest
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Status
-from gaitopt.mechanics import CONTACTS, CompassBiped, HybridSystem, Mode, NoControl
+from gaitopt.mechanics import CONTACTS, CompassBiped, Dynamics, HybridSystem, Mode, NoControl
 from gaitopt.nlp import integrate_to, roll_out, solve_gait
 from gaitopt.nlp.integrator import ORDER, shooting_step
 from gaitopt.nlp.layout import layout
@@ -81,7 +81,7 @@ def test_step_that_outlasts_a_breakpoint_it_did_not_reach_needs_another_layout()
 def test_rollout_finds_the_durations_that_a_solved_gait_has():
     problem, system = passive("compass-passive-a")
     gait = solve_gait(problem, system)
-    rolled = roll_out(system, gait.p, problem.cycle, gait.state)
+    rolled = roll_out(Dynamics(system, gait.p), problem.cycle, gait.state)
     assert np.allclose(rolled.durations, [duration for _, duration in gait.phases], atol=1e-6)
 
 

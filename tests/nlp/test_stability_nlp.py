@@ -51,7 +51,7 @@ def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
     durations = [duration for _, duration in gait.phases]
     plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
     t = Transcription(gait.system, plan, free)
-    values = [gait.p[gait.system.parameters.index(key)] for key in free]
+    values = [gait.dynamics.parameter(key) for key in free]
     w = t.pack(gait.shooting.states.T, np.array(durations), values)
     radius = certified_radius(t)
     symbol = MX.sym("w", w.size)

@@ -24,7 +24,7 @@ def test_it_agrees_with_that_of_the_symbols_away_from_solutions_too(name: str, f
     durations = [duration for _, duration in gait.phases]
     plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
     transcription = Transcription(gait.system, plan.refined(list(gait.shooting.intervals)), free)
-    values = [gait.p[gait.system.parameters.index(key)] for key in free]
+    values = [gait.dynamics.parameter(key) for key in free]
     w = transcription.pack(gait.shooting.states.T, np.array(durations), values)
     w *= 1 + 1e-3 * np.random.default_rng(0).uniform(-1, 1, w.size)
     derivative = jacobian(transcription.equalities, transcription.w)

@@ -13,7 +13,7 @@ import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.problem import load_problem
 from gaitopt.runs import basin_run
 from gaitopt.runs.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
@@ -59,11 +59,11 @@ def test_states_near_the_gait_settle_on_it(gait, basin):
 
 
 def test_fate_of_every_state_is_that_of_the_simulator(gait, basin):
-    simulator = Simulator(gait.system, gait.p, stepper=HeyokaStepper(gait.system, gait.p))
+    simulator = Simulator(gait.dynamics, stepper=HeyokaStepper(gait.dynamics))
     numbers = np.arange(0, GRID.size, 7)
     for number, (rate1, rate2) in zip(numbers, GRID.points(numbers), strict=True):
         index = np.unravel_index(number, GRID.shape)
-        start = gait.system.lift_state(np.array([gait.state[0], rate1, rate2]), gait.p)
+        start = Dynamics(gait.system, gait.p).lift(np.array([gait.state[0], rate1, rate2]))
         walk = simulator.run(start, steps=int(basin.steps[index]) + 1)
         if basin.labels[index] >= 0:
             assert walk.ending is Ending.COMPLETED

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
-from gaitopt.mechanics import HybridSystem
+from gaitopt.mechanics import Dynamics, HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.design.infeasibility import conflicts
 from gaitopt.nlp.design.outcome import RADIUS
@@ -83,7 +83,7 @@ class _Design:
         self._progress, self._should_stop = progress, should_stop
         free = free_parameters(problem, system)
         self.free, self._bounds = tuple(free), np.array(list(free.values())).T
-        self._p = system.values(problem.parameters)
+        self._dynamics = Dynamics(system, system.values(problem.parameters))
 
     def run(self, start: Start) -> Gait:
         """Solve the smoothed problem until the search stays where it is, and then the exact one."""
@@ -99,7 +99,7 @@ class _Design:
                 why = self._conflicts(start)
                 message = "\n".join(cause.words for cause in why) or result.words
                 return self._failed(Status.INFEASIBLE if why else result.status, message, solver, why)
-            durations = program.transcription.unpack(program.motion(result.w))[1]
+            durations = program.transcription.unpack(program.motion(result.w)).durations
             if not program.hits_trust_region(result.w) and self._layout(durations).same_arcs(
                 program.transcription.layout
             ):
@@ -110,9 +110,9 @@ class _Design:
     def _optimum(self, transcription: Transcription, w: Array, iterations: int) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one."""
         reduced = Reduced(self._problem, self.free, self._bounds)
-        refined = refine(transcription, polish(transcription, w, self._p).at)
+        refined = refine(transcription, polish(transcription, w, self._dynamics.p).at)
         for _ in range(MAX_MESHES):
-            point = reduced.first(refined.transcription, refined.at.w, self._p)
+            point = reduced.first(refined.transcription, refined.at.w, self._dynamics.p)
             if point is None:
                 lost = rejection_reason(refined)
                 message = in_words(lost) or "the gait is lost on a finer mesh"
@@ -160,7 +160,7 @@ class _Design:
             transcription,
             bounds=self._bounds,
             w=w,
-            p=self._p,
+            p=self._dynamics.p,
             elastic=elastic,
             progress=self._progress,
             should_stop=self._should_stop,
@@ -173,16 +173,13 @@ class _Design:
         """A solution whose switches have passed a breakpoint, to be cut into arcs again."""
         t = program.transcription
         nodes, durations, freed = t.unpack(program.motion(x))
-        rolled = roll_out(
-            self._system, t.full_parameters(self._p, freed), self._problem.cycle, nodes[:, 0], list(durations)
-        )
+        rolled = roll_out(t.dynamics(self._dynamics.p, freed), self._problem.cycle, nodes[:, 0], list(durations))
         return Start(durations=durations, states=rolled_states(rolled), freed=freed)
 
     def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:
         return Gait(
             problem=self._problem,
-            system=self._system,
-            p=self._p,
+            dynamics=self._dynamics,
             status=status,
             message=words,
             solver=solver,

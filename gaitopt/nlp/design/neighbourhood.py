@@ -155,7 +155,7 @@ class _Search:
         w = self._w + self._slopes @ (freed - self.freed)
         w[-freed.size :] = freed
         at = polish(t, w, gait.p).at
-        if not at.size < SOLVED or not t.layout.in_order(t.unpack(at.w)[1], t.system.control.breakpoints):
+        if not at.size < SOLVED or not t.layout.in_order(t.unpack(at.w).durations, t.system.control.breakpoints):
             return None
         solved = assemble_gait(gait.problem, t, at, errors=np.zeros(t.n_phases), message="", solver={})
         return _measured(solved, at.w)
@@ -191,7 +191,7 @@ def _measured(gait: Gait, w: Array) -> _Values:
 def _margins(gait: Gait) -> list[float]:
     """The least value of every margin along every arc, and those of the impact, in natural units."""
     (step,) = gait.steps
-    system, scales, rows = gait.system, gait.system.scales(gait.p), list[float]()
+    system, scales, rows = gait.system, gait.dynamics.scales, list[float]()
     for arc in step.arcs:
         values = system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, system.control.data(arc.segment))
         names = margin_names(arc.mode)

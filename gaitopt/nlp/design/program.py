@@ -16,6 +16,7 @@ import numpy as np
 from casadi import MX, Function, sum1, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.mechanics import Dynamics
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS, Outcome
 from gaitopt.nlp.design.rows import CLEARANCE
 from gaitopt.nlp.design.spectral_radius import certified_radius
@@ -136,7 +137,7 @@ class Program:
 
     def _physics(self) -> list[Rows]:
         margins, labels = self.transcription.inequalities
-        scales = self.transcription.system.scales(self._p)
+        scales = Dynamics(self.transcription.system, self._p).scales
         least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
         return [_zero("gait", self.transcription.equalities), _positive("margins", margins, least)]
 

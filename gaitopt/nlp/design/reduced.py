@@ -71,7 +71,7 @@ class Reduced:
     def first(self, transcription: Transcription, w: Array, p: Array) -> Point | None:
         """The point at nodes, durations and freed parameters ``w``; None where there is no gait."""
         at = polish(transcription, w, p).at
-        if not at.size < SOLVED or not (transcription.unpack(at.w)[1] > 0).all():
+        if not at.size < SOLVED or not (transcription.unpack(at.w).durations > 0).all():
             return None
         if not self._in_order(transcription, at.w):
             return self._recut(transcription, at.w, p)
@@ -85,12 +85,12 @@ class Reduced:
         return self.first(s.transcription, w, s.at.p)
 
     def _in_order(self, t: Transcription, w: Array) -> bool:
-        return t.layout.in_order(t.unpack(w)[1], t.system.control.breakpoints)
+        return t.layout.in_order(t.unpack(w).durations, t.system.control.breakpoints)
 
     def _recut(self, t: Transcription, w: Array, p: Array) -> Point | None:
         """The same gait on the arcs that it has after a switch has passed a breakpoint of the control."""
         nodes, durations, freed = t.unpack(w)
-        rolled = roll_out(t.system, t.full_parameters(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
+        rolled = roll_out(t.dynamics(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
         plan = layout(t.layout.cycle, durations, t.system.control.breakpoints)
         cut = Transcription(t.system, plan, t.free)
         at = polish(cut, cut.pack(rolled.nodes(plan), durations, freed), p).at
@@ -101,7 +101,7 @@ class Reduced:
             s = sensitivity(t, at)
         except RuntimeError:  # singular
             return None
-        freed = s.transcription.unpack(s.at.w)[2]
+        freed = s.transcription.unpack(s.at.w).freed
         values = Values(Scalars(s), self._radius(s), self.levels)
         if values.escaped(self._problem):
             return None

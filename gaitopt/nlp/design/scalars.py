@@ -72,7 +72,7 @@ class Scalars:
         t, s = self._t, self._s
         if name in t.system.parameters:
             freed = np.array([float(name == other) for other in t.free])
-            return float(s.p[t.system.parameters.index(name)]), freed
+            return s.dynamics.parameter(name), freed
         if name.startswith("state."):
             k = t.system.state_names.index(name.removeprefix("state."))
             return float(s.at.w[k]), s.slopes[k]
@@ -103,7 +103,7 @@ class Scalars:
 
     def margins(self) -> Iterator[tuple[str, float, Piece]]:
         """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact."""
-        t, scales = self._t, self._t.system.scales(self._s.p)
+        t, scales = self._t, self._s.dynamics.scales
         for k, arc in enumerate(self._s.arcs):
             last, mode = t.layout.arcs[k].intervals, arc.arc.mode
             for (name, curve), unit in zip(arc.margins.items(), margin_scales(mode, scales), strict=True):

@@ -16,7 +16,7 @@ from casadi import SX, Function, cse, jacobian, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
-from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names
 from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.shooting_jacobian import step_derivatives
@@ -92,9 +92,9 @@ class Sensitivity:
     arcs: tuple[ArcCurves, ...]
 
     @property
-    def p(self) -> Array:
-        """All parameters, the freed ones put in; shape (n_p,)."""
-        return self.transcription.full_parameters(self.at.p, self.transcription.unpack(self.at.w)[2])
+    def dynamics(self) -> Dynamics:
+        """The system at all its parameters, the freed ones put in."""
+        return self.transcription.dynamics(self.at.p, self.transcription.unpack(self.at.w).freed)
 
 
 def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
@@ -120,7 +120,7 @@ def _arc_curves(t: Transcription, at: Linearisation, slopes: Array, index: int, 
     stretch = ends - starts
     dt = starts + np.multiply.outer((curves.points(arc.times.size) + 1) / 2, stretch)
     dz = _state_slopes(t, at, slopes, index, arc, dt)
-    data, p = system.control.data(layout.segment), t.full_parameters(at.p, t.unpack(at.w)[2])
+    data, p = system.control.data(layout.segment), t.dynamics(at.p, t.unpack(at.w).freed).p
     function = _quantities(system, arc.mode, t.free)
     values, jacobians = (np.asarray(v) for v in function.map(arc.times.size)(arc.times[None], arc.states.T, p, data))
     n_q, n_in = len(values), 1 + system.n_z + len(t.free)
@@ -178,7 +178,7 @@ def _state_slopes(t: Transcription, at: Linearisation, slopes: Array, index: int
     starts, ends = _ends(t, slopes, index)
     d_times = starts + np.multiply.outer(k / layout.intervals, ends - starts)
     at_node = t.layout.first_nodes[index] + k
-    full = t.full_parameters(at.p, freed)
+    full = t.dynamics(at.p, freed).p
     by = step_derivatives(
         t.system,
         layout.mode,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait import ImpactRecord
-from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode
+from gaitopt.mechanics import CONTACTS, Dynamics, ImpactLaw, Mode
 from gaitopt.simulation.batch.steps import ENDINGS, NONE
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.events import EDGE, INSTANT
@@ -45,12 +45,13 @@ class Landing:
 class BatchResolver:
     """ContactResolver about the feet of many states of one system at fixed parameters."""
 
-    def __init__(self, system: HybridSystem, p: Array) -> None:
+    def __init__(self, dynamics: Dynamics) -> None:
+        system, p = dynamics.system, dynamics.p
         self._n_x = system.n_shape
-        self._friction = float(system.static_friction(p))
-        self._stick_first = system.law is ImpactLaw.FRICTIONLESS or system.friction_drops(p)
-        self._one_by_one = ContactResolver(system, p)
-        self._units = units(system, p)
+        self._friction = dynamics.static_friction
+        self._stick_first = system.law is ImpactLaw.FRICTIONLESS or dynamics.friction_drops
+        self._one_by_one = ContactResolver(dynamics)
+        self._units = units(dynamics)
         self._modes = system.walker.modes()
         self._events = [
             HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in self._modes
