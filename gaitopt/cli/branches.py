@@ -30,6 +30,18 @@ def holds_walk(run: str) -> bool:
         return False
 
 
+def holds_front(run: str) -> bool:
+    """Whether ``run`` is a folder with fronts, and no gait, in it."""
+    from gaitopt.runs.front import front_file
+    from gaitopt.store import GAIT_FILE
+
+    folder = Path(run)
+    try:
+        return any(folder.glob(front_file("*"))) and not (folder / GAIT_FILE).is_file()
+    except OSError:  # no name of a folder
+        return False
+
+
 def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
     """Problem, parameter and records of the branch in a run folder."""
     from gaitopt.runs import restore_branch

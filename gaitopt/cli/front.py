@@ -1,19 +1,16 @@
 """``gaitopt front``: what one aim costs in terms of another, as a chain of verified designs."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
 from gaitopt.cli.grids import OverOption, grid
+from gaitopt.cli.maps import DEFAULT_FORMATS, draw_front
 from gaitopt.cli.options import DebugOption, JsonOption, OutOption, ProblemArgument, QuietOption, SetOption
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from rich.console import Console
 
-    from gaitopt.problem import Problem
     from gaitopt.runs.front import FrontPoint
 
 NOT_A_GAIT = 4
@@ -37,7 +34,7 @@ def front(
     from gaitopt.cli.runs import load
     from gaitopt.cli.signals import interruptible
     from gaitopt.library.progress import job_progress
-    from gaitopt.runs.front import check_front, design_front
+    from gaitopt.runs.front import check_front, design_front, front_file
     from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
 
     console = narration(quiet=quiet)
@@ -47,7 +44,7 @@ def front(
     folder = output or run_folder(loaded)
     check_folder(folder, loaded)
     check_front(loaded, axes[0], folder)
-    path = folder / f"front-{axes[0].key}.json"
+    path = folder / front_file(axes[0].key)
     with writing(folder, loaded):
         with interruptible() as interrupted, job_progress(console, "designs") as progress:
             points = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
@@ -56,19 +53,12 @@ def front(
         with replacing(folder, path.name):
             write_whole(path, json_text(record) + "\n")
         with adding(folder, folder) as figures:
-            figures += _draw(loaded, axes[0].key, records, path.with_suffix(""))
+            figures += draw_front(loaded, axes[0].key, records, DEFAULT_FORMATS, folder)
     if json:
         print_json({**record, "file": str(path), "figures": [str(path) for path in figures]})
     else:
         _print(results(), axes[0].key, points, str(path))
     return _exit_code(points)
-
-
-def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", stem: Path) -> list[Path]:
-    from gaitopt.figures.front import front_figure
-    from gaitopt.figures.style import save
-
-    return save(front_figure(problem, key, points), stem)
 
 
 def _exit_code(points: "list[FrontPoint]") -> int:

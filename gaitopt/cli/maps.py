@@ -1,4 +1,4 @@
-"""Pictures of basins and sweeps: as soon as they are finished, and once more from their folders."""
+"""Pictures of basins, sweeps and fronts: as soon as they are finished, and once more from their folders."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from typing import Any
 
+    from gaitopt.problem import Problem
     from gaitopt.runs.basin_tiles import Basin
     from gaitopt.runs.grid import Grid
     from gaitopt.runs.sweep_table import Sweep
@@ -48,6 +50,17 @@ def draw_sweep(result: "Sweep", scalars: "Sequence[str]", formats: "Sequence[str
         for scalar in scalars
     ]
     return [path for paths in drawn for path in paths]
+
+
+def draw_front(
+    problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", formats: "Sequence[str]", folder: Path
+) -> list[Path]:
+    """Draw a front into a folder, beside its file; the files."""
+    from gaitopt.figures.front import front_figure
+    from gaitopt.figures.style import save
+    from gaitopt.runs.front import front_file
+
+    return save(front_figure(problem, key, points), folder / Path(front_file(key)).stem, formats)
 
 
 def map_in(run: str) -> str | None:

@@ -1,16 +1,16 @@
-"""``gaitopt plot``: figures of a gait, a branch, a basin or a sweep, and the moving walker."""
+"""``gaitopt plot``: figures of a gait, a branch, a basin, a sweep or a front, and the moving walker."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitopt.cli.maps import DEFAULT_FORMATS, Format, check_words, draw_again, map_in
+from gaitopt.cli.maps import DEFAULT_FORMATS, Format, check_words, draw_again, draw_front, map_in
 from gaitopt.cli.options import DebugOption, QuietOption, SetOption
 from gaitopt.cli.solve import NOT_A_GAIT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from gaitopt.gait import Gait
 
@@ -49,14 +49,13 @@ def plot(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin or a sweep.
+    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin, a sweep or a front.
 
     Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
     Of a walk that `simulate -o` has stored: section (states step by step), portrait, force, slip, torques, animation.
     Of a branch: multipliers, or any scalar of the result, spectral_radius for instance. Of a sweep, whose own folder
-    is given as RUN: any scalar of the result.
+    is given as RUN: any scalar of the result. Of a front: front.
     """
-    from gaitopt.cli.branches import holds_branch, holds_walk
     from gaitopt.cli.console import narration, results
     from gaitopt.cli.gaits import stored_gaits
     from gaitopt.store import adding, check_writable
@@ -69,8 +68,7 @@ def plot(
     if kind is not None:
         with adding(own.resolve().parent, output or own) as written:
             written += draw_again(kind, own, what, drawn, output or own)
-    elif len(runs) == 1 and (holds_branch(runs[0]) or holds_walk(runs[0])):
-        draw = _plot_branch if holds_branch(runs[0]) else _plot_walk
+    elif len(runs) == 1 and (draw := _other_kind(runs[0])):
         with adding(own, output or own / FIGURES) as written:
             written += draw(own, what, drawn, output or own / FIGURES)
     else:
@@ -83,6 +81,14 @@ def plot(
     for path in written:
         results().print(str(path), soft_wrap=True)
     return 0
+
+
+def _other_kind(run: str) -> "Callable[[Path, list[str] | None, Sequence[str], Path], list[Path]] | None":
+    """What draws a run folder that holds no gait."""
+    from gaitopt.cli.branches import holds_branch, holds_front, holds_walk
+
+    kinds = {holds_branch: _plot_branch, holds_walk: _plot_walk, holds_front: _plot_fronts}
+    return next((draw for holds, draw in kinds.items() if holds(run)), None)
 
 
 def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
@@ -136,4 +142,12 @@ def _plot_branch(run: Path, what: list[str] | None, formats: "Sequence[str]", fo
     problem, parameter, records = stored_branch(str(run))
     words = what or usual_branch_figures(records)
     drawn = [save(branch_figure(word, problem, parameter, records), folder / word, formats) for word in words]
+    return [path for paths in drawn for path in paths]
+
+
+def _plot_fronts(run: Path, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
+    from gaitopt.runs.front import read_fronts
+
+    check_words(what or [], ("front",))
+    drawn = [draw_front(front.problem, front.key, front.to_records(), formats, folder) for front in read_fronts(run)]
     return [path for paths in drawn for path in paths]

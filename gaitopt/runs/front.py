@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from gaitopt.display import Plotted
-from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import data_frame
 from gaitopt.problem import Problem
@@ -18,7 +18,7 @@ from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
-from gaitopt.store import begin_run, writing
+from gaitopt.store import begin_run, read_object, read_problem, writing
 from gaitopt.workers.jobs import Workers
 
 if TYPE_CHECKING:
@@ -132,6 +132,30 @@ def design_front(
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
     return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+
+
+def front_file(key: str) -> str:
+    """Name of the file of a front over this key in its run folder."""
+    return f"front-{key}.json"
+
+
+def read_fronts(folder: Path) -> list[Front]:
+    """The fronts in a run folder.
+
+    Raises
+    ------
+    StorageError
+        If the folder is not a run, or a file is broken.
+    """
+    problem, fronts = read_problem(folder), list[Front]()
+    for path in sorted(folder.glob(front_file("*"))):
+        record = read_object(folder, path.name)
+        try:
+            points = [FrontPoint(value=r["value"], gait=r, pareto=r["pareto"]) for r in record["points"]]
+            fronts.append(Front(problem=problem, key=record["over"].partition("=")[0], points=tuple(points)))
+        except (KeyError, TypeError, AttributeError) as error:
+            raise StorageError(f"{path} does not hold a front ({error!r})") from error
+    return fronts
 
 
 def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
