@@ -34,8 +34,8 @@ def front(
     from gaitopt.cli.runs import load
     from gaitopt.cli.signals import interruptible
     from gaitopt.library.progress import job_progress
-    from gaitopt.runs.front import check_front, design_front, front_file
-    from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
+    from gaitopt.runs.front import check_front, design_front, front_file, front_record
+    from gaitopt.store import adding, check_folder, run_folder, writing
 
     console = narration(quiet=quiet)
     axes, loaded = grid(over).axes, load(problem, changes, console)
@@ -48,12 +48,9 @@ def front(
     with writing(folder, loaded):
         with interruptible() as interrupted, job_progress(console, "designs") as progress:
             points = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
-        records = [point.to_record() for point in points]
-        record = {"problem": loaded.name, "over": str(axes[0]), "points": records}
-        with replacing(folder, path.name):
-            write_whole(path, json_text(record) + "\n")
+        record = front_record(loaded, axes[0], points)
         with adding(folder, folder) as figures:
-            figures += draw_front(loaded, axes[0].key, records, DEFAULT_FORMATS, folder)
+            figures += draw_front(loaded, axes[0].key, record["points"], DEFAULT_FORMATS, folder)
     if json:
         print_json({**record, "file": str(path), "figures": [str(path) for path in figures]})
     else:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion, running
 from gaitopt.figures.packing import pack
 from gaitopt.figures.skeleton import Skeleton, skeleton, slope

@@ -23,7 +23,7 @@ class Label:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """The parameter of a branch as figures and pages show it: an angle in degrees where the problem's file has it so."""
+    """The parameter of a branch as figures and pages show it: in degrees where the problem's file gives degrees."""
 
     key: str
     in_degrees: bool = False

@@ -18,7 +18,7 @@ CROSSING, ON_CIRCLE = "#d55e00", 1e-3
 """Colour of the rings; and how near the circle a multiplier of such a point lies at most."""
 MARKERS = "osD^v"
 SMALLEST_REACH, LARGEST_REACH = 1.15, 2.0
-"""Half width of the picture: the unit circle and a margin, and what can be seen beside it; larger ones are at the edge."""
+"""Half width of the picture: the unit circle and a margin; and at most so much that the circle is still seen."""
 SAME_PLACE = 0.1
 """Crossings this close share their text."""
 

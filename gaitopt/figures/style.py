@@ -111,7 +111,7 @@ def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
 
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
-    """A legend under the axes, in as many columns as fit; long entries are wrapped, and the figure grows by many rows."""
+    """A legend under the axes, in as many columns as fit; long entries are wrapped, and the figure grows with it."""
     for handle in handles:
         handle.set_label(fill(str(handle.get_label()), LEGEND_CHARACTERS - LEGEND_LINE))
     lines = [str(handle.get_label()).split("\n") for handle in handles]

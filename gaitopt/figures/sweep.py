@@ -72,9 +72,7 @@ def axis_label(axis: Axis) -> str:
     return str(Parameter(key=axis.key, in_degrees=axis.unit == "deg").label)
 
 
-def _crosses(
-    axes: Axes, grid: Grid, records: Sequence[Mapping[str, Any]], *, searched: bool
-) -> Iterator[Line2D]:
+def _crosses(axes: Axes, grid: Grid, records: Sequence[Mapping[str, Any]], *, searched: bool) -> Iterator[Line2D]:
     """Mark where there is no gait, one colour per reason; the legend's entries."""
     places = np.array([[float(v) for v in point] for point in grid.points(np.arange(grid.size))])
     places = np.where([axis.unit == "deg" for axis in grid.axes], np.degrees(places), places)
@@ -84,7 +82,9 @@ def _crosses(
         x = [place[0] for own, place in failed if own == status]
         y = [FOOT if flat else place[1] for own, place in failed if own == status]
         look: Any = {"marker": "x", "linestyle": "", "color": colour, "markeredgewidth": 1.5}
-        axes.plot(x, y, **look, markersize=6 if flat else 4, **({"transform": axes.get_xaxis_transform()} if flat else {}))
+        axes.plot(
+            x, y, **look, markersize=6 if flat else 4, **({"transform": axes.get_xaxis_transform()} if flat else {})
+        )
         yield entry(_reason(status, searched=searched), **look)
 
 

@@ -18,7 +18,7 @@ from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
-from gaitopt.store import begin_run, read_object, read_problem, writing
+from gaitopt.store import begin_run, json_text, read_object, read_problem, replacing, write_whole, writing
 from gaitopt.workers.jobs import Workers
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def design_front(
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> list[FrontPoint]:
-    """Designs for every value of an axis, in its order.
+    """Designs for every value of an axis, in its order, kept in a file of the run folder.
 
     Parameters
     ----------
@@ -131,7 +131,16 @@ def design_front(
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
-    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+        points = [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+        name = front_file(axis.key)
+        with replacing(folder, name):
+            write_whole(folder / name, json_text(front_record(problem, axis, points)) + "\n")
+    return points
+
+
+def front_record(problem: Problem, axis: Axis, points: Iterable[FrontPoint]) -> Record:
+    """The JSON object of a front."""
+    return {"problem": problem.name, "over": str(axis), "points": [point.to_record() for point in points]}
 
 
 def front_file(key: str) -> str:

@@ -1,4 +1,4 @@
-"""What a run folder without a gait holds instead: a branch, a walk, a front, or basins and sweeps in their own folders."""
+"""What a run folder holds instead of a gait: a branch, a walk, a front, or basins and sweeps in their own folders."""
 
 from pathlib import Path
 
