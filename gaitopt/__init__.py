@@ -10,8 +10,9 @@ if TYPE_CHECKING:
     from gaitopt.display import Page
     from gaitopt.errors import GaitoptError
     from gaitopt.gait import Branch, Gait, Status, Trajectory
-    from gaitopt.library.calls import basin, continuation, find, front, multistart, solve, sweep
+    from gaitopt.library.calls import continuation, find, solve
     from gaitopt.library.display import animate, plot, report
+    from gaitopt.library.runs import basin, front, multistart, sweep
     from gaitopt.library.stored import load_run
     from gaitopt.mechanics.consistency import check_walker
     from gaitopt.mechanics.cycle import Cycle, ModeSequence
@@ -92,22 +93,22 @@ _HOME = {
     "Walk": "gaitopt.study",
     "Walker": "gaitopt.mechanics.walker",
     "animate": "gaitopt.library.display",
-    "basin": "gaitopt.library.calls",
+    "basin": "gaitopt.library.runs",
     "check_walker": "gaitopt.mechanics.consistency",
     "continuation": "gaitopt.library.calls",
     "explain": "gaitopt.search.explain",
     "find": "gaitopt.library.calls",
-    "front": "gaitopt.library.calls",
+    "front": "gaitopt.library.runs",
     "load_problem": "gaitopt.problem",
     "load_run": "gaitopt.library.stored",
-    "multistart": "gaitopt.library.calls",
+    "multistart": "gaitopt.library.runs",
     "plot": "gaitopt.library.display",
     "prove": "gaitopt.proof",
     "report": "gaitopt.library.display",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",
     "solve": "gaitopt.library.calls",
-    "sweep": "gaitopt.library.calls",
+    "sweep": "gaitopt.library.runs",
     "verify": "gaitopt.study",
 }
 

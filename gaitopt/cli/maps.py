@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any
+    from collections.abc import Sequence
 
-    from gaitopt.problem import Problem
     from gaitopt.runs.basin_tiles import Basin
+    from gaitopt.runs.front import Front
     from gaitopt.runs.grid import Grid
     from gaitopt.runs.sweep_table import Sweep
 
@@ -52,15 +51,14 @@ def draw_sweep(result: "Sweep", scalars: "Sequence[str]", formats: "Sequence[str
     return [path for paths in drawn for path in paths]
 
 
-def draw_front(
-    problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", formats: "Sequence[str]", folder: Path
-) -> list[Path]:
+def draw_front(result: "Front", formats: "Sequence[str]", folder: Path) -> list[Path]:
     """Draw a front into a folder, beside its file; the files."""
     from gaitopt.figures.front import front_figure
     from gaitopt.figures.style import save
     from gaitopt.runs.front import front_file
 
-    return save(front_figure(problem, key, points), folder / Path(front_file(key)).stem, formats)
+    figure = front_figure(result.problem, result.key, result.to_records())
+    return save(figure, folder / Path(front_file(result.key)).stem, formats)
 
 
 def map_in(run: str) -> str | None:

@@ -1,16 +1,16 @@
-"""Where ``gaitopt solve`` starts: a known gait instead of the file's guess, and many sampled guesses around it."""
+"""Where ``gaitopt solve`` starts: from a known gait instead of the file's guess, or from many sampled guesses."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from rich.console import Console
+from gaitopt.cli.branches import stored_branch
+from gaitopt.cli.runs import gait_of
+from gaitopt.cli.terminal import Terminal
+from gaitopt.errors import ProblemError, SolveError, StorageError
 
+if TYPE_CHECKING:
     from gaitopt.problem import Problem
-    from gaitopt.runs.multistart import Optimum
-    from gaitopt.workers.jobs import Workers
 
 LARGEST_SPREAD = 0.99
 """Below one, no coordinate of a sample changes its sign."""
@@ -26,7 +26,6 @@ StartOption = Annotated[
 StartsOption = Annotated[
     int, typer.Option("--starts", min=1, help="Solve from so many guesses, sampled around the first; keep the best.")
 ]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the sampled guesses.")]
 SpreadOption = Annotated[
     float,
     typer.Option(
@@ -35,22 +34,11 @@ SpreadOption = Annotated[
 ]
 
 
-def started(problem: "Problem", start: str, console: "Console") -> "Problem":
-    """The problem with a known gait as its guess.
-
-    Raises
-    ------
-    ProblemError
-        If it is a gait of another walker.
-    SolveError
-        If what is named is no gait.
-    StorageError
-        If there is no such point.
-    """
-    from gaitopt.errors import ProblemError
+def started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
+    """The problem with a known gait as its guess."""
     from gaitopt.study.warm import guessed_from
 
-    source, record, known = _branch_point(start) if "@" in start else _gait(start, console)
+    source, record, known = _branch_point(start) if "@" in start else _gait(start, terminal)
     if source.walker.model != problem.walker.model:
         raise ProblemError(
             f"--start {start}: a gait of {source.walker.model}, but {problem.name} has {problem.walker.model}"
@@ -58,62 +46,16 @@ def started(problem: "Problem", start: str, console: "Console") -> "Problem":
     return guessed_from(problem, record, known)
 
 
-def sampled_optima(
-    problem: "Problem", starts: int, folder: Path, seed: int, spread: float, workers: "Workers", console: "Console"
-) -> "list[Optimum]":
-    """What the starts have found; each is kept in the run folder as soon as it is there.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C was pressed.
-    """
-    from gaitopt.cli.signals import interruptible
-    from gaitopt.library.progress import job_progress
-    from gaitopt.runs.multistart import multistart
-
-    with interruptible() as interrupted, job_progress(console, "starts") as progress:
-        return multistart(
-            problem,
-            starts,
-            folder,
-            seed=seed,
-            spread=spread,
-            workers=workers,
-            progress=progress,
-            should_stop=interrupted,
-        )
-
-
-def print_optima(console: "Console", optima: "list[Optimum]", starts: int) -> None:
-    """One line per distinct solution."""
-    converged = sum(len(optimum.starts) for optimum in optima)
-    console.print(f"{starts} starts: {converged} found a gait, {len(optima)} of them distinct")
-    for optimum in optima:
-        times = f"{len(optimum.starts)} start{'s' if len(optimum.starts) > 1 else ''}"
-        checked = "verified" if optimum.verified else "REFUTED"
-        gait = f"period {optimum.record['period']:.6g} s, radius {optimum.radius:.4g}"
-        console.print(f"  objective {optimum.objective:.9g}, {gait}, {times}, {checked}")
-
-
-def _gait(run: str, console: "Console") -> "tuple[Problem, dict[str, Any], dict[str, float]]":
-    from gaitopt.cli.runs import gait_of
-    from gaitopt.errors import SolveError
-
-    gait, _, _ = gait_of(run, None, None, console)
+def _gait(run: str, terminal: Terminal) -> "tuple[Problem, dict[str, Any], dict[str, float]]":
+    gait, _, _ = gait_of(run, None, None, terminal)
     if not gait.converged:
         raise SolveError(f"--start {run}: {gait.status}: {gait.message}")
     return gait.problem, gait.to_record(), gait.dynamics.parameters
 
 
 def _branch_point(start: str) -> "tuple[Problem, dict[str, Any], dict[str, float]]":
-    from gaitopt.cli.branches import holds_branch, stored_branch
-    from gaitopt.errors import StorageError
-
     run, _, place = start.rpartition("@")
-    if not holds_branch(run):
-        raise StorageError(f"--start {start}: {run} holds no branch; `gaitopt continue` writes one")
-    problem, parameter, records = stored_branch(run)
+    problem, parameter, records = stored_branch(run, f"--start {start}: ")
     points = {f"{r['branch']}.{r['index']}": r for r in records if r.get("record") == "point"}
     if place not in points:
         raise StorageError(

@@ -62,12 +62,13 @@ def find_change(segment: Segment, event: Location) -> Change:
     for side in (ahead, -ahead):
         for cycle in candidates:
             for distance in DISTANCES:
-                found = _attempt(segment, event.point, cycle, side * distance * segment.metric.span)
-                if found is not None and _is_continuous(segment, event.point, *found, side * distance):
+                offset = side * distance * segment.metric.span
+                successor = _attempt(segment, event.point, cycle, offset)
+                if successor is not None and _is_continuous(segment, event.point, *successor, offset):
                     vanished = len(cycle.phases) < len(segment.cycle.phases)
-                    at = _seen_from_behind(*found, event) if vanished else None
+                    at = _seen_from_behind(*successor, event) if vanished else None
                     length = FIRST_STEPS * distance
-                    return Change(segment=found[0], point=found[1], reason=words, length=length, at=at)
+                    return Change(segment=successor[0], point=successor[1], reason=words, length=length, at=at)
     if event.point.gait.dynamics.friction_drops and candidates:
         words = f"{words}, and the return map jumps: static friction is above kinetic friction"
     tried = " or ".join(map(str, candidates)) or "none"
@@ -85,9 +86,9 @@ def alternatives(segment: Segment, point: Point, known: Sequence[Cycle]) -> Iter
     for cycle in candidates:
         offsets = (side * distance * segment.metric.span for distance in DISTANCES for side in (1.0, -1.0))
         attempts = (_attempt(segment, point, cycle, offset) for offset in offsets)
-        found = next((attempt for attempt in attempts if attempt is not None), None)
-        if found is not None and halved_cycle(found[1].gait) is None:
-            yield found
+        successor = next((attempt for attempt in attempts if attempt is not None), None)
+        if successor is not None and halved_cycle(successor[1].gait) is None:
+            yield successor
 
 
 def in_turn(first: Cycle, second: Cycle) -> Cycle:
@@ -97,7 +98,7 @@ def in_turn(first: Cycle, second: Cycle) -> Cycle:
     return Cycle((*before, joint, *after, ModeSequence(last_of_second.phases, last_of_first.impact)))
 
 
-def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Point, offset: float) -> bool:
+def _is_continuous(segment: Segment, point: Point, successor: Segment, far: Point, offset: float) -> bool:
     """Whether a successor comes closer to the gait at the event as the parameter does.
 
     Where friction drops at the onset of slip, the return map may jump at an event; a gait beyond the jump is none of
@@ -105,11 +106,11 @@ def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Po
     """
     if not point.gait.dynamics.friction_drops:
         return True
-    closer = _attempt(segment, point, successor.cycle, offset * CLOSER * segment.metric.span)
+    closer = _attempt(segment, point, successor.cycle, offset * CLOSER)
     if closer is None:
         return False
-    near, far = (segment.metric.apart(s.gait.state, point.gait.state) for s in (closer[1], found))
-    return bool(near < max(APPROACH * far, SAME))
+    distances = [segment.metric.apart(other.gait.state, point.gait.state) for other in (closer[1], far)]
+    return bool(distances[0] < max(APPROACH * distances[1], SAME))
 
 
 def _active(point: Point, located: MonitorKey | None = None) -> list[tuple[MonitorKey, MonitorValue]]:
@@ -136,10 +137,10 @@ def _attempt(segment: Segment, point: Point, cycle: Cycle, offset: float) -> tup
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
     successor, w = segment_through(problem, dynamics, segment.parameter, segment.metric, rolled)
-    found = successor.start(w, _forward(point, states[0], offset, w.size))
-    if found is None or not _holds(successor, found, point):
+    first = successor.start(w, _forward(point, states[0], offset, w.size))
+    if first is None or successor.metric.apart(first.gait.state, point.gait.state) >= NEARBY or not holds(first):
         return None
-    return successor, found
+    return successor, first
 
 
 def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point | None:
@@ -154,8 +155,8 @@ def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point 
     if behind is None:
         return None
     lost = [name for name in behind.monitors if behind.monitor(name) <= 0 < point.monitor(name)]
-    found = [locate(segment, point, behind, length, partial(Point.monitor, name=name), name) for name in lost]
-    nearest = min(found, key=lambda location: abs(location.length), default=None)
+    zeros = [locate(segment, point, behind, length, partial(Point.monitor, name=name), name) for name in lost]
+    nearest = min(zeros, key=lambda location: abs(location.length), default=None)
     return nearest.point if nearest is not None and nearest.status == "converged" else None
 
 
@@ -193,11 +194,6 @@ def _forward(point: Point, state: Array, offset: float, n_w: int) -> Array:
     forward[: state.size] = state - point.gait.state
     forward[-1] = offset
     return forward
-
-
-def _holds(successor: Segment, found: Point, point: Point) -> bool:
-    """The gait is next to the one at the event, all its monitors hold, and the simulator walks it."""
-    return successor.metric.apart(found.gait.state, point.gait.state) < NEARBY and holds(found)
 
 
 def holds(point: Point) -> bool:

@@ -18,13 +18,9 @@ from numpy.polynomial import chebyshev
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, curves
+from gaitopt.gait.early_fall import SHORT, lowest_after_rise
 from gaitopt.mechanics import Mode, ending_margin, margin, margin_names, margin_scales, margin_unit
 
-SHORT = 1e-4
-"""Phases shorter than this part of the period are judged by their duration alone: the rest is rounding."""
-CLEAR = 1e-3
-"""Part of its largest clearance above which the swing foot has left the ground: next to a phase of no duration, or of
-less, the clearance that it starts from is not exactly zero."""
 OPEN = 1.0
 """Value of a monitor that is far from anything."""
 
@@ -71,9 +67,8 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
         margins = [_margins(gait, arc) for arc in group]
         for row, kind in enumerate(margin_names(modes[phase])):
             if kind != "upright" and not margin(kind).rises:
-                zeros = _zeros(gait, phase, kind)
-                found = [_lowest(m[row], *_own(zeros, arc, whole)) for m, arc in zip(margins, group, strict=True)]
-                yield MonitorKey(kind, phase), _combine(found, group, whole)
+                values = [own[row] for own in margins]
+                yield MonitorKey(kind, phase), _lowest(values, _zeros(gait, phase, kind), group, whole)
         if gait.problem.cycle.starts_from_rest(phase) and gait.dynamics.friction_drops:
             yield MonitorKey("onset", phase), MonitorValue(_beyond_cone(gait, whole[0]), 0.0)
     for first, step in zip(gait.problem.cycle.first_phases, gait.steps, strict=True):
@@ -81,7 +76,7 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
             within = [name in margin_names(arc.mode) for arc in step.arcs]
             last = max(phase for phase, has in zip(step.arc_phases, within, strict=True) if has)
             own = [arc for arc, has in zip(step.arcs, within, strict=True) if has]
-            yield MonitorKey(name, first + last), MonitorValue(_second_fall(gait, name, own))
+            yield MonitorKey(name, first + last), MonitorValue(_early_fall(gait, name, own))
 
 
 def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
@@ -104,16 +99,15 @@ def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
     return start, int(after is not None and kind == ending_margin(cycle.phases[phase], after))
 
 
-def _own(zeros: tuple[int, int], arc: Arc, whole: list[Arc]) -> tuple[int, int]:
-    return (zeros[0] if arc is whole[0] else 0), (zeros[1] if arc is whole[-1] else 0)
-
-
-def _lowest(values: Array, start: int, end: int) -> tuple[float, float]:
-    """Where in [-1, 1] the margin without its zeros is lowest, and its value there."""
-    if start or end:
-        values = _deflation(values.size, start, end) @ values
-    at, lowest = curves.maximum(-values)
-    return at, -lowest
+def _lowest(values: list[Array], zeros: tuple[int, int], group: list[Arc], whole: list[Arc]) -> MonitorValue:
+    """The lowest value of a margin without its zeros, on some of the arcs of a phase, and where in the phase it is."""
+    minima = []
+    for arc, own in zip(group, values, strict=True):
+        start, end = zeros[0] * (arc is whole[0]), zeros[1] * (arc is whole[-1])
+        at, height = curves.maximum(-(_deflation(own.size, start, end) @ own if start or end else own))
+        time = arc.start + arc.duration * (at + 1) / 2
+        minima.append((-height, (time - whole[0].start) / (whole[-1].end - whole[0].start)))
+    return MonitorValue(*minima[int(np.argmin([value for value, _ in minima]))])
 
 
 @lru_cache(maxsize=64)
@@ -128,29 +122,9 @@ def _deflation(count: int, start: int, end: int) -> Array:
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
-def _combine(found: list[tuple[float, float]], group: list[Arc], whole: list[Arc]) -> MonitorValue:
-    index = int(np.argmin([value for _, value in found]))
-    at, value = found[index]
-    arc = group[index]
-    time = arc.start + arc.duration * (at + 1) / 2
-    return MonitorValue(value, (time - whole[0].start) / (whole[-1].end - whole[0].start))
-
-
-def _second_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
-    """Lowest interior minimum of a margin after it has risen from zero: below zero it falls earlier, as a touchdown."""
-    lowest, armed = OPEN, False
-    clearances = [_margins(gait, arc)[margin_names(arc.mode).index(name)] for arc in arcs]
-    level, period = CLEAR * max(float(values.max()) for values in clearances), abs(arcs[-1].end)
-    for arc, values in zip(arcs, clearances, strict=True):
-        if arc.duration < SHORT * period:
-            continue
-        c = curves.coefficients(values)
-        minima = [s for s in curves.roots(_slope(c)) if curves.evaluate(_derivative(c, 2), s) > 0]
-        for s in minima:
-            if armed or (values[curves.points(values.size) < s] > level).any():
-                lowest = min(lowest, float(curves.evaluate(c, s)))
-        armed = armed or bool((values[:-1] > level).any())
-    return lowest
+def _early_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
+    margins = [_margins(gait, arc)[margin_names(arc.mode).index(name)] for arc in arcs]
+    return min(OPEN, lowest_after_rise([arc.times for arc in arcs], margins)[0])
 
 
 def _beyond_cone(gait: Gait, arc: Arc) -> float:
@@ -160,32 +134,17 @@ def _beyond_cone(gait: Gait, arc: Arc) -> float:
     return -float(margins[margin_names(stick).index(ending_margin(stick, arc.mode))])
 
 
-def _slope(c: Array) -> Array:
-    return np.asarray(curves.evaluate(_derivative(c, 1), curves.points(c.size)))
-
-
-def _derivative(c: Array, order: int) -> Array:
-    return np.asarray(chebyshev.chebder(c, order), dtype=float)
-
-
 def _margins(gait: Gait, arc: Arc) -> Array:
     values = gait.dynamics.standing(arc.side).margins(arc.mode, arc.segment, arc.times, arc.states)
     return np.asarray(values / margin_scales(arc.mode, gait.dynamics.scales)).T
 
 
 def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
-    cycle, arcs = gait.problem.cycle, _arcs_by_phase(gait)
+    """Margins of every impact in natural units."""
+    cycle, arcs, scales = gait.problem.cycle, _arcs_by_phase(gait), gait.dynamics.scales
     for phase, mode in cycle.resets:
-        at = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}
-        for kind, value in _impact_monitors(gait, mode, arcs[phase][-1]):
-            yield MonitorKey(kind, **at), MonitorValue(float(value))
-
-
-def _impact_monitors(gait: Gait, mode: Mode, last: Arc) -> Iterator[tuple[str, float]]:
-    """Margins by name of the impact after an arc, in natural units."""
-    scales = gait.dynamics.scales
-    margins = gait.dynamics.standing(last.side).impact_margins(mode, last.states[-1])
-    for name, value in margins.items():
-        if name == "touchdown_rate" or (name == "impact_onset" and not gait.dynamics.friction_drops):
-            continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
-        yield name, value / margin_unit(name, scales)
+        at, last = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}, arcs[phase][-1]
+        for kind, value in gait.dynamics.standing(last.side).impact_margins(mode, last.states[-1]).items():
+            if kind == "touchdown_rate" or (kind == "impact_onset" and not gait.dynamics.friction_drops):
+                continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
+            yield MonitorKey(kind, **at), MonitorValue(float(value) / margin_unit(kind, scales))

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from gaitopt.errors import ProblemError
-from gaitopt.families.limits import Limits
+from gaitopt.families.limits import LARGEST_LENGTH, Limits
 from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey
 from gaitopt.families.segment import Point, Segment
@@ -31,7 +31,7 @@ class Position:
     segment, point : the branch, and the gait on it.
     number, index : of the branch, and of the gait on it.
     length : arclength of the next step.
-    limits : of the parameter and of the step.
+    limits : of the parameter.
     """
 
     segment: Segment
@@ -95,7 +95,7 @@ class Position:
         if point.curve_point.iterations > MANY_ITERATIONS:
             return length / 2
         growth = GROWTH if point.curve_point.iterations <= FEW_ITERATIONS else 1.0
-        return min(growth * length, self.limits.largest_length)
+        return min(growth * length, LARGEST_LENGTH)
 
     def _first_event(self, point: Point, length: float) -> Location | None:
         """The first place on the step at which a monitor falls to zero."""

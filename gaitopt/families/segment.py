@@ -39,10 +39,10 @@ class Metric:
     span: float
 
     @staticmethod
-    def of(gait: Gait, period: float, span: float) -> "Metric":
+    def of(gait: Gait, span: float) -> "Metric":
         """The metric of the family that begins with ``gait``."""
         unit = gait.dynamics.state_units
-        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=period, span=span)
+        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=gait.period, span=span)
 
     def scales(self, section: NDArray[np.intp], n_phases: int) -> Array:
         """Of section coordinates, durations and parameter; shape (n_xi + n_phases + 1,)."""
@@ -55,7 +55,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a segment with its gait; what is watched is computed when it is asked for.
+    """A point of a segment with its gait; monitors and test functions are computed on first use.
 
     Attributes
     ----------

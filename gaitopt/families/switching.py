@@ -1,4 +1,4 @@
-"""Other branches through a special point: where a family gains a second one, its first gaits are found.
+"""Other branches through a special point: the first gaits of a family that begins there.
 
     period doubling  the cycle twice over; at a multiplier -1 the second branch through it has unlike halves
     branch point     the second curve of solutions; both of its halves
@@ -68,13 +68,7 @@ def motion_of(gait: Gait, times: int = 1) -> Rollout:
 
 
 def started(gait: Gait, parameter: str, metric: Metric, ahead: float) -> Beginning:
-    """The branch of a gait, and its first point with the tangent in the direction ``ahead`` of the parameter.
-
-    Raises
-    ------
-    SolveError
-        If Newton's method fails at it.
-    """
+    """The branch of a gait, and its first point with the tangent in the direction ``ahead`` of the parameter."""
     segment, w = segment_through(gait.problem, gait.dynamics, parameter, metric, motion_of(gait))
     forward = np.zeros(w.size)
     forward[-1] = ahead

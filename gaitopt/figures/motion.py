@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from gaitopt.families.records import POINTS, recorded_steps
 from gaitopt.figures.labels import Label, label
 from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
 from gaitopt.mechanics import Dynamics, Mode, Walker
-from gaitopt.runs.recorded import POINTS, recorded_steps
 from gaitopt.study.simulate import Walk
 
 SMOOTH = 120

@@ -64,7 +64,7 @@ def skeleton(motion: Motion, states: Array, sides: Sequence[int] = (0,)) -> Skel
     if lines:
         contact = points.shape[1] - 1
         return Skeleton(points=points, legs=_strokes(lines, 2 + mass.size), discs=discs, contact=contact)
-    draw = _DRAWINGS.get(walker, _rigid_parts)
+    draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
     return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), motion)
 
 
@@ -82,7 +82,7 @@ def _strokes(lines: tuple[int, ...], first: int) -> tuple[tuple[int, int], ...]:
 
 
 def _compass(bare: Skeleton, motion: Motion) -> Skeleton:
-    """Bodies are leg, hip, leg: both legs end in the hip."""
+    """Bodies are leg, hip, leg, also of the walkers that derive from the compass: both legs end in the hip."""
     return Skeleton(points=bare.points, legs=((0, 3), (3, 1)), discs=bare.discs)
 
 

@@ -82,9 +82,8 @@ def _crosses(axes: Axes, grid: Grid, records: Sequence[Mapping[str, Any]], *, se
         x = [place[0] for own, place in failed if own == status]
         y = [FOOT if flat else place[1] for own, place in failed if own == status]
         look: Any = {"marker": "x", "linestyle": "", "color": colour, "markeredgewidth": 1.5}
-        axes.plot(
-            x, y, **look, markersize=6 if flat else 4, **({"transform": axes.get_xaxis_transform()} if flat else {})
-        )
+        height = axes.get_xaxis_transform() if flat else axes.transData
+        axes.plot(x, y, **look, markersize=6 if flat else 4, transform=height)
         yield entry(_reason(status, searched=searched), **look)
 
 
@@ -118,7 +117,7 @@ def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, radii: Arra
     if min(radii.shape) < 2 or not known.size or not known.min() < BOUNDARY < known.max():
         return []
     line = axes.contour(first, second, np.ma.masked_invalid(radii.T), levels=[BOUNDARY], colors=LOST, linewidths=2)
-    drawn_at_all = any(len(path.vertices) for path in line.get_paths())  # not where its neighbours have no gait
+    drawn_at_all = any(np.size(path.vertices) for path in line.get_paths())  # not where its neighbours have no gait
     return [entry("spectral radius 1: stability lost", color=LOST, linewidth=2)] if drawn_at_all else []
 
 

@@ -144,6 +144,12 @@ def critical(values: Array) -> Array:
     return roots(evaluate(np.append(c, 0.0), points(values.shape[0])))
 
 
+def minima(values: Array) -> Array:
+    """Points in (-1, 1) where the curve has minima, ascending."""
+    at, bend = critical(values), _derivative(_derivative(coefficients(values)))
+    return at[evaluate(bend, at) > 0]
+
+
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     """Where in [start, 1] the curve is largest, and its value there."""
     c = coefficients(values)

@@ -133,7 +133,8 @@ def report(*results: Any) -> Page:
 def html(result: Any) -> str:
     """The table that the command line prints and a small picture, for a notebook."""
     try:
-        picture = _picture(draw(result))
+        code = b64encode(_png(draw(result), SMALL)).decode()
+        picture = f'<img alt="" src="data:image/png;base64,{code}">'
     except (TypeError, ValueError):  # has none
         picture = ""
     title = escape(repr(result).strip("<>"))
@@ -156,10 +157,6 @@ def _converged(gait: Gait) -> Gait:
     if not gait.steps:
         raise ValueError(f"{gait.problem.name} is {gait.status}: there is no gait to draw")
     return gait
-
-
-def _picture(figure: Figure) -> str:
-    return f'<img alt="" src="data:image/png;base64,{b64encode(_png(figure, SMALL)).decode()}">'
 
 
 def _png(figure: Figure, resolution: float) -> bytes:

@@ -3,8 +3,9 @@
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -27,11 +28,23 @@ Follower = bool | Callable[[int, float], None]
 """``progress`` of a solution or a continuation: show it or not, or call a function with a number and a value."""
 
 
-def library_console(*, shown: bool) -> Console:
-    """The console of a library call: standard error of a terminal or a notebook's output; silent elsewhere."""
+@contextmanager
+def shown(
+    progress: bool | Callable[[int, Any], None],
+    bar: Callable[..., AbstractContextManager[Callable[[int, Any], None]]],
+    *words: str,
+) -> Iterator[Callable[[int, Any], None]]:
+    """The callback that ``progress`` of a library call stands for: itself, or that of a bar described in words.
+
+    A bar is shown on standard error of a terminal or in a notebook's output, and nowhere else.
+    """
+    if callable(progress):
+        yield progress
+        return
     console = Console(stderr=True)
-    console.quiet = not (shown and _is_live(console))
-    return console
+    console.quiet = not (progress and _is_live(console))
+    with bar(console, *words) as show:
+        yield show
 
 
 def _is_live(console: Console) -> bool:
@@ -64,14 +77,12 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
 
 
 @contextmanager
-def following(
-    console: Console, what: str, words: Callable[[int, float], str]
-) -> Iterator[Callable[[int, float], None]]:
-    """Give a callback whose numbers are shown in words beside a clock."""
+def value_progress(console: Console, what: str, parameter: str) -> Iterator[Callable[[int, float], None]]:
+    """Give a callback that shows a number of gaits and the value of a parameter beside a clock."""
     columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
         bar = progress.add_task(what, total=None)
-        yield lambda count, value: progress.update(bar, description=f"{what}  {words(count, value)}")
+        yield lambda n, value: progress.update(bar, description=f"{what}  {n} gaits, {parameter} = {value:.6g}")
 
 
 @contextmanager

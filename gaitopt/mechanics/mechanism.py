@@ -85,6 +85,11 @@ def polar(length: Any, angle: Any) -> SX:
     return vertcat(length * SX(angle).sin(), length * SX(angle).cos())
 
 
+def inclined(gravity: Any, slope: Any) -> SX:
+    """Acceleration of gravity [m/s^2] along a slope, downhill, and along its normal; shape (2,)."""
+    return gravity * vertcat(SX(slope).sin(), -SX(slope).cos())
+
+
 def coil(start: SX, end: SX, width: Any, turns: int = 5) -> tuple[SX, ...]:
     """Points of a zigzag line from ``start`` to ``end`` [m] that draws a spring with turns of some ``width`` [m]."""
     along = end - start

@@ -9,6 +9,7 @@ can be varied, freed or continued without rebuilding anything. The NLP and the s
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
@@ -74,11 +75,11 @@ class HybridSystem:
 
     def flow(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt."""
-        return self._build(f"flow_{mode.key}", lambda: [self._symbols.motion(mode).dz])
+        return self._build(f"flow_{mode.key}", lambda: {"dz": self._symbols.motion(mode).dz})
 
     def margins(self, mode: Mode) -> Function:
         """(t, z, p, r) -> margins in the order of ``margin_names(mode)``."""
-        return self._build(f"margins_{mode.key}", lambda: [self._symbols.margins(mode)])
+        return self._build(f"margins_{mode.key}", lambda: {"margins": self._symbols.margins(mode)})
 
     def events(self, mode: Mode) -> Function:
         """(t, z, p, r) -> margins and their rates along the flow."""
@@ -87,28 +88,29 @@ class HybridSystem:
             margins = self._symbols.margins(mode)
             return jtimes(margins, self._eom.z, self._symbols.motion(mode).dz) + jacobian(margins, self._t)
 
-        return self._build(f"events_{mode.key}", lambda: [self._symbols.margins(mode), rates()])
+        return self._build(f"events_{mode.key}", lambda: {"margins": self._symbols.margins(mode), "rates": rates()})
 
     def linearisation(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt, its Jacobian in z, and the Jacobian of the margins in z."""
 
-        def outputs() -> list[SX]:
+        def outputs() -> dict[str, SX]:
             dz = self._symbols.motion(mode).dz
-            return [dz, jacobian(dz, self._eom.z), jacobian(self._symbols.margins(mode), self._eom.z)]
+            z, margins = self._eom.z, self._symbols.margins(mode)
+            return {"dz": dz, "dz_by_z": jacobian(dz, z), "margins_by_z": jacobian(margins, z)}
 
         return self._build(f"linearisation_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
 
-        def outputs() -> list[SX]:
+        def outputs() -> dict[str, SX]:
             dz = self._symbols.motion(mode).dz
-            return [vertcat(dz, vec(jacobian(dz, self._eom.z) @ deviations))]
+            return {"dy": vertcat(dz, vec(jacobian(dz, self._eom.z) @ deviations))}
 
         deviations = SX.sym("deviations", self.n_z, columns)
         y = vertcat(self._eom.z, vec(deviations))
         name = f"variational_{mode.key}_{columns}"
-        return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
+        return self._build(name, outputs, inputs={"t": self._t, "y": y, "p": self._p, "r": self._r})
 
     def observation(self, mode: Mode) -> Function:
         """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
@@ -116,32 +118,40 @@ class HybridSystem:
         The loss is the power that the dampers take.
         """
 
-        def outputs() -> list[SX]:
+        def outputs() -> dict[str, SX]:
             eom, torque = self._eom, self._symbols.torque
             motor_rates = eom.E.T @ eom.dq
             foot = eom.mechanism.swing_foot
             energy = eom.energy + self._symbols.potential_of(mode)
             power, loss = torque * motor_rates, eom.dissipation
-            return [self._symbols.motion(mode).force, torque, power, foot, energy, motor_rates, loss]
+            return {
+                "force": self._symbols.motion(mode).force,
+                "torque": torque,
+                "power": power,
+                "swing_foot": foot,
+                "energy": energy,
+                "motor_rates": motor_rates,
+                "loss": loss,
+            }
 
         return self._build(f"observation_{mode.key}", outputs)
 
     def impact(self, mode: Mode) -> Function:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
 
-        def outputs() -> list[SX]:
+        def outputs() -> dict[str, SX]:
             result = self._symbols.impact(mode)
-            return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
+            return {field.name: getattr(result, field.name) for field in fields(result)}
 
-        return self._build(f"impact_{mode.key}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
 
     def impact_jacobian(self, mode: Mode) -> Function:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
 
-        def outputs() -> list[SX]:
-            return [jacobian(self._symbols.impact(mode).z_plus, self._eom.z)]
+        def outputs() -> dict[str, SX]:
+            return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}
 
-        return self._build(f"impact_jacobian_{mode.key}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_jacobian_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
 
     def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``impact_margins``."""
@@ -151,11 +161,11 @@ class HybridSystem:
     def impact_margins(self, mode: Mode) -> Function:
         """(z, p) -> margins of an impact in the order of ``impact_margin_names(mode)``."""
 
-        def outputs() -> list[SX]:
+        def outputs() -> dict[str, SX]:
             margins = self._symbols.impact_margins(mode)
-            return [vertcat(*(margins[name] for name in self.impact_margin_names(mode)))]
+            return {"margins": vertcat(*(margins[name] for name in self.impact_margin_names(mode)))}
 
-        return self._build(f"impact_margins_{mode.key}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_margins_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
 
     @cached_property
     def open_flow(self) -> Function:
@@ -164,26 +174,30 @@ class HybridSystem:
         Friction is -mu s f_n with s in [-1, 1], and kinetic friction bounds a foot at rest too.
         """
 
-        def outputs() -> list[SX]:
+        def outputs() -> dict[str, SX]:
             state, guard = (
                 self._symbols.slipping(s, self.walker.released(Mode.STICK)),
                 SX(self._eom.mechanism.touchdown),
             )
-            return [state.dz, state.force, guard, jtimes(guard, self._eom.z, state.dz)]
+            rate = jtimes(guard, self._eom.z, state.dz)
+            return {"dz": state.dz, "force": state.force, "guard": guard, "guard_rate": rate}
 
         s = SX.sym("s")
-        return self._build("open_flow", outputs, inputs=[self._t, self._eom.z, s, self._p, self._r])
+        return self._build(
+            "open_flow", outputs, inputs={"t": self._t, "z": self._eom.z, "s": s, "p": self._p, "r": self._r}
+        )
 
     @cached_property
     def open_impact(self) -> Function:
         """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
 
-        def outputs() -> list[SX]:
+        def outputs() -> dict[str, SX]:
             result = self._symbols.open_impact(s)
-            return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity]
+            names = ("z_plus", "impulse", "slip_velocity", "lift_velocity")
+            return {name: getattr(result, name) for name in names}
 
         s = SX.sym("s")
-        return self._build("open_impact", outputs, inputs=[self._eom.z, s, self._p])
+        return self._build("open_impact", outputs, inputs={"z": self._eom.z, "s": s, "p": self._p})
 
     @cached_property
     def approach(self) -> Function:
@@ -193,7 +207,8 @@ class HybridSystem:
     @cached_property
     def push(self) -> Function:
         """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
-        return Function("push", [self._eom.z, self._p], [self._symbols.push.impulse, self._symbols.push.work])
+        push = self._symbols.push
+        return Function("push", [self._eom.z, self._p], [push.impulse, push.work], ["z", "p"], ["impulse", "work"])
 
     @cached_property
     def weight(self) -> Function:
@@ -247,8 +262,10 @@ class HybridSystem:
         """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
         return self.friction.kinetic(p[self._friction_entries])
 
-    def _build(self, name: str, outputs: Callable[[], list[SX]], inputs: list[SX] | None = None) -> Function:
+    def _build(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: dict[str, SX] | None = None) -> Function:
         if name not in self._functions:
-            arguments = [self._t, self._eom.z, self._p, self._r] if inputs is None else inputs
-            self._functions[name] = Function(name, arguments, cse(outputs()))
+            arguments = inputs or {"t": self._t, "z": self._eom.z, "p": self._p, "r": self._r}
+            results = outputs()
+            shared = cse([*results.values()])
+            self._functions[name] = Function(name, [*arguments.values()], shared, [*arguments], [*results])
         return self._functions[name]

@@ -76,8 +76,8 @@ def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecor
     """The impact in ``mode`` that follows ``z_minus``."""
     system, p = dynamics.system, dynamics.p
     z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
-    stick_impulse = buffered(system.impact(Mode.STICK))(z_minus, p)[1].copy()
-    x, work = system.n_shape, float(system.push(z_minus, p)[1]) if system.walker.pushes else 0.0
+    _, stick_impulse, *_ = (value.copy() for value in buffered(system.impact(Mode.STICK))(z_minus, p))
+    x, work = system.n_shape, float(system.push(z=z_minus, p=p)["work"]) if system.walker.pushes else 0.0
     state = z_plus.copy()
     state[x] = 0.0
     return ImpactRecord(

@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.gait import Cause
-from gaitopt.mechanics import Control, Cycle, ending_margin, margin
+from gaitopt.gait import Cause, curves
+from gaitopt.gait.early_fall import lowest_after_rise
+from gaitopt.mechanics import Control, Cycle, ending_margin, margin, margin_names, margin_scales
 from gaitopt.mechanics.margins import PUSH
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
 
 SAMPLES = 33
-"""Points of an arc on which an early touchdown is looked for."""
+"""Points of an arc on which an early event is looked for."""
 AIRBORNE = 1e-9
 """A guard this close to zero is a foot on the ground, up to rounding."""
 NORMAL = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
@@ -39,20 +40,42 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
-def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
-    """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
-    armed, freed = False, problem.unpack(w).freed
-    for index, arc in enumerate(problem.layout.arcs):
-        armed = armed and not (arc.start is None and arc.phase in problem.layout.cycle.first_phases)
-        times, states = problem.sample(w, p, index, SAMPLES)
-        values = problem.dynamics(p, freed, arc.phase).margins(arc.mode, arc.segment, times, states)
-        for t, height in zip(times, values[:, 0].tolist(), strict=True):
-            if armed and height < -AIRBORNE:
-                words = f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"
-                step = problem.layout.cycle.step_of(arc.phase)
-                return Cause(what="touchdown", words=words, phase=arc.phase, step=step, time=float(t))
-            armed = armed or height > AIRBORNE
+def early_event(problem: Transcription, w: Array, p: Array) -> Cause | None:
+    """The event of a later phase that comes earlier, if one does: the swing foot lands, a stop locks.
+
+    Scuffing in mid-swing is ignored.
+    """
+    for step in range(len(problem.layout.cycle.steps)):
+        for name, arcs in _rising_margins(problem, w, p, step).items():
+            phases, times, values = zip(*arcs, strict=True)
+            lowest, at = lowest_after_rise(times, values)
+            if lowest < -AIRBORNE:
+                phase = next(phase for phase, own in zip(phases, times, strict=True) if at <= own[-1])
+                roots = np.concatenate([_roots(*arc) for arc in zip(times, values, strict=True)])
+                time = float(max(roots[roots < at], default=at))
+                words = f"{margin(name).lost}, about {time:.4f} s after the impact"
+                return Cause(what=name, words=words, phase=phase, step=step, time=time)
     return None
+
+
+def _roots(times: Array, values: Array) -> Array:
+    """Times at which a curve changes its sign, given at the Chebyshev points of an arc."""
+    return np.asarray(times[0] + (curves.roots(values) + 1) / 2 * (times[-1] - times[0]))
+
+
+def _rising_margins(problem: Transcription, w: Array, p: Array, step: int) -> dict[str, list[tuple[int, Array, Array]]]:
+    """Phase, times and values along the arcs of a step by the name of each margin that rises before it falls."""
+    freed, known = problem.unpack(w).freed, dict[str, list[tuple[int, Array, Array]]]()
+    for index, arc in enumerate(problem.layout.arcs):
+        if problem.layout.cycle.step_of(arc.phase) != step:
+            continue
+        times, states = problem.sample(w, p, index, SAMPLES)
+        dynamics = problem.dynamics(p, freed, arc.phase)
+        values = dynamics.margins(arc.mode, arc.segment, times, states) / margin_scales(arc.mode, dynamics.scales)
+        for name, column in zip(margin_names(arc.mode), values.T, strict=True):
+            if margin(name).rises:
+                known.setdefault(name, []).append((arc.phase, times, column))
+    return known
 
 
 def missing_event(cycle: Cycle, phase: int, control: Control) -> Cause:

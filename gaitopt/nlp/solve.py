@@ -14,7 +14,7 @@ from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import Cycle, Dynamics, HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.diagnosis import early_touchdown, largest_residual, missing_event, violations
+from gaitopt.nlp.diagnosis import early_event, largest_residual, missing_event, violations
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
@@ -221,8 +221,8 @@ def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
         words = f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
         return (Cause(what="integration", words=words),)
     violated = violations(transcription, at.w, at.p, transcription.margin_values(at.w, at.p), RESIDUAL_TOLERANCE)
-    landing = None if violated else early_touchdown(transcription, at.w, at.p)
-    return tuple(violated) if landing is None else (landing,)
+    early = None if violated else early_event(transcription, at.w, at.p)
+    return tuple(violated) if early is None else (early,)
 
 
 @overflow_allowed()

@@ -20,14 +20,12 @@ from casadi import MX, Function, horzcat, repmat, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.gait.curves import points
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
+from gaitopt.nlp.inequalities import inequalities
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.units import Label, Units
-
-GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
-"""Margins that are zero where the spring of a massless leg has its full length: at landing and take-off."""
 
 
 class Unknowns(NamedTuple):
@@ -105,14 +103,8 @@ class Transcription:
     @cached_property
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and what each one says."""
-        blocks, labels = [], list[Label]()
-        for block, own in self._node_margins():
-            blocks.append(block)
-            labels += own
-        for row, label in (*self._unloaded_margins(), *self._onset_margins(), *self.impact_margins()):
-            blocks.append(row)
-            labels.append(label)
-        return vertcat(*blocks), tuple(labels)
+        rows = list(inequalities(self))
+        return vertcat(*(block for block, _ in rows)), tuple(label for _, labels in rows for label in labels)
 
     def units(self, p: Array) -> Units:
         """Natural units of unknowns, equalities and margins for the walker at parameters ``p``, shape (n_p,)."""
@@ -268,88 +260,10 @@ class Transcription:
         """From just before every impact to just after it; the last leads back to the start."""
         n, rows = self.system.n_shape, []
         for (phase, impact), end in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
-            z_plus = self.system.impact(impact)(self.Z[:, end], self.standing(phase))[0]
+            z_plus = self.system.impact(impact)(z=self.Z[:, end], p=self.standing(phase))["z_plus"]
             x = z_plus[n] if impact.locked else 0  # counted from the new stance foot
             rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], x, z_plus[n + 1 :]))
         return rows
-
-    def _node_margins(self) -> Iterator[tuple[MX, list[Label]]]:
-        """Inequality factors of every arc at its nodes, without those that an event makes zero."""
-
-        def columns(i: int) -> list[MX]:
-            arc, Z, start, h = self.arc(i)
-            times = start + h * MX(np.arange(arc.intervals + 1)).T
-            return [times, Z, *self.constants(arc, arc.intervals + 1)]
-
-        for i, margins in enumerate(self.map_arcs(self.system.margins, columns)):
-            arc, first, names = self.layout.arcs[i], self.layout.first_nodes[i], margin_names(self.layout.arcs[i].mode)
-            places = [
-                (row, k, name)
-                for row, name in enumerate(names)
-                for k in range(arc.intervals + 1)
-                if name != "upright" and not margin(name).rises and not self.is_zero_by_event(i, k, name)
-            ]
-            rows = vec(margins)[[row + k * len(names) for row, k, _ in places]]
-            yield rows, [Label(name=name, phase=arc.phase, node=first + k) for _, k, name in places]
-
-    def _unloaded_margins(self) -> Iterator[tuple[MX, Label]]:
-        """Rates of the ground's forces where a massless leg lands and takes off; the forces are zero there."""
-        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
-            for k, sign in ((0, 1), (arc.intervals, -1)):
-                if not self._unloaded(i, k):
-                    continue
-                _, Z, start, h = self.arc(i)
-                data = self.system.data(arc.segment)
-                rates = self.system.events(arc.mode)(start + k * h, Z[:, k], self.p, data)[1]
-                for name in GROUND_FORCES:
-                    rate = rates[margin_names(arc.mode).index(name)]
-                    yield sign * rate, Label(name=name, phase=arc.phase, node=first + k)
-
-    def _unloaded(self, index: int, k: int) -> bool:
-        """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
-        arc, cycle = self.layout.arcs[index], self.layout.cycle
-        if not self.system.walker.massless_feet or arc.mode.flies:
-            return False
-        after = cycle.after(arc.phase)
-        lands = k == 0 and arc.start is None and arc.phase in cycle.first_phases
-        return lands or (k == arc.intervals and arc.end is None and after is not None and after.flies)
-
-    def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
-        """Whether an event makes a margin zero at node ``k`` of an arc."""
-        arc, cycle = self.layout.arcs[index], self.layout.cycle
-        if k == 0 and arc.start is None and name == "slip_velocity":
-            return cycle.onset_order(arc.phase) > 0
-        if name in GROUND_FORCES and self._unloaded(index, k):
-            return True
-        after = cycle.after(arc.phase)
-        return k == arc.intervals and arc.end is None and after is not None and name == ending_margin(arc.mode, after)
-
-    def _onset_margins(self) -> list[tuple[MX, Label]]:
-        """Force beyond the static cone where a slip starts from rest; one coefficient leaves no doubt about it."""
-        rows: list[tuple[MX, Label]] = []
-        if not self.system.friction.two_coefficients:
-            return rows
-        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
-            if arc.start is None and self.layout.cycle.starts_from_rest(arc.phase):
-                _, Z, start, _ = self.arc(i)
-                data = self.system.data(arc.segment)
-                margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.standing(arc.phase), data)
-                cone = margins[margin_names(Mode.STICK).index(ending_margin(Mode.STICK, arc.mode))]
-                rows.append((-cone, Label(name="onset", phase=arc.phase, node=first)))
-        return rows
-
-    def impact_margins(self) -> list[tuple[MX, Label]]:
-        """Margins of the impacts."""
-        return [row for index in range(len(self.layout.cycle.resets)) for row in self._margins_of_impact(index)]
-
-    def _margins_of_impact(self, index: int) -> Iterator[tuple[MX, Label]]:
-        (phase, mode), node = self.layout.cycle.resets[index], self.layout.reset_nodes[index]
-        values = self.system.impact_margins(mode)(self.Z[:, node], self.standing(phase))
-        for row, name in enumerate(self.system.impact_margin_names(mode)):
-            if mode.locked:
-                yield values[row], Label(name=name, phase=phase, node=node)
-            else:
-                yield values[row], Label(name=name, step=self.layout.cycle.step_of(phase))
 
 
 @lru_cache(maxsize=32)

@@ -84,10 +84,11 @@ def _without(parameter: str, point: Record) -> Record:
 
 def _special(record: Record) -> dict[str, Any]:
     gait = record.get("gait") or {}
-    known = {key: record.get(key) for key in ("branch", "type", "value", "status", "reason", "next")}
-    known["bound"] = is_bound(record)
+    known = {key: record.get(key) for key in ("branch", "type", "value", "status", "next")}
+    reason = record.get("reason", "")
     for mode, written in MODE_WORDS.items():
-        known["reason"] = known["reason"].replace(mode, written)
+        reason = reason.replace(mode, written)
+    known |= {"reason": reason, "bound": is_bound(record)}
     return {**known, **_of_each_step(gait), "scalars": numbers(gait)["scalars"] if gait else {}}
 
 

@@ -9,19 +9,12 @@ from typing import Any
 from gaitopt.errors import SolveError
 from gaitopt.families import Request
 from gaitopt.gait import TERMINAL, Gait
-from gaitopt.gait.table import trajectory_header, trajectory_rows
+from gaitopt.library.stored import save
 from gaitopt.problem import Problem
 from gaitopt.runs.branch_run import BranchRun
 from gaitopt.runs.restore import restore_gait
 from gaitopt.search.solve import solve
-from gaitopt.store import (
-    Table,
-    find_run,
-    read_run,
-    run_folder,
-    write_run,
-    writing,
-)
+from gaitopt.store import find_run, read_run, run_folder, writing
 from gaitopt.store.run import RESULTS
 from gaitopt.study.verify import verify
 
@@ -65,13 +58,7 @@ class Archive:
         return self._gaits[problem.digest]
 
     def family(self, problem: Problem, parameter: str, to: Sequence[float]) -> Records:
-        """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``.
-
-        Raises
-        ------
-        SolveError, StorageError
-            As ``gait``.
-        """
+        """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``."""
         run = BranchRun(problem=problem, request=Request(parameter=parameter, to=tuple(to)))
         run = replace(run, output=self._results / run.folder.name)
         if run.folder not in self._families:
@@ -85,15 +72,15 @@ class Archive:
     def _solved(self, problem: Problem) -> Gait:
         self._narrate(f"solving {problem.name}{_changes(problem)}")
         gait = solve(problem, should_stop=self._should_stop)
-        self._check_interrupt()
+        if self._should_stop():
+            raise KeyboardInterrupt
         if not gait.steps:
             raise SolveError(f"{problem.name} is {gait.status}: {gait.message}")
         verification = verify(gait)
         if not verification.passed:
             raise SolveError(f"{problem.name}: the forward simulation refutes the gait; see gaitopt verify")
-        table = Table(header=trajectory_header(gait.system), rows=trajectory_rows(gait.dynamics, gait.steps))
         gait = gait.verified(verification.to_record())
-        write_run(run_folder(problem, self._results), problem=problem, gait=gait.to_record(), trajectory=table)
+        save(gait, run_folder(problem, self._results))
         return gait
 
     def _continue(self, run: BranchRun) -> None:
@@ -104,10 +91,6 @@ class Archive:
         with writing(run.folder, run.problem):
             _, to_come = run.walk(gait, should_stop=self._should_stop)
             deque(to_come, maxlen=0)
-
-    def _check_interrupt(self) -> None:
-        if self._should_stop():
-            raise KeyboardInterrupt
 
 
 def _changes(problem: Problem) -> str:

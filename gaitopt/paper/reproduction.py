@@ -8,7 +8,7 @@ from gaitopt.figures.style import save
 from gaitopt.paper import table
 from gaitopt.paper.archive import Archive
 from gaitopt.paper.figures import FIGURES
-from gaitopt.store import json_text, write_whole
+from gaitopt.store import json_file, write_whole
 from gaitopt.store.files import clear_leftovers, make_folder
 
 PAPERS = ("gamus-or-2013",)
@@ -22,13 +22,7 @@ def parts() -> tuple[str, ...]:
 
 
 def check_names(paper: str, only: Sequence[str]) -> None:
-    """Refuse a paper or a part of it that is not known.
-
-    Raises
-    ------
-    UnknownNameError
-        The message lists the names.
-    """
+    """Refuse a paper or a part of it that is not known."""
     if paper not in PAPERS:
         raise UnknownNameError(f"no paper is called {paper!r}; choose from {', '.join(PAPERS)}")
     unknown = [name for name in only if name not in parts()]
@@ -56,7 +50,7 @@ def reproduce(
     names = [name for name in parts() if not only or name in only]
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
-        written += _table(archive, folder) if name == TABLE else save(FIGURES[name][1](archive), folder / name)
+        written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
         if progress is not None:
             progress(done, len(names))
     return written
@@ -66,5 +60,5 @@ def _table(archive: Archive, folder: Path) -> list[Path]:
     record = table.record(archive)
     paths = [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
     write_whole(paths[0], table.markdown(record))
-    write_whole(paths[1], json_text(record, indent=2) + "\n")
+    write_whole(paths[1], json_file(record))
     return paths

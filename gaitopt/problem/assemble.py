@@ -16,24 +16,21 @@ from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.cycle import Cycle
 from gaitopt.mechanics.registry import refused_walkers
 from gaitopt.mechanics.walker import Walker
-from gaitopt.problem.demands import Scope, check_unknowns, read_constraints, read_objective
-from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
-from gaitopt.problem.initial import read_gait
-from gaitopt.problem.sections import (
-    SECTION_KEYS,
+from gaitopt.problem.control_sections import (
     ConstantTorqueSpec,
     ControlSpec,
     Curve,
     CurveReference,
-    Free,
-    FreeSection,
-    FrictionCoefficients,
     GaitReference,
-    HeadSection,
     NoControlSpec,
     PDSpec,
     torques_section,
 )
+from gaitopt.problem.demands import Scope, check_unknowns, read_constraints, read_objective
+from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
+from gaitopt.problem.initial import read_gait
+from gaitopt.problem.parts import Free
+from gaitopt.problem.sections import SECTION_KEYS, FreeSection, FrictionCoefficients, HeadSection
 
 Model = TypeVar("Model", bound=BaseModel)
 

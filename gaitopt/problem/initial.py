@@ -14,13 +14,12 @@ from gaitopt.mechanics.cycle import Cycle, ModeSequence
 from gaitopt.mechanics.modes import NEXT_STATE, Mode
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, read_section, shown
+from gaitopt.problem.parts import Guess, OpenSequence
 from gaitopt.problem.sections import (
     CycleSection,
     GaitSection,
-    Guess,
     GuessSection,
     OpenGaitSection,
-    OpenSequence,
     StepSection,
     state_section,
 )

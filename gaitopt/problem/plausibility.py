@@ -18,18 +18,11 @@ from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, Scales, W
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.lagrangian import parameter_namespace
 from gaitopt.mechanics.ranges import Within, symmetric
+from gaitopt.problem.control_sections import ConstantTorqueSpec, CurveReference, NoControlSpec, PDSpec, torques_section
 from gaitopt.problem.faults import Fault, Key
 from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
-from gaitopt.problem.sections import (
-    DURATION,
-    ConstantTorqueSpec,
-    CurveReference,
-    HeadSection,
-    NoControlSpec,
-    PDSpec,
-    state_section,
-    torques_section,
-)
+from gaitopt.problem.section import DURATION
+from gaitopt.problem.sections import HeadSection, state_section
 
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem

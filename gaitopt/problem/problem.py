@@ -3,8 +3,6 @@
 A problem that tracks another gait holds that gait's own problem, which overrides never touch.
 """
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -19,20 +17,13 @@ from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
+from gaitopt.problem.control_sections import ControlSpec, CurveReference, PDSpec
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
+from gaitopt.problem.parts import Free, Guess, OpenSequence, Range
 from gaitopt.problem.plausibility import impossible, remarks
-from gaitopt.problem.record import problem_data
-from gaitopt.problem.sections import (
-    ControlSpec,
-    CurveReference,
-    Free,
-    FrictionCoefficients,
-    Guess,
-    OpenSequence,
-    PDSpec,
-    Range,
-)
+from gaitopt.problem.record import digest_of, problem_data, resolved_data
+from gaitopt.problem.sections import FrictionCoefficients
 from gaitopt.problem.source import parse_source, read_text
 
 
@@ -170,22 +161,12 @@ class Problem(Tabulated):
         """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name."""
         if self.origin is not None:
             return self.origin.resolved()
-        data = problem_data(self)
-        if self.start is not None:
-            data["gait"]["guess"]["state"] = dict(self.start.state)
-        if self.reference is not None:
-            reference = data["control"]["reference"]
-            if "curve" in reference:
-                reference["curve"]["start"] = self.reference.resolved()
-            else:
-                reference["gait"] = self.reference.resolved()
-        return data
+        return resolved_data(self)
 
     @property
     def digest(self) -> str:
         """SHA-256 of everything that determines the gait, and of the name; the texts ``about`` do not count."""
-        canonical = json.dumps(_without_about(self.resolved()), sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return hashlib.sha256(canonical.encode()).hexdigest()
+        return digest_of(self.resolved())
 
     @property
     def hash8(self) -> str:
@@ -325,9 +306,3 @@ def _reference_name(control: ControlSpec | None) -> tuple[str, Key]:
     if isinstance(control.reference, CurveReference):
         return control.reference.start, ("control", "reference", "curve", "start")
     return control.reference.gait, ("control", "reference", "gait")
-
-
-def _without_about(data: Any) -> Any:
-    if isinstance(data, Mapping):
-        return {key: _without_about(value) for key, value in data.items() if key != "about"}
-    return data

@@ -40,7 +40,7 @@ class Basin(Plotted, ReadOnlyArrays):
     ----------
     problem, grid : of the request.
     base : the section coordinates that the grid does not vary.
-    attractors : the gaits that were found; ``labels`` counts them.
+    attractors : the gaits on which states settle; ``labels`` are indices into them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
     endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Outcomes``.
     steps : ndarray, grid's shape - steps until it settled or failed.
@@ -98,13 +98,7 @@ class Basin(Plotted, ReadOnlyArrays):
 
 
 def read_basin(place: Path) -> Basin:
-    """The basin in its own folder, which lies in the run folder of its problem.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no finished basin, or is broken.
-    """
+    """The basin in its own folder, which lies in the run folder of its problem."""
     run, own = place.resolve().parent, place.resolve().name
     stored = validated(_Stored, read_object(run, f"{own}/{BASIN_FILE}"), place / BASIN_FILE)
     grid = validated(Grid, {"axes": stored.over}, place / BASIN_FILE)
@@ -113,13 +107,7 @@ def read_basin(place: Path) -> Basin:
 
 
 def stored_attractor(place: Path, index: str) -> Attractor:
-    """The attractor with a number, counted from 0 in the order of the table, of the basin in a folder.
-
-    Raises
-    ------
-    StorageError
-        If there is no such attractor, or no basin.
-    """
+    """The attractor with a number, counted from 0 in the order of the table, of the basin in a folder."""
     attractors = read_basin(place).attractors
     if not index.isdecimal() or int(index) >= len(attractors):
         known = f"0 to {len(attractors) - 1}" if attractors else "none"

@@ -50,13 +50,7 @@ class BranchRun:
         return self.output or branch_folder(self.problem, self.head)
 
     def stored(self) -> list[dict[str, Any]]:
-        """All records that are on the disk, without the request.
-
-        Raises
-        ------
-        StorageError
-            If the folder holds something else, or a branch with another request.
-        """
+        """All records that are on the disk, without the request."""
         return stored_records(self.folder, self.problem, self.head)
 
     def walk(
@@ -65,11 +59,6 @@ class BranchRun:
         """The records that are there, and those to come, each on the disk when it is yielded.
 
         The folder is held for writing by the caller.
-
-        Raises
-        ------
-        StorageError
-            As ``stored``, or if the disk is full; what was found before is kept.
         """
         done = resumable(self.stored())
         begin_branch(self.folder, self.problem, self.head, done)

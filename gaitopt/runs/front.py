@@ -18,7 +18,7 @@ from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
-from gaitopt.store import begin_run, json_text, read_object, read_problem, replacing, write_whole, writing
+from gaitopt.store import begin_run, json_text, read_object, read_problem, write_files, writing
 from gaitopt.workers.jobs import Workers
 
 if TYPE_CHECKING:
@@ -91,6 +91,10 @@ class Front(Plotted, Sequence[FrontPoint]):
         """The JSON objects of all points."""
         return [point.to_record() for point in self.points]
 
+    def to_record(self, axis: Axis) -> Record:
+        """The JSON object of the front along this axis."""
+        return {"problem": self.problem.name, "over": str(axis), "points": self.to_records()}
+
     def to_frame(self) -> "DataFrame":
         """One row per design: value, objective, whether it is on the front, status and the scalars of its gait."""
         header = ["value", "objective", "pareto", "status", *SCALARS]
@@ -106,7 +110,7 @@ def design_front(
     *,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> list[FrontPoint]:
+) -> Front:
     """Designs for every value of an axis, in its order, kept in a file of the run folder.
 
     Parameters
@@ -121,26 +125,16 @@ def design_front(
     ------
     ProblemError
         If the problem has no objective, or a value is wrong for it.
-    StorageError
-        If the designs do not fit in memory or on disk.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
     """
     check_front(problem, axis, folder)
     problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
-        points = [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
-        name = front_file(axis.key)
-        with replacing(folder, name):
-            write_whole(folder / name, json_text(front_record(problem, axis, points)) + "\n")
-    return points
-
-
-def front_record(problem: Problem, axis: Axis, points: Iterable[FrontPoint]) -> Record:
-    """The JSON object of a front."""
-    return {"problem": problem.name, "over": str(axis), "points": [point.to_record() for point in points]}
+        points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems)
+        front = Front(problem=problem, key=axis.key, points=tuple(points))
+        write_files(folder, {front_file(axis.key): json_text(front.to_record(axis)) + "\n"})
+    return front
 
 
 def front_file(key: str) -> str:
@@ -176,8 +170,6 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
         If the problem has no objective, or is none at an end of the axis.
     UnknownNameError
         If it has no such number.
-    StorageError
-        If the designs do not fit in memory or on disk.
     """
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")

@@ -169,13 +169,7 @@ def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
 
 
 def check_jobs_fit(jobs: int, folder: Path) -> None:
-    """Refuse more problems to be solved than can be kept, before anything is written.
-
-    Raises
-    ------
-    StorageError
-        As ``check_room``.
-    """
+    """Refuse more problems to be solved than can be kept, before anything is written."""
     check_room(jobs, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
 
 

@@ -85,23 +85,13 @@ def multistart(
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> list[Optimum]:
-    """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
+    """As ``gaitopt.multistart``; ``folder`` keeps what each start has found.
 
     Parameters
     ----------
-    problem : a design, or a problem without unknowns (then its distinct gaits are found).
-    folder : that keeps what each start has found; the same call goes on where it was.
-    seed : of the samples.
-    spread : how far a sample goes: coordinates and freed numbers by this part of themselves, control points of a curve
-        by this part of the curve's range, all within their bounds.
     workers : where the starts are worked on; by default all cores.
     progress : called with the number of starts done and their total.
     should_stop : polled; True ends the search with a KeyboardInterrupt, and what is finished is kept.
-
-    Raises
-    ------
-    StorageError
-        If the starts do not fit in memory or on disk.
     """
     check_jobs_fit(starts, folder)
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]

@@ -26,8 +26,6 @@ def restore_gait(run: Run) -> Gait:
 
     Raises
     ------
-    StorageError
-        If the records of the run do not fit together.
     SolveError
         If the run holds a failed attempt.
     """

@@ -15,13 +15,7 @@ from gaitopt.study.system import problem_dynamics
 
 
 def restore_walk(folder: Path) -> Walk:
-    """The walk that a run folder holds.
-
-    Raises
-    ------
-    StorageError
-        If there is none, or its files do not fit together.
-    """
+    """The walk that a run folder holds."""
     record, table = read_walk(folder)
     problem = read_problem(folder)
     try:

@@ -37,5 +37,5 @@ def solve_attractor(
     walked = ReturnMap(Simulator(dynamics), mode, attractor.period * dynamics.system.walker.n_sides())(xi)
     if walked.xi is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
-    found = closed(problem, cycle_record(dynamics.system, walked.steps, "attractor"))
-    return solve_sequence(found, progress=progress, should_stop=should_stop)
+    guessed = closed(problem, cycle_record(dynamics.system, walked.steps, "attractor"))
+    return solve_sequence(guessed, progress=progress, should_stop=should_stop)

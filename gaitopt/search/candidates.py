@@ -24,6 +24,7 @@ from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.study.return_map import step_map
 
 Record = dict[str, Any]
+Phases = tuple[tuple[Mode, float], ...]
 
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
 """Half widths of the default box of start states, in rad and natural units."""
@@ -77,13 +78,7 @@ class SearchJob:
 
 
 def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
-    """Candidates of one part of a search, and how many starts it has made.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C was pressed here, or ``should_stop`` became true.
-    """
+    """Candidates of one part of a search, and how many starts it took."""
     stop = should_stop or (lambda: False)
     step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process
     dynamics = step.dynamics
@@ -208,27 +203,38 @@ def _guesses(
             if result is Status.INTERRUPTED:
                 raise KeyboardInterrupt
             if isinstance(result, Proposal):
+                sequences = [
+                    (tuple(zip(step.phases, durations, strict=True)), step.impact)
+                    for step, durations in zip(result.cycle.steps, result.durations, strict=True)
+                ]
                 start = f"{job.method} {job.number}.{number}"
-                candidates.append(_proposal_record(dynamics.system, result, start))
+                candidates.append(_record(dynamics.system, sequences, list(result.states), result.freed, start))
     return candidates, GUESSES * job.n_steps
 
 
 def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
-    """A simulated cycle, without repetitions, from the smallest of its states in lexical order."""
-    records = [_step_record(step.phases, step.impact.mode) for step in steps if step.impact is not None]
-    return _cycle_record(system, records, [step.arcs[0].states[0] for step in steps], {}, start)
+    """The candidate of a simulated cycle."""
+    sequences = [(step.phases, step.impact.mode) for step in steps if step.impact is not None]
+    return _record(system, sequences, [step.arcs[0].states[0] for step in steps], {}, start)
 
 
-def _cycle_record(
-    system: HybridSystem, steps: Sequence[Record], states: Sequence[Array], freed: Mapping[str, float], start: str
+def _record(
+    system: HybridSystem,
+    steps: Sequence[tuple[Phases, Mode]],
+    states: Sequence[Array],
+    freed: Mapping[str, float],
+    start: str,
 ) -> Record:
+    """A cycle without repetitions, from the smallest of its states in lexical order."""
     sides = system.walker.n_sides()
     n = next(k for k in range(sides, len(steps) + 1, sides) if len(steps) % k == 0 and _repeats(states, k))
     first = min(range(0, n, sides), key=lambda k: tuple(states[k]))
-    turned = [*steps[first:n], *steps[:first]]
     return {
-        "steps": turned,
-        "state": _state_record(system, states[first]),
+        "steps": [
+            {"phases": [{**mode.record, "duration": t} for mode, t in phases], "impact": str(impact)}
+            for phases, impact in (*steps[first:n], *steps[:first])
+        ],
+        "state": dict(zip(system.state_names, map(float, states[first]), strict=True)),
         "parameters": dict(freed),
         "start": start,
     }
@@ -238,19 +244,3 @@ def _repeats(states: Sequence[Array], n: int) -> bool:
     """Whether a cycle of states is one of ``n`` states several times over."""
     size = np.abs(states[0]).max()
     return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
-
-
-def _proposal_record(system: HybridSystem, proposal: Proposal, start: str) -> Record:
-    steps = [
-        _step_record(tuple(zip(step.phases, durations, strict=True)), step.impact)
-        for step, durations in zip(proposal.cycle.steps, proposal.durations, strict=True)
-    ]
-    return _cycle_record(system, steps, list(proposal.states), proposal.freed, start)
-
-
-def _step_record(phases: Sequence[tuple[Mode, float]], impact: Mode) -> Record:
-    return {"phases": [{**mode.record, "duration": t} for mode, t in phases], "impact": str(impact)}
-
-
-def _state_record(system: HybridSystem, state: Array) -> Record:
-    return dict(zip(system.state_names, map(float, state), strict=True))

@@ -9,11 +9,12 @@ from gaitopt.gait import Cause, Gait, Status
 from gaitopt.nlp import free_parameters
 from gaitopt.problem import Problem
 from gaitopt.search.distinct import Gaits
-from gaitopt.search.find import STARTS, find
+from gaitopt.search.find import STARTS, SearchPlan, in_memory, opened, search
 from gaitopt.search.nearest import Nearest, changed_parameters, nearest_values, own_gait
 from gaitopt.search.solve import solve
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.verify import verify
+from gaitopt.workers.jobs import Workers
 
 INDIRECT = ("search", "motion", "event", "periodicity", "duration", "touchdown", "slip_velocity", "equations")
 """Causes that tell where a search has ended; the end of a family of gaits tells more."""
@@ -27,7 +28,7 @@ class Explanation:
 
     Attributes
     ----------
-    problem : what was asked.
+    problem : the problem without a gait.
     gait : the attempt, where ``exists`` the gait; None where the reference of a PD law already failed.
     exists : whether the gait exists after all.
     causes : violated conditions, the decisive one first.
@@ -70,7 +71,7 @@ def explain(
 
     Parameters
     ----------
-    starts, seed, workers : of the search for gaits of other mode sequences, see ``find``.
+    starts, seed, workers : of the search for gaits of other mode sequences, see ``gaitopt.find``.
     progress : called with what is done next.
     should_stop : polled at every iteration.
 
@@ -92,7 +93,13 @@ def explain(
     if gait.converged and not refuted:
         return Explanation(problem=problem, gait=gait, exists=True)
     say("searching for gaits of any mode sequence")
-    instead = find(problem, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
+    run = in_memory(Workers(count=workers), None, should_stop)
+
+    def gaits_at(given: Problem) -> Gaits:
+        plan = SearchPlan(problem=opened(given), starts=starts, seed=seed)
+        return search(plan, run, should_stop=should_stop)
+
+    instead = gaits_at(problem)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
     nearest, changed = list[Nearest](), list[str]()
     given = _given(problem, gait)
@@ -100,7 +107,9 @@ def explain(
         say("following families of gaits to where the mode sequence begins")
         own = own_gait(problem, should_stop)
         changed = [] if own is None else changed_parameters(problem, own)
-        others = instead if given is problem else _others(given, starts, seed, workers, should_stop)
+        others: Sequence[Gait] = instead
+        if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
+            others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
         nearest = nearest_values(given, own, others, problem.free, should_stop)
     return Explanation(
         problem=problem,
@@ -124,15 +133,6 @@ def _given(problem: Problem, gait: Gait) -> Problem | None:
         return problem
     values = gait.dynamics.parameters
     return replace(problem, free={}, objective={}, constraints={}).replace({key: values[key] for key in problem.free})
-
-
-def _others(
-    given: Problem, starts: int, seed: int, workers: int, should_stop: Callable[[], bool] | None
-) -> Sequence[Gait]:
-    """Gaits of other mode sequences; none where that of the problem exists, so that only constraints exclude it."""
-    if solve(given, should_stop=should_stop).converged:
-        return ()
-    return find(given, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
 
 
 def _refuted(gait: Gait) -> tuple[Cause, ...]:

@@ -1,12 +1,10 @@
-"""All gaits at given parameters, whatever their mode sequence: candidates, each solved, verified and counted once.
+"""All gaits at given parameters, of any mode sequence: candidates, each solved, verified and counted once.
 
 Nothing is claimed about gaits that no start has led to: ``searched`` says what was tried.
 """
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -18,7 +16,7 @@ from gaitopt.search.candidates import GUESSES, WALKS, Record, SearchJob, search_
 from gaitopt.search.distinct import Gaits, closed, gaits_of, is_stable
 from gaitopt.search.neighbours import search_family, varied
 from gaitopt.study.system import problem_dynamics
-from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 
 STARTS = 1000
 """Start states of the search by simulation."""
@@ -55,52 +53,8 @@ class SearchPlan:
             parameter=parameter,
             n_steps=self.n_steps,
         )
-        fields = {
-            "problem": problem.digest,
-            "method": method,
-            "number": number,
-            "seed": self.seed,
-            "within": {name: list(span) for name, span in self.within.items()},
-            "parameter": parameter,
-            "n_steps": self.n_steps,
-        }
-        return Job(key=hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest(), argument=part)
-
-
-def find(
-    problem: Problem,
-    *,
-    starts: int = STARTS,
-    seed: int = 0,
-    within: Within | None = None,
-    workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> Gaits:
-    """All gaits at a problem's parameters that two searches lead to, whatever their mode sequence.
-
-    Parameters
-    ----------
-    problem : its phases are ignored if it has some; a guess is one of the starts. Where parameters are free, the best
-        gait of every mode sequence is listed.
-    starts : start states of the search by simulation.
-    seed : of the samples.
-    within : range of the start states by name of a section coordinate, where it is not to be the walker's default.
-    workers : processes.
-    progress : called with the number of finished parts of the search and their total.
-    should_stop : polled; True ends the search with a KeyboardInterrupt.
-
-    Returns
-    -------
-    gaits : each solved to 1e-10 and verified; stable ones first, then by spectral radius.
-
-    Raises
-    ------
-    UnknownNameError
-        If ``within`` names something that is no section coordinate.
-    """
-    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
-    return search(plan, in_memory(Workers(count=workers), progress, should_stop), should_stop=should_stop)
+        identity = {entry.name: getattr(part, entry.name) for entry in fields(part)}
+        return Job(key=key_of(identity | {"problem": problem.digest, "within": dict(self.within)}), argument=part)
 
 
 def find_best(
@@ -178,13 +132,7 @@ def opened(problem: Problem) -> Problem:
 
 
 def search_jobs(plan: SearchPlan) -> list[Job]:
-    """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity.
-
-    Raises
-    ------
-    UnknownNameError
-        If ``within`` names something that is no section coordinate.
-    """
+    """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity."""
     names = plan.problem.walker.section_names(slipping=True)
     unknown = [name for name in plan.within if name not in names]
     if unknown:

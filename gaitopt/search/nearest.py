@@ -1,6 +1,6 @@
 """The nearest values of parameters at which a mode sequence does exist: where families of gaits gain or lose it.
 
-A family is followed from a gait that exists: from that of the problem's own file towards the values asked for, and
+A family is followed from a gait that exists: from that of the problem's own file towards the new values, and
 from the gaits that other mode sequences have at these values. The special point on the way is the answer, located to
 rounding.
 """
@@ -29,7 +29,7 @@ WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nearest:
-    """A value of one parameter at which the mode sequence begins to exist, the others being as asked.
+    """A value of one parameter at which the mode sequence begins to exist, the others being those of the problem.
 
     Attributes
     ----------
@@ -69,7 +69,8 @@ def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Callabl
     cycle, request = gait.problem.cycle, _request(parameter, value)
     for record in follow_family(gait, request, should_stop=should_stop):
         if isinstance(record, SpecialPoint) and record.type in ENDS:
-            return None if _is_at(record, value) else _nearest(parameter, record)
+            is_there = np.isclose(record.value, value, rtol=1e-12, atol=1e-14)
+            return None if is_there else _nearest(parameter, record)
         if isinstance(record, BranchPoint) and record.gait.problem.cycle != cycle:
             return None
     return None
@@ -103,8 +104,10 @@ def nearest_values(
     """
     changed = [] if own is None else changed_parameters(problem, own)
     gaits, values = list(others), problem.parameters
-    ranges = {key: _widened(problem, key, span) for key, span in free.items()} | _ranges(problem)
-    found = []
+    ranges = {key: _widened(problem, key, span) for key, span in free.items()}
+    ranges |= {key: (0.0, WIDEST_FRICTION) for key in values if key.partition(".")[0] == "friction"}
+    ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in values if key == "walker.slope"}
+    answers = list[Nearest]()
     for parameter in dict.fromkeys([*changed, *ranges]):
         best: Nearest | None = None
         if own is not None and changed == [parameter]:
@@ -115,8 +118,9 @@ def nearest_values(
                 if target != values[parameter]:
                     closer = _attempt(begin_of_sequence, gait, parameter, target, problem.cycle, should_stop)
                     best = closer or best
-        found += [] if best is None else [best]
-    return found
+        if best is not None:
+            answers.append(best)
+    return answers
 
 
 def _no_further(value: float, bound: float, best: Nearest | None) -> float:
@@ -133,14 +137,6 @@ def _attempt(follow: Callable[..., Nearest | None], gait: Gait, *arguments: Any)
         return None
 
 
-def _ranges(problem: Problem) -> dict[str, tuple[float, ...]]:
-    """Ranges of the parameters in which a gait is looked for: friction and slope."""
-    ranges: dict[str, tuple[float, ...]] = {}
-    ranges |= {key: (0.0, WIDEST_FRICTION) for key in problem.parameters if key.partition(".")[0] == "friction"}
-    ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in problem.parameters if key == "walker.slope"}
-    return ranges
-
-
 def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
     """The range of a free number and as much again on either side, where the walker can have it."""
     width = span.upper - span.lower
@@ -150,10 +146,6 @@ def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
 
 def _request(parameter: str, value: float) -> Request:
     return Request(parameter=parameter, to=(value,), max_points=MAX_POINTS, verify_every=0)
-
-
-def _is_at(special: SpecialPoint, value: float) -> bool:
-    return bool(np.isclose(special.value, value, rtol=1e-12, atol=1e-14))
 
 
 def _nearest(parameter: str, special: SpecialPoint) -> Nearest:

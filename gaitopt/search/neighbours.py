@@ -26,13 +26,7 @@ def varied(problem: Problem) -> list[str]:
 
 
 def search_family(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
-    """Candidates on the family of one gait, that of the job's closed problem, along the job's parameter.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` became true.
-    """
+    """Candidates on the family of one gait, that of the job's closed problem, along the job's parameter."""
     gait = solve_sequence(job.problem, should_stop=should_stop)
     candidates = list[Record]()
     if gait.converged:

@@ -12,10 +12,9 @@ from typing import Any
 
 from gaitopt.errors import StorageError
 from gaitopt.problem import Problem
-from gaitopt.store.files import write_whole
 from gaitopt.store.folder import check_folder, stored_lines
 from gaitopt.store.lines import lines_text
-from gaitopt.store.manifest import replacing
+from gaitopt.store.manifest import write_files
 from gaitopt.store.run import begin_run, run_folder
 from gaitopt.store.text import Table, csv_text
 
@@ -60,15 +59,13 @@ def begin_branch(
 ) -> Path:
     """Write the request and the records from which a branch goes on; returns the file to append to."""
     begin_run(folder, problem)
-    with replacing(folder, BRANCH_FILE):
-        write_whole(folder / BRANCH_FILE, lines_text((request, *records)))
+    write_files(folder, {BRANCH_FILE: lines_text((request, *records))})
     return folder / BRANCH_FILE
 
 
 def write_branch_table(folder: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
     """Write the table of a branch beside it."""
-    with replacing(folder, BRANCH_TABLE):
-        write_whole(folder / BRANCH_TABLE, csv_text(Table(header=tuple(header), rows=list(rows))))
+    write_files(folder, {BRANCH_TABLE: csv_text(Table(header=tuple(header), rows=list(rows)))})
     return folder / BRANCH_TABLE
 
 

@@ -71,6 +71,17 @@ def make_folder(folder: Path, *, parents: bool = True) -> None:
         raise StorageError(f"cannot make the folder {folder}: {reason(error)}; nothing was written") from error
 
 
+def entries(folder: Path) -> list[Path]:
+    """What a folder holds; nothing if it is not there."""
+    try:
+        return list(folder.iterdir())
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        words = f"cannot use {folder} as a run folder: {reason(error)}; name another"
+        raise StorageError(words).about("output") from error
+
+
 def clear_leftovers(*folders: Path) -> None:
     """Remove the temporary files of killed writers; those of processes that are alive are left."""
     for folder in folders:
@@ -89,13 +100,7 @@ def _is_alive(pid: int) -> bool:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a file.
-
-    Raises
-    ------
-    StorageError
-        If it is missing or unreadable.
-    """
+    """Read a file."""
     try:
         return path.read_bytes()
     except FileNotFoundError as error:

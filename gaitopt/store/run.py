@@ -12,7 +12,7 @@ from typing import Any
 
 from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.problem import Problem, restore_problem
-from gaitopt.store.files import parsed, write_whole
+from gaitopt.store.files import parsed
 from gaitopt.store.folder import check_folder, writing
 from gaitopt.store.manifest import (
     MANIFEST_FILE,
@@ -20,11 +20,10 @@ from gaitopt.store.manifest import (
     new_manifest,
     read_manifest,
     read_sealed,
-    replacing,
-    seal,
+    write_files,
     write_manifest,
 )
-from gaitopt.store.text import Table, csv_text, json_text, parse_csv, parse_object
+from gaitopt.store.text import Table, csv_text, json_file, parse_csv, parse_object
 
 RESULTS = Path("results")
 """Where runs go unless the user names a folder."""
@@ -57,21 +56,11 @@ def run_folder(problem: Problem, results: Path = RESULTS) -> Path:
 
 
 def begin_run(folder: Path, problem: Problem) -> Path:
-    """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else or cannot be written.
-    """
+    """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to."""
     with writing(folder, problem):
         files = dict(read_manifest(folder).files) if (folder / MANIFEST_FILE).exists() else {}
-        for name in (PROBLEM_FILE, RESOLVED_FILE):
-            files.pop(name, None)
         write_manifest(folder, replace(new_manifest(problem.name, problem.digest), files=files))
-        write_whole(folder / PROBLEM_FILE, problem.text)
-        write_whole(folder / RESOLVED_FILE, json_text(problem.resolved(), indent=2) + "\n")
-        seal(folder, PROBLEM_FILE, RESOLVED_FILE)
+        write_files(folder, {PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(problem.resolved())})
     return folder
 
 
@@ -82,55 +71,31 @@ def write_run(folder: Path, *, problem: Problem, gait: Mapping[str, Any], trajec
     ----------
     gait : the JSON object of the gait.
     trajectory : header and rows of ``trajectory.csv``.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else or cannot be written; the message says what was kept.
     """
-    return _write_motion(folder, problem, (GAIT_FILE, gait), (TRAJECTORY_FILE, trajectory))
+    return _write_motion(folder, problem, {TRAJECTORY_FILE: csv_text(trajectory), GAIT_FILE: json_file(gait)})
 
 
 def write_walk(folder: Path, *, problem: Problem, walk: Mapping[str, Any], trajectory: Table) -> Path:
-    """Write a simulated walk into the run folder of its problem, beside the gait if there is one.
-
-    Parameters and errors are those of ``write_run``.
-    """
-    return _write_motion(folder, problem, (WALK_FILE, walk), (WALK_TRAJECTORY_FILE, trajectory))
+    """Write a simulated walk into the run folder of its problem, beside the gait if there is one."""
+    return _write_motion(folder, problem, {WALK_TRAJECTORY_FILE: csv_text(trajectory), WALK_FILE: json_file(walk)})
 
 
-def _write_motion(
-    folder: Path, problem: Problem, record: tuple[str, Mapping[str, Any]], table: tuple[str, Table]
-) -> Path:
+def _write_motion(folder: Path, problem: Problem, contents: Mapping[str, str]) -> Path:
     with writing(folder, problem):
         begin_run(folder, problem)
-        with replacing(folder, record[0], table[0]):
-            write_whole(folder / table[0], csv_text(table[1]))
-            write_whole(folder / record[0], json_text(record[1], indent=2) + "\n")
+        write_files(folder, contents)
     return folder
 
 
 def is_complete(folder: Path) -> bool:
-    """Whether a folder holds a gait whose writer got to its end.
-
-    Raises
-    ------
-    StorageError
-        If its manifest is broken or newer.
-    """
+    """Whether a folder holds a gait whose writer got to its end."""
     if not (folder / GAIT_FILE).is_file():
         return False
     return {GAIT_FILE, TRAJECTORY_FILE} <= read_manifest(folder).files.keys()
 
 
 def read_run(folder: Path) -> Run:
-    """Read a run.
-
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, or the run is unfinished, broken or newer.
-    """
+    """Read a run."""
     manifest = read_manifest(folder)
     if not (folder / GAIT_FILE).is_file():
         raise StorageError(f"{folder} is unfinished (no {GAIT_FILE}): solve {manifest.problem} again to complete it")
@@ -145,26 +110,14 @@ def read_run(folder: Path) -> Run:
 
 
 def read_walk(folder: Path) -> tuple[dict[str, Any], Table]:
-    """The record and the table of the walk in a run folder.
-
-    Raises
-    ------
-    StorageError
-        If it is missing, unfinished, broken or newer.
-    """
+    """The record and the table of the walk in a run folder."""
     record = read_object(folder, WALK_FILE)
     table = parsed(parse_csv, read_sealed(folder, WALK_TRAJECTORY_FILE), folder / WALK_TRAJECTORY_FILE)
     return record, table
 
 
 def read_problem(folder: Path) -> Problem:
-    """The problem of a run folder, whatever else it holds.
-
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, broken or newer.
-    """
+    """The problem of a run folder."""
     return restored_problem(folder, read_object(folder, RESOLVED_FILE), _read_text(folder, PROBLEM_FILE))
 
 
@@ -186,13 +139,7 @@ def restored_problem(folder: Path, resolved: Mapping[str, Any], text: str) -> Pr
 
 
 def read_object(folder: Path, name: str) -> dict[str, Any]:
-    """Read a finished file of a run folder that is one JSON object.
-
-    Raises
-    ------
-    StorageError
-        If it is missing, unfinished, altered or anything else.
-    """
+    """Read a finished file of a run folder that is one JSON object."""
     return parsed(parse_object, read_sealed(folder, name), folder / name)
 
 
@@ -201,13 +148,7 @@ def _read_text(folder: Path, name: str) -> str:
 
 
 def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:
-    """Folder of the finished run of ``problem``, if there is one.
-
-    Raises
-    ------
-    StorageError
-        If its place is taken by something else.
-    """
+    """Folder of the finished run of ``problem``, if there is one."""
     folder = run_folder(problem, results)
     check_folder(folder, problem)
     return folder if (folder / GAIT_FILE).is_file() else None

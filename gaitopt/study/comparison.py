@@ -19,7 +19,8 @@ INTERIOR_AGREEMENT = 1e-8
 def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
     """Times and states of the simulated steps ``walked`` against those of the gait."""
     scales, unit, growth = gait.dynamics.scales, gait.dynamics.state_units, _growth(gait)
-    ours, theirs = (_switching_times(steps) / scales.time for steps in (gait.steps, walked))
+    durations = ([duration for step in steps for _, duration in step.phases] for steps in (gait.steps, walked))
+    ours, theirs = (np.cumsum(own) / scales.time for own in durations)
     yield claim("period", abs(ours[-1] - theirs[-1]), growth * AGREEMENT, "in units of sqrt(l / g)")
     yield claim("switching times", np.abs(ours - theirs).max(), growth * AGREEMENT, "in units of sqrt(l / g)")
     returned = np.abs((_impacts(walked)[-1].state - gait.state) / unit).max()
@@ -40,10 +41,6 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
         place = f" of step {number}" if len(gait.steps) > 1 else ""
         errors |= {f"{name}{place}": e for name, e in _impact_errors(gait, ours, simulated, scales).items()}
     yield _worst("impact", errors, tolerance)
-
-
-def _switching_times(steps: Sequence[Step]) -> Array:
-    return np.cumsum([duration for step in steps for _, duration in step.phases])
 
 
 def _impacts(steps: Sequence[Step]) -> list[ImpactRecord]:

@@ -1,9 +1,9 @@
 """The return map of thousands of states at once: arrays in, arrays and named outcomes out."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,31 +173,28 @@ class StepMap:
         return stack_outcomes([simulator.step(state) for state in states], states, self.dynamics.system.walker.modes())
 
 
+@dataclass(frozen=True, slots=True)
+class _Key:
+    """What a map depends on: the problem by its digest."""
+
+    digest: str
+    p: tuple[float, ...] | None
+    engine: Engine
+    problem: Problem = field(compare=False)
+
+
 @lru_cache(maxsize=8)
-def _step_map(key: "_ByDigest", p: tuple[float, ...] | None, engine: Engine) -> StepMap:
+def _step_map(key: _Key) -> StepMap:
     dynamics = problem_dynamics(key.problem)
-    return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine)
+    return StepMap(Dynamics(dynamics.system, np.array(key.p)) if key.p else dynamics, key.engine)
 
 
 def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
     """The map of a problem, built once in every process; ``p`` if the parameters are not those of the problem."""
-    return _step_map(_ByDigest(problem), p, engine)
-
-
-class _ByDigest:
-    """A problem that is equal to another if its digest is."""
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem, self._digest = problem, problem.digest
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByDigest) and self._digest == other._digest
-
-    def __hash__(self) -> int:
-        return hash(self._digest)
+    return _step_map(_Key(problem.digest, p, engine, problem))
 
 
 def _joined(parts: list[Returns]) -> Returns:
-    fields = ("states", "endings", "times", "step_lengths", "phases", "impacts")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in fields}
-    return Returns(names=parts[0].names, modes=parts[0].modes, **joined)
+    names = ("states", "endings", "times", "step_lengths", "phases", "impacts")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return replace(parts[0], **joined)

@@ -1,4 +1,4 @@
-"""The gait of a problem with a given mode sequence, whatever it needs first: the reference of a PD law."""
+"""The gait of a problem with a given mode sequence; the reference of a PD law is solved first."""
 
 from collections.abc import Callable
 

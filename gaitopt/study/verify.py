@@ -58,13 +58,7 @@ def confirm(gait: Gait) -> Verification:
 
 
 def check_gait(gait: Gait) -> None:
-    """Refuse a failed attempt.
-
-    Raises
-    ------
-    SolveError
-        If there is no gait.
-    """
+    """Refuse a failed attempt."""
     if not gait.steps:
         raise SolveError(f"{gait.problem.name} is {gait.status}, there is no gait to verify: {gait.message}")
 

@@ -5,6 +5,8 @@ handed over from there, so that whoever started the jobs can keep each at once. 
 at and no other; a job that takes three workers with it is set aside.
 """
 
+import hashlib
+import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -36,6 +38,11 @@ class Job:
     parent: str | None = None
 
 
+def key_of(identity: Any) -> str:
+    """A key out of all that a result depends on, which JSON can hold: its SHA-256."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailedJob:
     """In place of a result: why a job has none."""
@@ -52,13 +59,7 @@ class Workers:
 
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
-    """So many processes of this machine (None: one per core), or those of a scheduler.
-
-    Raises
-    ------
-    UnknownNameError
-        If the address of the scheduler cannot be one, or lacks certificates.
-    """
+    """So many processes of this machine (None: one per core), or those of a scheduler."""
     if scheduler is not None:
         from gaitopt.workers.cluster import check_address
 

@@ -10,8 +10,8 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt import continuation
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.families import continuation
 from gaitopt.families.continuer import Continuer, Limits
 from gaitopt.families.request import Request
 from gaitopt.families.segment import Metric, Point, Segment
@@ -88,12 +88,14 @@ def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | Spe
     plan = layout(sequence, durations, ()).refined([intervals] * len(durations))
     transcription = Transcription(system, plan, ("friction",))
     value = float(gait.p[system.parameters.index("friction")])
-    segment = Segment(gait.problem, "friction", transcription, gait.p, Metric.of(gait, gait.period, abs(to - value)))
+    segment = Segment(gait.problem, "friction", transcription, gait.p, Metric.of(gait, abs(to - value)))
     nodes = roll_out(Dynamics(system, gait.p), sequence, gait.state, durations).nodes(plan)
     w = transcription.pack(nodes, np.array(durations), (value,))
     point = segment.start(w, np.append(np.zeros(w.size - 1), to - value))
     assert isinstance(point, Point)
-    limits = Limits(lower=min(to, value), upper=max(to, 2 * value - to))
+    limits = Limits(
+        request=Request(parameter="friction", to=(to,)), lower=min(to, value), upper=max(to, 2 * value - to)
+    )
     return Continuer(segment, point, limits, numbers=count(1)).records()
 
 

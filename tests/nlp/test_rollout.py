@@ -103,7 +103,7 @@ def test_feet_that_stay_together_are_no_step():
                 "gait.guess.state": {"theta1": -0.16967, "dtheta1": 0.6479, "dtheta2": -0.36653},
                 "gait.guess.durations": [2.1385],
             },
-            "the swing foot lands earlier, about 1.0",
+            "the swing foot touches the ground earlier in the step, about 1.0",
         ),
         ("compass-passive-stick", {"walker.slope": "-1 deg"}, "no energy comes in"),
         ("rimless-wheel-stick", {"walker.slope": 0}, "passive walker on level or uphill ground cannot be periodic"),

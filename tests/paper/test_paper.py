@@ -13,7 +13,7 @@ from gaitopt.cli.main import main
 from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
-from gaitopt.paper import Archive, parts
+from gaitopt.paper import Archive
 from gaitopt.paper.copied_torques import copied_torques, mean_torques
 from gaitopt.paper.figures import FIGURES
 from gaitopt.paper.gaits import SOURCES, problem_of
@@ -152,11 +152,6 @@ def test_one_figure_alone_is_written_where_it_is_wanted(tmp_path, monkeypatch, c
     assert main(["reproduce", "gamus-or-2013", "--only", "fig3", "-o", "pictures"]) == 0
     assert sorted(path.name for path in Path("pictures").iterdir()) == ["fig3.png", "fig3.svg"]
     assert capsys.readouterr().out.split() == ["pictures/fig3.svg", "pictures/fig3.png"]
-
-
-def test_the_parts_are_the_figures_with_curves_and_the_table():
-    numbers = {name.removeprefix("fig").partition("-")[0] for name in parts() if name != "table"}
-    assert numbers == {str(k) for k in (2, 3, 4, 6, 7, 8, 9, 10, 11, 12)}
 
 
 def test_the_page_about_the_reproduction_counts_what_the_table_holds():

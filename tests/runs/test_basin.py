@@ -42,7 +42,7 @@ def gait():
 
 def plan_in(folder, gait, **changes):
     asked = {"start": gait, "grid": GRID, "max_steps": 100, "engine": "heyoka", "folder": folder}
-    return BasinPlan(**(asked | changes))
+    return BasinPlan.around(**(asked | changes))
 
 
 @pytest.fixture(scope="module")

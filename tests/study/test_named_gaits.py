@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 
 import gaitopt as go
 from gaitopt.gait import floquet_multipliers, multiplier_distance
-from gaitopt.mechanics import Dynamics, Mode
+from gaitopt.mechanics import Mode
 from gaitopt.orbit import FixedPoint, ReturnMap
 from gaitopt.simulation import Simulator
 
@@ -131,7 +131,7 @@ def test_printed_rates_of_the_sticking_gait() -> None:
 def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
     gait, (return_map, point) = named(name), simulated(name)
     assert point.converged
-    assert Dynamics(np.abs(gait.system, gait.p).lift(point.xi) - gait.state).max() < AGREEMENT
+    assert np.abs(gait.dynamics.lift(point.xi) - gait.state).max() < AGREEMENT
     assert point.steps[0].period == pytest.approx(gait.period, abs=AGREEMENT)
     assert return_map.section_mode is gait.problem.cycle.impact
 

@@ -56,9 +56,7 @@ def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
-    p = gait.p.copy()
-    p[gait.system.parameters.index(name)] = value
-    return replace(gait, p=p)
+    return replace(gait, dynamics=gait.dynamics.at({name: value}))
 
 
 def lengthened(gait: Gait, seconds: float) -> Gait:

@@ -81,7 +81,7 @@ def freed_sizes(freed: Array, bounds: Array) -> Array:
 def _state_sizes(t: Transcription, nodes: Array, durations: Array, p: Array) -> Array:
     """Largest angle, position, rate and slip velocity of the step; shape (n_z,)."""
     n = t.system.n_shape
-    length = abs(float(t.system.impact(t.layout.cycle.impact)(nodes[:, -1], p)[0][n]))
+    length = abs(float(t.system.impact(t.layout.cycle.impact)(z=nodes[:, -1], p=p)["z_plus"][n]))
     largest = np.abs(nodes).max(axis=1)
     slip = max(largest[-1], length / durations.sum())
     return np.concatenate([np.full(n, largest[:n].max()), [length], np.full(n, largest[n + 1 : -1].max()), [slip]])
