@@ -12,24 +12,33 @@ H. B. Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.iteration import NO_CONTRACTION, iterate
+from gaitopt.nlp.extrapolation import extrapolation
 from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
 RESIDUAL = 1e-13
-"""Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step."""
+"""Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step.
+
+Above ``ROUNDING`` one chord more is tried.
+"""
+ROUNDING = 1e-14
 ITERATIONS = 11
 SINGULAR = 1e-5
 """Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
 INVERSE_ITERATIONS = 2
 """The null vector of a matrix that is singular to nine digits is right to as many after one."""
+REMEMBERED = 1
+"""Points before the last one that are extrapolated from: with slopes a cubic polynomial, which adds little rounding."""
+FORWARD = 0.5
+"""Cosine of the angle between tangents beyond which the curve has turned too far to be extrapolated."""
 SLOW = 0.2
 """A chord that contracts by less than this is replaced by a new Jacobian."""
 
@@ -44,12 +53,14 @@ class CurvePoint:
     tangent : ndarray, shape of w - direction of the curve, of unit length in y.
     bordered : the Jacobian with this tangent.
     iterations : what Newton's method took to get here.
+    earlier : solution and tangent of the last points on the way here, the latest first.
     """
 
     at: Linearisation
     tangent: Array
     bordered: ScaledMatrix
     iterations: int
+    earlier: tuple[tuple[Array, Array], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,8 +123,27 @@ class Curve:
 
     def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
         """The point at arclength ``length`` along the tangent; None if Newton's method does not converge."""
-        normal = self.coordinates(point.tangent)
-        return self._correct(point.at.w + length * point.tangent, normal, point.bordered, normal)
+        normal, ahead = self.coordinates(point.tangent), point.at.w + length * point.tangent
+        for predicted in (self._extrapolated(point, length), ahead) if point.earlier else (ahead,):
+            end = self._correct(predicted, normal, point.bordered, normal)
+            if end is not None:
+                earlier = ((point.at.w, point.tangent), *point.earlier)
+                return replace(end, earlier=earlier[:REMEMBERED])
+        return None
+
+    def _extrapolated(self, point: CurvePoint, length: float) -> Array:
+        """The solution at arclength ``length`` on the polynomial through points and tangents up to here."""
+        normal, here = self.coordinates(point.tangent), self.coordinates(point.at.w)
+        places, weights = [0.0], np.array([1.0, length])
+        known = [(point.at.w, point.tangent)]
+        for w, tangent in point.earlier:
+            place, slope = float(normal @ (self.coordinates(w) - here)), float(normal @ self.coordinates(tangent))
+            following = None if slope < FORWARD else extrapolation([*places, place], length, slopes=True)
+            if following is None:
+                break
+            places, known, weights = [*places, place], [*known, (w, tangent / slope)], following
+        values, slopes = zip(*known, strict=True)
+        return np.asarray(weights @ np.array([*values, *slopes]))
 
     @overflow_allowed()
     def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
@@ -175,7 +205,12 @@ class Curve:
                 most=ITERATIONS,
                 contraction=NO_CONTRACTION,
             )
-            return self._finish(self._linearised(end.at.w, end.at.residual), forward, end.count) if end.solved else None
+            if not end.solved:
+                return None
+            last = end.at
+            if last.chord is not None and last.size > ROUNDING:
+                last = min(last, following(last), key=lambda at: at.size)
+            return self._finish(self._linearised(last.w, last.residual), forward, end.count)
         except RuntimeError:  # singular
             return None
 

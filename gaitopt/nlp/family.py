@@ -9,7 +9,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from functools import cached_property
-from math import prod
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.iteration import iterate
 from gaitopt.mechanics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
+from gaitopt.nlp.extrapolation import extrapolation
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting, transcribe
@@ -33,8 +33,6 @@ CONTRACTION = 0.5
 """Least decrease of the residual from chord to chord; with less, Newton's method is cheaper."""
 REMEMBERED = 5
 """Solutions on a line that are extrapolated from: with more, what rounding adds is as much as what is left out."""
-LARGEST_WEIGHTS = 100.0
-"""Sum of the weights of an extrapolation; with larger ones it goes too far beyond what is known."""
 STRAIGHT = 1e-9
 """Distance from a line, relative to the distance along it, that is rounding."""
 SETTLED = 1e-12
@@ -144,18 +142,13 @@ class Family:
         ahead = (p - last) / unit
         if not ahead.any():
             return self._w
-        places, solutions = [0.0], [self._w]  # along the line, the last solution at 0 and ``p`` at 1
+        places, solutions, weights = [0.0], [self._w], np.ones(1)  # the last solution lies at 0, and ``p`` at 1
         for before, w in list(self._solved)[-2::-1]:
             offset = (before - last) / unit
             place = float(offset @ ahead / (ahead @ ahead))
             beside = np.abs(offset - place * ahead).max() > STRAIGHT * np.abs(offset).max()
-            if beside or place in places or np.abs(_extrapolation([*places, place])).sum() > LARGEST_WEIGHTS:
+            following = None if beside else extrapolation([*places, place], 1.0)
+            if following is None:
                 break
-            places.append(place)
-            solutions.append(w)
-        return np.asarray(_extrapolation(places) @ np.array(solutions))
-
-
-def _extrapolation(places: list[float]) -> Array:
-    """Weights of the values at some places in that of the polynomial through them at 1; shape (n,)."""
-    return np.array([prod((1 - other) / (own - other) for other in places if other != own) for own in places])
+            places, solutions, weights = [*places, place], [*solutions, w], following
+        return np.asarray(weights @ np.array(solutions))

@@ -62,8 +62,8 @@ class SparseMatrix:
     def __matmul__(self, vector: Array) -> Array:
         """The product with a vector."""
         pattern = self.pattern
-        product = np.bincount(pattern.rows, self.data * vector[pattern.columns], pattern.shape[0])
-        return np.asarray(product, dtype=float)
+        products = self.data * vector[pattern.columns]
+        return np.bincount(pattern.rows, products, pattern.shape[0]).astype(np.float64, copy=False)
 
     def dense(self, start: int, stop: int) -> Array:
         """Some columns written out; shape (n_rows, stop - start)."""

@@ -106,6 +106,6 @@ def _reset(dynamics: Dynamics, arc: Arc, after: Arc) -> Array | None:
     return _matrix(dynamics.system.impact_jacobian(struck), arc.states[-1], dynamics.p).copy()
 
 
-def _matrix(function: Function, *values: float | Array) -> Array:
+def _matrix(function: Function, *values: Array | float) -> Array:
     """The one output of a function as a matrix, valid until it is called again."""
     return buffered(function)(*values)[0].reshape(function.size_out(0), order="F")

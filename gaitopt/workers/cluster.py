@@ -9,6 +9,7 @@ import logging
 import os
 import re
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -90,6 +91,7 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
     with ExitStack() as stack:
         scratch = stack.enter_context(TemporaryDirectory(prefix="gaitopt-", ignore_cleanup_errors=True))
         stack.enter_context(dask.config.set({**SETTINGS, "temporary-directory": scratch}))
+        stack.enter_context(script_not_repeated())
         with uninterrupted():
             cluster = _local_cluster(count)
             stack.enter_context(_closed_at_last(cluster))
@@ -146,6 +148,24 @@ def _kill(process: Any) -> None:
             os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
     except (ProcessLookupError, ValueError):  # it has just ended, or has been closed
         return
+
+
+@contextmanager
+def script_not_repeated() -> Iterator[None]:
+    """Processes that are spawned in the block do not import the caller's script.
+
+    A script that calls the library at its top level would start itself again in every worker. What it defines is
+    pickled by value, so that no worker needs it.
+    """
+    main = sys.modules["__main__"]
+    file, spec = main.__dict__.pop("__file__", None), main.__spec__
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        main.__spec__ = spec
+        if file is not None:
+            main.__file__ = file
 
 
 @contextmanager
