@@ -11,8 +11,7 @@ from gaitopt.figures.motion import motion_from_record
 from gaitopt.figures.style import MODE_WORDS
 from gaitopt.gait.cascade import cascades
 from gaitopt.mechanics import Dynamics
-from gaitopt.pages.page import numbers, render, words
-from gaitopt.pages.provenance import provenance
+from gaitopt.pages.page import numbers, provenance, render, words
 from gaitopt.problem import Problem
 from gaitopt.study.system import problem_dynamics
 

@@ -10,8 +10,7 @@ from gaitopt.figures.labels import symbol
 from gaitopt.figures.motion import motion_of_walk
 from gaitopt.figures.style import STYLE
 from gaitopt.figures.walk import section_states
-from gaitopt.pages.page import render
-from gaitopt.pages.provenance import provenance
+from gaitopt.pages.page import provenance, render
 from gaitopt.problem.scalars import state_unit
 from gaitopt.study.simulate import Walk
 
