@@ -8,11 +8,9 @@ from base64 import b64encode
 from collections.abc import Sequence
 from functools import singledispatch
 from html import escape
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -26,7 +24,7 @@ from gaitopt.figures.catalogue import (
     sweep_figures,
     walk_figures,
 )
-from gaitopt.figures.style import STYLE
+from gaitopt.figures.style import drawn
 from gaitopt.gait import Branch, Gait
 from gaitopt.library.printed import printed
 from gaitopt.library.stored import load_run, save
@@ -123,7 +121,7 @@ def report(*results: Any) -> Page:
 def html(result: Any) -> str:
     """The table that the command line prints and a small picture, for a notebook."""
     try:
-        code = b64encode(_png(draw(result), SMALL)).decode()
+        code = b64encode(drawn(draw(result), "png", SMALL)).decode()
         picture = f'<img alt="" src="data:image/png;base64,{code}">'
     except (TypeError, ValueError):  # has none
         picture = ""
@@ -143,17 +141,10 @@ def _converged(gait: Gait) -> Gait:
     return gait
 
 
-def _png(figure: Figure, resolution: float) -> bytes:
-    drawn = BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(drawn, format="png", dpi=resolution)
-    return drawn.getvalue()
-
-
 def _show(figure: Figure) -> None:
     """Display a figure where there is a notebook; nothing is imported for it elsewhere."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is not None and getattr(shell, "kernel", None) is not None:
         from IPython.display import display
 
-        display({"image/png": _png(figure, 100)}, raw=True)
+        display({"image/png": drawn(figure, "png", 100)}, raw=True)
