@@ -106,21 +106,7 @@ class Front(Plotted, Sequence[FrontPoint]):
 def design_front(
     problem: Problem, axis: Axis, folder: Path, *, progress: Counted = None, should_stop: Stop = None
 ) -> Front:
-    """Designs for every value of an axis, in its order, kept in a file of the run folder.
-
-    Parameters
-    ----------
-    problem : a design with an objective.
-    axis : dotted key of a number of the problem, for instance ``constraints.speed.min``, and its values.
-    folder : that keeps every design as soon as it is found; the same call goes on where it was.
-    progress : called with the number of designs done and their total.
-    should_stop : polled between designs.
-
-    Raises
-    ------
-    ProblemError
-        If the problem has no objective, or a value is wrong for it.
-    """
+    """Designs for every value of an axis of a problem, kept in its run folder; see ``check_front`` for its errors."""
     check_front(problem, axis, folder)
     problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):

@@ -86,14 +86,7 @@ def multistart(
     progress: Counted = None,
     should_stop: Stop = None,
 ) -> list[Optimum]:
-    """As ``gaitopt.multistart``; ``folder`` keeps what each start has found.
-
-    Parameters
-    ----------
-    workers : where the starts are worked on; by default all cores.
-    progress : called with the number of starts done and their total.
-    should_stop : polled; True ends the search with a KeyboardInterrupt, and what is finished is kept.
-    """
+    """As ``gaitopt.multistart``; ``folder`` keeps the results of all starts, on all cores if not said otherwise."""
     check_jobs_fit(starts, folder)
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
     jobs = [problem_job(p) for p in problems]

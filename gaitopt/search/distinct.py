@@ -71,13 +71,7 @@ def gaits_of(
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gaits:
-    """The gaits behind the candidates of all parts of a search.
-
-    Parameters
-    ----------
-    known : gaits that need not be solved again.
-    progress, should_stop : of the solver, see ``solve``.
-    """
+    """The gaits behind the candidates of all parts of a search; ``known`` ones need not be solved again."""
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
     part = np.inf if problem.free or problem.objective else SAME  # a design finds its own motion
