@@ -124,13 +124,7 @@ def front_file(key: str) -> str:
 
 
 def read_fronts(folder: Path) -> list[Front]:
-    """The fronts in a run folder.
-
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, or a file is broken.
-    """
+    """The fronts in a run folder."""
     problem, fronts = read_problem(folder), list[Front]()
     for path in sorted(folder.glob(front_file("*"))):
         record = read_object(folder, path.name)

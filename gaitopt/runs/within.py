@@ -12,13 +12,7 @@ OTHERS = {BRANCH_FILE: "a branch", WALK_FILE: "a walk", front_file("*"): "a fron
 
 
 def refuse_other_results(folder: Path) -> None:
-    """Name what a folder holds instead of a gait.
-
-    Raises
-    ------
-    StorageError
-        If it holds something; of basins and sweeps the message says which folder to give.
-    """
+    """Refuse a folder that holds something else than a gait; the error names it, or the folders of its maps."""
     others = [words for name, words in OTHERS.items() if any(folder.glob(name))]
     if others:
         raise StorageError(f"{folder} holds {' and '.join(others)}, but no gait")
