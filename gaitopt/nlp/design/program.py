@@ -147,7 +147,7 @@ class Program:
             bounding = self._outcome.bounded(name, extremum)[self._outcome.active_rows(name, w, self._p)]
             rows.append(_positive(name, bounding))
             if self._inflates(name):
-                # nothing but its own curve keeps the extremum from growing: it stays at the sample where it is now
+                # only its own curve keeps the extremum from growing: it stays at its present sample
                 rows.append(_zero(name, bounding[int(np.argmin(self._bounding(name, w, self._extremum(name, w))))]))
         return rows
 
