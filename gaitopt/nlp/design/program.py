@@ -71,7 +71,7 @@ class Program:
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
         extrema = np.array([self._extremum(name, w) for name in self._extrema])
         self._search = search(transcription, w, p, bounds, extrema, self._slack.numel())
-        self.rows = [*self._physics(), *self._extremal(w), *self._asked()]
+        self.rows = [*self._physics(), *self._extremal(w), *self._stated()]
         unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
         parameters = transcription.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
@@ -168,7 +168,7 @@ class Program:
         crossings = -constant / (slope - constant)
         return float(crossings.max() if EXTREMA[name] > 0 else crossings.min())
 
-    def _asked(self) -> list[Rows]:
+    def _stated(self) -> list[Rows]:
         rows = []
         for k, (name, span) in enumerate(self._problem.constraints.items()):
             low, high = np.array([span.minimum]), np.array([span.maximum])
