@@ -227,8 +227,15 @@ def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
 
 @overflow_allowed()
 def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
-    """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open."""
-    transcription, p = attempt.transcription, attempt.p
+    """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open.
+
+    A reference that is over before the step says more than what motions beyond it violate.
+    """
+    transcription, p, missing = attempt.transcription, attempt.p, None
+    if guess.endless is not None:
+        missing = missing_event(transcription.layout.cycle, guess.endless, transcription.system.control)
+        if missing.what == "reference":
+            return (missing,)
     relaxed = _by_ipopt(transcription, attempt.start, p, relaxed=True)
     for w in (relaxed.w, attempt.w):
         residual = transcription.violation(w, p)
@@ -236,6 +243,4 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
             violated = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
             if violated:
                 return tuple(violated)
-    if guess.endless is not None:
-        return (missing_event(transcription.layout.cycle, guess.endless, transcription.system.control),)
-    return (largest_residual(transcription, attempt.w, p, residual),)
+    return (missing or largest_residual(transcription, attempt.w, p, residual),)
