@@ -7,9 +7,12 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.figures.style import save
 from gaitopt.paper import table
 from gaitopt.paper.archive import Archive
-from gaitopt.paper.figures import FIGURES
+from gaitopt.paper.families import follow_families
+from gaitopt.paper.figures import FIGURES, NEEDED
+from gaitopt.paper.gaits import FAMILIES
 from gaitopt.store import json_file, write_whole
 from gaitopt.store.files import clear_leftovers, make_folder
+from gaitopt.workers.jobs import Workers
 
 PAPERS = ("gamus-or-2013",)
 TABLE = "table"
@@ -31,7 +34,11 @@ def check_names(paper: str, only: Sequence[str]) -> None:
 
 
 def reproduce(
-    archive: Archive, folder: Path, only: Sequence[str] = (), progress: Callable[[int, int], None] | None = None
+    archive: Archive,
+    folder: Path,
+    only: Sequence[str] = (),
+    progress: Callable[[int, int], None] | None = None,
+    workers: Workers | None = None,
 ) -> list[Path]:
     """Write figures and table into a folder.
 
@@ -40,6 +47,7 @@ def reproduce(
     archive : where gaits and families are kept, or computed.
     only : names out of ``parts()``; everything if empty.
     progress : called with the number of parts that are done, and of all.
+    workers : processes that follow the families; this very one unless given.
 
     Returns
     -------
@@ -48,6 +56,9 @@ def reproduce(
     make_folder(folder)
     clear_leftovers(folder)
     names = [name for name in parts() if not only or name in only]
+    needed = {family for name in names for family in NEEDED.get(name, ())}
+    if workers is not None:
+        follow_families(archive, [family for family in reversed(FAMILIES) if family in needed], workers)
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
         written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
