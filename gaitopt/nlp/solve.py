@@ -228,8 +228,15 @@ def rejection_reason(refined: Refined[Transcription]) -> tuple[Cause, ...]:
 
 @overflow_allowed()
 def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
-    """The worst violation: of margins, by a periodic motion solved with or without them, or else of the equations."""
-    transcription, p = attempt.transcription, attempt.p
+    """The worst violation: of margins, by a periodic motion solved with or without them, or else of the equations.
+
+    A reference that ends before the step explains more than what motions beyond it violate.
+    """
+    transcription, p, missing = attempt.transcription, attempt.p, None
+    if guess.endless is not None:
+        missing = missing_event(transcription.layout.cycle, guess.endless, transcription.system.control)
+        if missing.what == "reference":
+            return (missing,)
     relaxed = _by_ipopt(transcription, attempt.start, p, relaxed=True)
     for w in (relaxed.w, attempt.w):
         residual = transcription.violation(w, p)
@@ -237,6 +244,4 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
             violated = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
             if violated:
                 return tuple(violated)
-    if guess.endless is not None:
-        return (missing_event(transcription.layout.cycle, guess.endless, transcription.system.control),)
-    return (largest_residual(transcription, attempt.w, p, residual),)
+    return (missing or largest_residual(transcription, attempt.w, p, residual),)
