@@ -22,7 +22,7 @@ def front(
     Every design is kept as soon as it is found; the same command goes on where it was.
     """
     from gaitopt.library.print_results import print_front
-    from gaitopt.runs.front import check_front, design_front, front_file
+    from gaitopt.runs.front import check_front, design_front, front_file, front_record
     from gaitopt.store import adding, check_folder, run_folder, writing
 
     axes, loaded = grid(over).axes, load(problem, changes, terminal)
@@ -38,7 +38,7 @@ def front(
         with adding(folder, folder) as figures:
             figures += draw_front(designs, DEFAULT_FORMATS, folder)
     terminal.show(
-        {**designs.to_record(axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
+        {**front_record(designs, axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
         print_front,
         "file",
     )
