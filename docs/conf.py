@@ -16,6 +16,7 @@ exclude_patterns = ["examples", "notebooks/*"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 html_theme = "furo"
+html_show_copyright = False
 html_title = "gaitopt"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
