@@ -1,5 +1,6 @@
 """The commands, and the one place where an ending becomes an exit code."""
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -37,6 +38,10 @@ from gaitopt.cli.solve import solve
 from gaitopt.cli.sweep import sweep
 from gaitopt.cli.verify import verify
 from gaitopt.errors import GaitoptError
+
+LASTING = 100_000
+"""New objects between two searches for cycles of them: modules and compiled functions last as long as the command does,
+and looking through them after every 700 takes a tenth of its time."""
 
 COMPLETION = "_GAITOPT_COMPLETE"
 """Variable through which a shell that completes a command line asks for words; see ``--show-completion``."""
@@ -95,6 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     ----------
     argv : arguments without the program's name; those of the process if None.
     """
+    gc.set_threshold(LASTING)
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments:
         main(["--help"])

@@ -107,7 +107,7 @@ def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Seque
 def _plot_walk(run: Path, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
     from gaitopt.figures.catalogue import USUAL_WALK_FIGURES, WALK_FIGURES
     from gaitopt.figures.motion import motion_of_walk
-    from gaitopt.runs.restore_walk import restore_walk
+    from gaitopt.runs.restore import restore_walk
 
     words = what or [*USUAL_WALK_FIGURES, ANIMATION]
     check_words(words, (*WALK_FIGURES, ANIMATION))

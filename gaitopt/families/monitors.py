@@ -1,6 +1,6 @@
 """What a mode sequence assumes along a gait, as numbers that are positive while it holds.
 
-A margin that an event makes zero at an end of its phase is divided by that zero, so that what is left tells whether
+A margin that an event makes zero at an end of its phase is divided by that zero, so that what is left says whether
 the event is still crossed: with s in [-1, 1] over the phase and g the margin,
 
     monitor = min over s of g(s) / ((1 + s)^a (1 - s)^b)
@@ -57,6 +57,7 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
 def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
     modes = gait.problem.cycle.phases
     arcs = _arcs_by_phase(gait)
+    along = {id(arc): _margins(gait, arc) for whole in arcs for arc in whole}
     period = abs(gait.period)
     for phase, whole in enumerate(arcs):
         duration = sum(arc.duration for arc in whole)
@@ -64,7 +65,7 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
         if duration < SHORT * period:
             continue
         group = [arc for arc in whole if arc.duration > SHORT * period]
-        margins = [_margins(gait, arc) for arc in group]
+        margins = [along[id(arc)] for arc in group]
         for row, kind in enumerate(margin_names(modes[phase])):
             if kind != "upright" and not margin(kind).rises:
                 values = [own[row] for own in margins]
@@ -76,7 +77,8 @@ def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
             within = [name in margin_names(arc.mode) for arc in step.arcs]
             last = max(phase for phase, has in zip(step.arc_phases, within, strict=True) if has)
             own = [arc for arc, has in zip(step.arcs, within, strict=True) if has]
-            yield MonitorKey(name, first + last), MonitorValue(_early_fall(gait, name, own))
+            clearances = [along[id(arc)][margin_names(arc.mode).index(name)] for arc in own]
+            yield MonitorKey(name, first + last), MonitorValue(_early_fall(own, clearances))
 
 
 def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
@@ -122,8 +124,7 @@ def _deflation(count: int, start: int, end: int) -> Array:
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
-def _early_fall(gait: Gait, name: str, arcs: Sequence[Arc]) -> float:
-    margins = [_margins(gait, arc)[margin_names(arc.mode).index(name)] for arc in arcs]
+def _early_fall(arcs: Sequence[Arc], margins: Sequence[Array]) -> float:
     return min(OPEN, lowest_after_rise([arc.times for arc in arcs], margins)[0])
 
 

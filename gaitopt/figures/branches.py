@@ -119,7 +119,7 @@ def _bounded(special: Record, quantity: str) -> Record:
 
 def is_bound(special: Record) -> bool:
     """Whether a branch ends at a bound of its request."""
-    return special["type"] == "end" and special.get("reason", "").startswith("reached ")
+    return bool(special.get("bound"))
 
 
 def _sequences(points: Sequence[Record]) -> dict[int, tuple[str, str]]:

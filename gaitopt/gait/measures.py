@@ -76,10 +76,11 @@ def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None
     impacts = [step.final_impact for step in steps]
     by_step = [[(arc, observe(dynamics, arc)) for arc in step.arcs] for step in steps]
     observed = [pair for pairs in by_step for pair in pairs]
+    driven = [(arc.duration, o.power, o.torque) for arc, o in observed if o.torque.any()]
     pushed = sum(impact.push_work for impact in impacts)
-    work = pushed + sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
+    work = pushed + sum(curves.integral(power.sum(axis=1), duration) for duration, power, _ in driven)
     absolute = abs(pushed) + sum(
-        curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T
+        curves.absolute_integral(column, duration) for duration, power, _ in driven for column in power.T
     )
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
     moves = abs(length) > ON_THE_SPOT * dynamics.scales.length
@@ -93,8 +94,8 @@ def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None
         "damping_loss": sum(curves.integral(o.loss, a.duration) for a, o in observed),
         "cost_of_transport": work / weighted_length if moves else None,
         "absolute_cost_of_transport": absolute / weighted_length if moves else None,
-        "torque_squared": sum(curves.integral((o.torque**2).sum(axis=1), a.duration) for a, o in observed),
-        "peak_torque": max((_peak(column) for _, o in observed for column in o.torque.T), default=0.0),
+        "torque_squared": sum(curves.integral((torque**2).sum(axis=1), duration) for duration, _, torque in driven),
+        "peak_torque": max((_peak(column) for _, _, torque in driven for column in torque.T), default=0.0),
         "slip_distance": sum(_slip(dynamics.system, a) for a, _ in observed),
         "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in by_step),
         "required_friction": max((_peak(ratio) for ratio in sticking), default=None),

@@ -1,8 +1,9 @@
 """Long questions as the library offers them, with progress in words: why there is no gait, and whether it is proved."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Gait
 from gaitopt.library.progress import Teller, shown, word_progress
 from gaitopt.problem import Problem
@@ -21,7 +22,7 @@ def explain(
     seed: int = 0,
     workers: int = 1,
     progress: Teller = True,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Explanation:
     """Why a problem has no gait: the violated conditions, what happens instead, and where the gait begins to exist.
 

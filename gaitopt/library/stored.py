@@ -9,9 +9,8 @@ from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.mechanics import Dynamics
 from gaitopt.runs.basin_tiles import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.front import Front, front_file, read_fronts
-from gaitopt.runs.restore import restore_gait
+from gaitopt.runs.restore import restore_gait, restore_walk
 from gaitopt.runs.restore_branch import restore_branch
-from gaitopt.runs.restore_walk import restore_walk
 from gaitopt.runs.sweep_table import SWEEP_FILE, Sweep, read_sweep
 from gaitopt.runs.within import refuse_other_results
 from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, read_run, run_folder, write_run, write_walk

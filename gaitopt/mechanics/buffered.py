@@ -39,6 +39,11 @@ class BufferedFunction:
             buffer.set_res(k, vector.data)
         self._buffer = buffer  # keeps alive what ``evaluate`` works on
 
+    @property
+    def failed(self) -> bool:
+        """Whether the last call had no result."""
+        return bool(self._buffer.ret())
+
     def __call__(self, *values: Any) -> tuple[Array, ...]:
         """The outputs, each of shape (n,), at ``values``; valid until the next call."""
         for vector, value in zip(self.inputs, values, strict=True):

@@ -90,15 +90,13 @@ class HybridSystem:
 
         return self._build(f"events_{mode.key}", lambda: {"margins": self._symbols.margins(mode), "rates": rates()})
 
-    def linearisation(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> dz/dt, its Jacobian in z, and the Jacobian of the margins in z."""
+    def gradients(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> Jacobian of the margins in z."""
 
         def outputs() -> dict[str, SX]:
-            dz = self._symbols.motion(mode).dz
-            z, margins = self._eom.z, self._symbols.margins(mode)
-            return {"dz": dz, "dz_by_z": jacobian(dz, z), "margins_by_z": jacobian(margins, z)}
+            return {"margins_by_z": jacobian(self._symbols.margins(mode), self._eom.z)}
 
-        return self._build(f"linearisation_{mode.key}", outputs)
+        return self._build(f"gradients_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""

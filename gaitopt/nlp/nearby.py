@@ -70,7 +70,7 @@ def solve_nearby(
         if should_stop is not None and should_stop():
             return None
         try:
-            step = at.factor().solve(at.residual)
+            step = at.scaled.solve(at.residual)
         except RuntimeError:  # singular
             return None
         end, size = w - step, float(np.abs(step / at.units.unknowns).max())

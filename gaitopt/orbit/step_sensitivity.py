@@ -86,12 +86,13 @@ def _event(dynamics: Dynamics, arc: Arc, after: Arc | None) -> Array:
     """What the event at the end of an arc does to deviations; shape (n_z, n_z)."""
     system, z, p, data = dynamics.system, arc.states[-1], dynamics.p, dynamics.system.data(arc.segment)
     row = margin_names(arc.mode).index(ending_margin(arc.mode, None if after is None else after.mode))
-    flow, _, gradients = buffered(system.linearisation(arc.mode))(arc.end, z, p, data)
-    gradient = gradients.reshape((system.n_z, -1))[:, row]
+    (flow,) = buffered(system.flow(arc.mode))(arc.end, z, p, data)
+    gradient = _matrix(system.gradients(arc.mode), arc.end, z, p, data)[row]
     _, rates = buffered(system.events(arc.mode))(arc.end, z, p, data)
     rate = float(rates[row])
     if after is None:
         return projection(flow, gradient, rate)
+    flow = flow.copy()
     (flow_after,) = buffered(system.flow(after.mode))(after.start, after.states[0], p, data)
     return saltation(flow, flow_after, gradient, rate, _reset(dynamics, arc, after))
 
@@ -105,6 +106,6 @@ def _reset(dynamics: Dynamics, arc: Arc, after: Arc) -> Array | None:
     return _matrix(dynamics.system.impact_jacobian(struck), arc.states[-1], dynamics.p).copy()
 
 
-def _matrix(function: Function, *values: Array) -> Array:
+def _matrix(function: Function, *values: Array | float) -> Array:
     """The one output of a function as a matrix, valid until it is called again."""
     return buffered(function)(*values)[0].reshape(function.size_out(0), order="F")

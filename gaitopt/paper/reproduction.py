@@ -1,8 +1,9 @@
 """The reproduction of a paper: its figures and its table, written into one folder."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+from gaitopt.callbacks import Counted
 from gaitopt.errors import UnknownNameError
 from gaitopt.figures.style import save
 from gaitopt.paper import table
@@ -30,9 +31,7 @@ def check_names(paper: str, only: Sequence[str]) -> None:
         raise UnknownNameError(f"{paper} has no {unknown[0]!r}; choose from {', '.join(parts())}")
 
 
-def reproduce(
-    archive: Archive, folder: Path, only: Sequence[str] = (), progress: Callable[[int, int], None] | None = None
-) -> list[Path]:
+def reproduce(archive: Archive, folder: Path, only: Sequence[str] = (), progress: Counted = None) -> list[Path]:
     """Write figures and table into a folder.
 
     Parameters

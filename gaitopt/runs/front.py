@@ -4,11 +4,12 @@ The chain is walked in both directions, because a design is a local optimum and 
 gaits for the same number the better one is kept. Its Pareto front are the points that no other one beats in both aims.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait import Status
@@ -24,7 +25,6 @@ from gaitopt.workers.jobs import Workers
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Progress = Callable[[int, int], None]
 Record = dict[str, Any]
 TIE = 1e-9
 """Relative difference of objectives below which a gait does not beat another."""
@@ -100,12 +100,7 @@ class Front(Plotted, Sequence[FrontPoint]):
 
 
 def design_front(
-    problem: Problem,
-    axis: Axis,
-    folder: Path,
-    *,
-    progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    problem: Problem, axis: Axis, folder: Path, *, progress: Counted = None, should_stop: Stop = None
 ) -> Front:
     """Designs for every value of an axis, in its order, kept in a file of the run folder.
 
@@ -183,12 +178,7 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
         at_point(problem, {axis.key: value})
 
 
-def _walk(
-    problems: dict[float, Problem],
-    folder: Path,
-    progress: Progress | None,
-    should_stop: Callable[[], bool] | None,
-) -> dict[float, Record]:
+def _walk(problems: dict[float, Problem], folder: Path, progress: Counted, should_stop: Stop) -> dict[float, Record]:
     """The better gait of both directions for every value."""
     best: dict[float, Record] = {}
     neighbour: Record | None = None
@@ -201,7 +191,7 @@ def _walk(
     return best
 
 
-def _design(problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None) -> Record:
+def _design(problem: Problem, neighbour: Record | None, folder: Path, should_stop: Stop) -> Record:
     """From the neighbour's gait, or from the guess where there is none or it leads nowhere."""
     job = problem_job(problem, None if neighbour is None else neighbour["job"])
     known = {} if neighbour is None else {neighbour["job"]: neighbour}

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from gaitopt.arrays import Array
+from gaitopt.iteration import bracketed_root
 from gaitopt.mechanics.margins import margin as known
 
 PRIORITY = (
@@ -202,7 +202,7 @@ def _between_tangents(k: int, before: Point, after: Point) -> float:
 
 
 def _extremum(k: int, before: Point, after: Point, reach: Reach) -> Point:
-    return reach(float(brentq(lambda t: reach(t).rates[k], before.time, after.time, xtol=SIMULTANEOUS)))
+    return reach(bracketed_root(lambda t: reach(t).rates[k], before.time, after.time, SIMULTANEOUS))
 
 
 def _root(k: int, before: Point, after: Point, reach: Reach) -> tuple[float, Array]:

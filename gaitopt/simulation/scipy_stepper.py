@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
 from gaitopt.mechanics import Dynamics, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
-from gaitopt.simulation.dop853 import CompiledStep, Integration, StepSizeError
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival

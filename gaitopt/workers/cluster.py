@@ -1,6 +1,6 @@
 """The processes that jobs run in: workers of this machine, started and ended here, or those of a Dask scheduler.
 
-Whoever can connect to a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
+A client of a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
 made for the run, stays in memory, and is needed on both sides of every connection.
 """
 
@@ -170,7 +170,7 @@ def script_not_repeated() -> Iterator[None]:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits for the end of the block; no thread or process that is started in it ever hears of one.
+    """Ctrl-C waits for the end of the block; no thread or process that is started in it receives one.
 
     A terminal sends it to all processes, and a worker would answer with a traceback.
     """

@@ -240,7 +240,7 @@ def test_the_stable_line_reaches_the_bifurcation_and_an_end_that_was_asked_for_i
     points = [{**point, "index": k, "value": 0.1 + 0.01 * k, "spectral_radius": 0.9 + 0.08 * k} for k in range(3)]
     special = {"record": "special", "branch": 0, "status": "converged", "next": []}
     crossing = special | {"type": "fold", "value": 0.1125, "gait": {"spectral_radius": 1 + 1e-12}}
-    end = special | {"type": "end", "value": 0.12, "reason": "reached friction = 0.12", "gait": {}}
+    end = special | {"type": "end", "value": 0.12, "bound": True, "gait": {}}
     figure = over_parameter({"gait": [*points, crossing, end]}, FRICTION)
     (thick,) = [line for line in figure.axes[0].lines if line.get_linewidth() > 2]
     assert thick.get_xdata()[-1] == 0.1125

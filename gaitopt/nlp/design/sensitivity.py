@@ -18,10 +18,9 @@ from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
 from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names
 from gaitopt.nlp.assembly import assemble_steps
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.shooting_jacobian import step_derivatives
-from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import factorise
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved; every point costs a step."""
@@ -85,7 +84,7 @@ class Sensitivity:
     arcs : curves of every arc.
     """
 
-    transcription: Transcription
+    transcription: MultipleShooting
     at: Linearisation
     step: Step
     slopes: Array
@@ -97,7 +96,7 @@ class Sensitivity:
         return self.transcription.dynamics(self.at.p, self.transcription.unpack(self.at.w).freed)
 
 
-def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
+def sensitivity(transcription: MultipleShooting, at: Linearisation) -> Sensitivity:
     """Curves and derivatives at a solution of the equalities.
 
     Raises
@@ -106,14 +105,14 @@ def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
         If the equalities are singular there, so that the gait is no function of the freed parameters.
     """
     n = at.residual.size
-    answer = -factorise(at.square).solve(at.jacobian[:, n:].toarray())
+    answer = -at.scaled.solve(at.jacobian.dense(n, at.w.size))
     slopes = np.vstack([answer, np.eye(answer.shape[1])])
     (step,) = assemble_steps(transcription, at.w, at.p, COUNTS)
     arcs = tuple(_arc_curves(transcription, at, slopes, k, arc) for k, arc in enumerate(step.arcs))
     return Sensitivity(transcription=transcription, at=at, step=step, slopes=slopes, arcs=arcs)
 
 
-def _arc_curves(t: Transcription, at: Linearisation, slopes: Array, index: int, arc: Arc) -> ArcCurves:
+def _arc_curves(t: MultipleShooting, at: Linearisation, slopes: Array, index: int, arc: Arc) -> ArcCurves:
     layout, system = t.layout.arcs[index], t.system
     names = margin_names(arc.mode)
     starts, ends = _ends(t, slopes, index)
@@ -155,7 +154,7 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
     return Function(f"quantities_{mode.key}", [t, z, p, r], cse([values, jacobian(values, by)]))
 
 
-def _ends(t: Transcription, slopes: Array, index: int) -> tuple[Array, Array]:
+def _ends(t: MultipleShooting, slopes: Array, index: int) -> tuple[Array, Array]:
     """Derivatives of the times at which an arc starts and ends; each of shape (n_free,)."""
     first = t.system.n_z * t.n_nodes
     durations = slopes[first : first + t.n_phases]
@@ -167,7 +166,7 @@ def _ends(t: Transcription, slopes: Array, index: int) -> tuple[Array, Array]:
     return by[:, 0] @ durations, by[:, 1] @ durations
 
 
-def _state_slopes(t: Transcription, at: Linearisation, slopes: Array, index: int, arc: Arc, dt: Array) -> Array:
+def _state_slopes(t: MultipleShooting, at: Linearisation, slopes: Array, index: int, arc: Arc, dt: Array) -> Array:
     """Derivatives of the states at the arc's Chebyshev points; shape (m, n_z, n_free)."""
     layout, n_z = t.layout.arcs[index], t.system.n_z
     fractions = (curves.points(arc.times.size) + 1) / 2
