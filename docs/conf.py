@@ -26,6 +26,8 @@ autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
+napoleon_use_rtype = False  # what is returned has a name and words; its type stands in the signature
+napoleon_attr_annotations = False  # they stand in the signature, in short
 
 FIELD = re.compile(r"^(\*{0,2}\w+(?:, \w+)*) : (.*)$")
 
