@@ -15,7 +15,9 @@ from pictured import gait
 import gaitopt as go
 from gaitopt.errors import ProblemError, StorageError
 from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES
+from gaitopt.gait import Cause
 from gaitopt.problem import SCALARS
+from gaitopt.search.explain import Explanation
 
 pd, xr = pytest.importorskip("pandas"), pytest.importorskip("xarray")
 LONGEST_LINE = 200
@@ -57,6 +59,17 @@ def test_every_result_prints_in_one_line(everything, branch):
         assert len(repr(result)) < LONGEST_LINE
     assert f"radius {named(WHEEL).spectral_radius:.4g}" in repr(named(WHEEL))
     assert "converged" in repr(named(WHEEL))
+
+
+def test_answers_print_in_one_line_and_report_in_words():
+    problem = named(WHEEL).problem
+    why = Explanation(problem=problem, gait=None, exists=False, causes=(Cause(what="search", words="needs more"),))
+    assert repr(why) == f"<Explanation of {WHEEL}: needs more>"
+    assert "needs more" in why._repr_html_()
+    said = []
+    proof = go.prove(named("rimless-wheel-stick"), progress=said.append)
+    assert repr(proof).startswith("<Proof about rimless-wheel-stick: ")
+    assert repr(proof).endswith("claims proved, stable>")
 
 
 def walk_parts(walk):
