@@ -256,7 +256,7 @@ def test_who_dislikes_motion_is_brought_to_a_gait_at_once(visit):
 
 
 def test_everything_that_is_operated_or_drawn_has_a_name_for_a_screen_reader(visit, branch_page):
-    for text in (gait_report(gait("compass-pd-impact-slip")), branch_page):
+    for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):
         page = visit(text, motion="reduce")
         page.locator(".chart svg").first.wait_for()
         nameless = page.evaluate(
