@@ -60,7 +60,7 @@ def basin(
         with terminal.working("tiles") as (progress, interrupted):
             result = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
         record = {**result.to_record(), "run": str(plan.place)}
-        if len(points.axes) == 2:
+        if len(points.axes) <= 2:
             with adding(folder, plan.place) as figures:
                 figures += draw_basin(result, DEFAULT_FORMATS, plan.place)
             record["figures"] = [str(path) for path in figures]

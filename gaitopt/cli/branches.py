@@ -33,6 +33,15 @@ def holds_walk(run: str) -> bool:
     return holds(run, WALK_FILE) and not holds(run, GAIT_FILE)
 
 
+def holds_front(run: str) -> bool:
+    """Whether ``run`` is a folder with fronts, and no gait, in it."""
+    from gaitopt.runs.front import front_file
+    from gaitopt.store import GAIT_FILE
+    from gaitopt.store.manifest import MANIFEST_FILE
+
+    return holds(run, MANIFEST_FILE) and any(Path(run).glob(front_file("*"))) and not holds(run, GAIT_FILE)
+
+
 def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
     """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error."""
     from gaitopt.runs import restore_branch

@@ -12,7 +12,7 @@ from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError
 
 INTERNAL_ERROR, USAGE, NOT_A_GAIT, NOT_VERIFIED, STORAGE = 1, 2, 4, 5, 6
 BROKEN_PIPE = 141
-"""Whoever read our output has gone; the code that a shell gives a program ended by SIGPIPE."""
+"""The reader of our output has gone; the code that a shell gives a program ended by SIGPIPE."""
 PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to "}
 """Options by the argument of the library's call that an error is about."""
 SUFFIXES = {"output": " with -o"}

@@ -1,18 +1,13 @@
 """``gaitopt front``: what one aim costs in terms of another, as a chain of verified designs."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING
-
 import typer
 
 from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
+from gaitopt.cli.maps import DEFAULT_FORMATS, draw_front
 from gaitopt.cli.options import OutOption, OverOption, ProblemArgument, SetOption
 from gaitopt.cli.runs import load
 from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import grid
-
-if TYPE_CHECKING:
-    from gaitopt.runs.front import Front
 
 
 def front(
@@ -27,8 +22,8 @@ def front(
     Every design is kept as soon as it is found; the same command goes on where it was.
     """
     from gaitopt.library.print_results import print_front
-    from gaitopt.runs.front import check_front, design_front
-    from gaitopt.store import adding, check_folder, json_text, run_folder, write_files, writing
+    from gaitopt.runs.front import check_front, design_front, front_file
+    from gaitopt.store import adding, check_folder, run_folder, writing
 
     axes, loaded = grid(over).axes, load(problem, changes, terminal)
     if len(axes) != 1:
@@ -36,23 +31,18 @@ def front(
     folder = output or run_folder(loaded)
     check_folder(folder, loaded)
     check_front(loaded, axes[0], folder)
-    path = folder / f"front-{axes[0].key}.json"
+    path = folder / front_file(axes[0].key)
     with writing(folder, loaded):
         with terminal.working("designs") as (progress, interrupted):
             designs = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
-        record = {"problem": loaded.name, "over": str(axes[0]), "points": designs.to_records()}
-        write_files(folder, {path.name: json_text(record) + "\n"})
         with adding(folder, folder) as figures:
-            figures += _draw(designs, path.with_suffix(""))
-    terminal.show({**record, "file": str(path), "figures": [str(figure) for figure in figures]}, print_front, "file")
+            figures += draw_front(designs, DEFAULT_FORMATS, folder)
+    terminal.show(
+        {**designs.to_record(axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
+        print_front,
+        "file",
+    )
     verifications = [point.gait["verification"] for point in designs if point.converged]
     if not verifications:
         return NOT_A_GAIT
     return 0 if all(entry["passed"] for entry in verifications) else NOT_VERIFIED
-
-
-def _draw(designs: "Front", stem: Path) -> list[Path]:
-    from gaitopt.figures.front import front_figure
-    from gaitopt.figures.style import save
-
-    return save(front_figure(designs.problem, designs.key, designs.to_records()), stem)

@@ -1,4 +1,4 @@
-"""Pictures of basins and sweeps: as soon as they are finished, and once more from their folders."""
+"""Pictures of basins, sweeps and fronts: as soon as they are finished, and once more from their folders."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -10,10 +10,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from gaitopt.runs.basin_tiles import Basin
+    from gaitopt.runs.front import Front
     from gaitopt.runs.grid import Grid
     from gaitopt.runs.sweep_table import Sweep
 
 BASIN = "basin"
+DRAWN_AXES = 2
 USUAL_SCALAR = "spectral_radius"
 """What is drawn of a sweep unless the user says otherwise."""
 
@@ -30,7 +32,7 @@ DEFAULT_FORMATS = (Format.SVG, Format.PNG)
 
 
 def draw_basin(result: "Basin", formats: "Sequence[str]", folder: Path) -> list[Path]:
-    """Draw a basin over two coordinates into a folder; the files."""
+    """Draw a basin over one or two coordinates into a folder; the files."""
     from gaitopt.figures.basin import basin
     from gaitopt.figures.style import save
 
@@ -47,6 +49,16 @@ def draw_sweep(result: "Sweep", scalars: "Sequence[str]", formats: "Sequence[str
         for scalar in scalars
     ]
     return [path for paths in drawn for path in paths]
+
+
+def draw_front(result: "Front", formats: "Sequence[str]", folder: Path) -> list[Path]:
+    """Draw a front into a folder, beside its file; the files."""
+    from gaitopt.figures.front import front_figure
+    from gaitopt.figures.style import save
+    from gaitopt.runs.front import front_file
+
+    figure = front_figure(result.problem, result.key, result.to_records())
+    return save(figure, folder / Path(front_file(result.key)).stem, formats)
 
 
 def map_in(run: str) -> str | None:
@@ -76,11 +88,11 @@ def draw_again(kind: str, folder: Path, what: list[str] | None, formats: "Sequen
     if kind == BASIN:
         check_words(what or [], (BASIN,))
         basin = read_basin(folder)
-        _check_axes(basin.grid, folder, (2,))
+        _check_axes(basin.grid, folder)
         return draw_basin(basin, formats, output)
     check_words(what or [], tuple(SCALARS))
     result = read_sweep(folder)
-    _check_axes(result.grid, folder, (1, 2))
+    _check_axes(result.grid, folder)
     return draw_sweep(result, what or [USUAL_SCALAR], formats, output)
 
 
@@ -91,6 +103,6 @@ def check_words(words: list[str], known: "Sequence[str]") -> None:
         raise typer.BadParameter(f"--what {unknown[0]}: choose from {', '.join(known)}")
 
 
-def _check_axes(grid: "Grid", folder: Path, drawn: tuple[int, ...]) -> None:
-    if len(grid.axes) not in drawn:
-        raise typer.BadParameter(f"{folder} is over {len(grid.axes)} keys; a picture is drawn over {drawn[-1]}")
+def _check_axes(grid: "Grid", folder: Path) -> None:
+    if len(grid.axes) > DRAWN_AXES:
+        raise typer.BadParameter(f"{folder} is over {len(grid.axes)} keys; pictures are drawn over one or two")

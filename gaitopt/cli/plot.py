@@ -1,4 +1,4 @@
-"""``gaitopt plot``: figures of a gait, a branch, a basin or a sweep, and the moving walker."""
+"""``gaitopt plot``: figures of a gait, a branch, a basin, a sweep or a front, and the moving walker."""
 
 from functools import partial
 from pathlib import Path
@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitopt.cli.branches import holds_branch, holds_walk, stored_branch
+from gaitopt.cli.branches import holds_branch, holds_front, holds_walk, stored_branch
 from gaitopt.cli.endings import NOT_A_GAIT
-from gaitopt.cli.maps import DEFAULT_FORMATS, Format, check_words, draw_again, map_in
+from gaitopt.cli.maps import DEFAULT_FORMATS, Format, check_words, draw_again, draw_front, map_in
 from gaitopt.cli.options import RunArguments, SetOption
 from gaitopt.cli.runs import gaits_of
 from gaitopt.cli.terminal import Terminal
@@ -54,12 +54,12 @@ def plot(
     changes: SetOption = None,
     output: FolderOption = None,
 ) -> int:
-    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin or a sweep.
+    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin, a sweep or a front.
 
     Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
     Of a walk that `simulate -o` has stored: section (states step by step), portrait, force, slip, torques, animation.
     Of a branch: multipliers, or any scalar of the result, spectral_radius for instance. Of a sweep, whose own folder
-    is given as RUN: any scalar of the result.
+    is given as RUN: any scalar of the result. Of a front: front.
     """
     from gaitopt.store import adding, check_writable
 
@@ -71,8 +71,7 @@ def plot(
     if kind is not None:
         with adding(own.resolve().parent, output or own) as written:
             written += draw_again(kind, own, what, drawn, output or own)
-    elif len(runs) == 1 and (holds_branch(runs[0]) or holds_walk(runs[0])):
-        draw = _plot_branch if holds_branch(runs[0]) else _plot_walk
+    elif len(runs) == 1 and (draw := _other_kind(runs[0])):
         with adding(own, output or own / FIGURES) as written:
             written += draw(own, what, drawn, output or own / FIGURES)
     else:
@@ -84,6 +83,12 @@ def plot(
             written += _plot_gaits(gaits, what, drawn, place)
     terminal.print_paths(written)
     return 0
+
+
+def _other_kind(run: str) -> "Callable[[Path, list[str] | None, Sequence[str], Path], list[Path]] | None":
+    """What draws a run folder that holds no gait."""
+    kinds = {holds_branch: _plot_branch, holds_walk: _plot_walk, holds_front: _plot_fronts}
+    return next((draw for holds, draw in kinds.items() if holds(run)), None)
 
 
 def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
@@ -102,7 +107,7 @@ def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Seque
 def _plot_walk(run: Path, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
     from gaitopt.figures.catalogue import USUAL_WALK_FIGURES, WALK_FIGURES
     from gaitopt.figures.motion import motion_of_walk
-    from gaitopt.runs.restore_walk import restore_walk
+    from gaitopt.runs.restore import restore_walk
 
     words = what or [*USUAL_WALK_FIGURES, ANIMATION]
     check_words(words, (*WALK_FIGURES, ANIMATION))
@@ -141,5 +146,12 @@ def _plot_branch(run: Path, what: list[str] | None, formats: "Sequence[str]", fo
     check_words(what or [], BRANCH_FIGURES)
     problem, parameter, records = stored_branch(str(run))
     words = what or usual_branch_figures(records)
-    drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
+    drawn = [save(branch_figure(word, problem, parameter, records), folder / word, formats) for word in words]
     return [path for paths in drawn for path in paths]
+
+
+def _plot_fronts(run: Path, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
+    from gaitopt.runs.front import read_fronts
+
+    check_words(what or [], ("front",))
+    return [path for front in read_fronts(run) for path in draw_front(front, formats, folder)]

@@ -27,7 +27,7 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
     otherwise.
     """
     from gaitopt.pages import branch_report, comparison_report, walk_report
-    from gaitopt.runs.restore_walk import restore_walk
+    from gaitopt.runs.restore import restore_walk
     from gaitopt.store import adding, check_writable, write_whole
 
     if output is not None and (not output.name or output.is_dir()):

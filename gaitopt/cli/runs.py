@@ -58,10 +58,13 @@ def is_folder(run: str) -> bool:
 def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
     """The gait in a run folder, and the folder; with ``--set`` that is an error, as a run is what it is."""
     from gaitopt.runs.restore import restore_gait
-    from gaitopt.store import read_run
+    from gaitopt.runs.within import refuse_other_results
+    from gaitopt.store import GAIT_FILE, read_run
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {run} is a finished run; give its problem instead")
+    if not (Path(run) / GAIT_FILE).is_file():
+        refuse_other_results(Path(run))
     return restore_gait(read_run(Path(run))), Path(run)
 
 

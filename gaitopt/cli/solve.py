@@ -74,7 +74,7 @@ def solve(
 def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int:
     """Solve the gait of RUN@attractor.K, verify it and store it."""
     from gaitopt.runs.basin_tiles import stored_attractor
-    from gaitopt.search.attractor import solve_attractor
+    from gaitopt.search.solve import solve_attractor
     from gaitopt.store import run_folder, writing
 
     run, _, index = place.rpartition(ATTRACTOR)

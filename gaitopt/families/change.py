@@ -15,9 +15,8 @@ from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey, MonitorValue
-from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.segment import Point, Segment, segment_through
-from gaitopt.families.successors import successors
+from gaitopt.families.successors import halved_cycle, successors
 from gaitopt.mechanics import MARGINS, Cycle, Dynamics, HybridSystem, ModeSequence
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.trial import overflow_allowed
@@ -25,7 +24,7 @@ from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.verify import confirm
 
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
-"""Distances past the event at which a successor is looked for, in scales of the parameter."""
+"""Distances past the event at which a successor is tried, in scales of the parameter."""
 FIRST_STEPS = 5.0
 """First step on a new branch, in distances from the event: its new phase is short and changes fast."""
 ACTIVE = 1e-5
@@ -43,7 +42,7 @@ NEARBY = 0.3
 class Change:
     """The successor of a mode sequence, or why there is none.
 
-    ``length`` is a first arclength step on it; ``at`` is the gait at the event where the successor knows it better.
+    ``length`` is a first arclength step on it; ``at`` is the gait at the event as located on the successor.
     """
 
     segment: Segment | None
@@ -161,7 +160,7 @@ def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point 
 
 
 def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Array) -> Problem:
-    """A problem with other modes, and the state after impact from which it is looked for as its guess."""
+    """A problem with other modes, and a state after impact as its guess."""
     names = system.walker.section_names(slipping=cycle.impact.slips)
     guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
     return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})

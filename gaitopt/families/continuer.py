@@ -5,21 +5,21 @@ say what it is, and where the mode sequence ends there, go on with one that the 
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.families.bifurcations import TestFunction, bifurcations_between, is_bifurcation
 from gaitopt.families.change import Change, find_change
-from gaitopt.families.limits import LARGEST_LENGTH, Limits
 from gaitopt.families.locate import Location
-from gaitopt.families.position import Position
-from gaitopt.families.repetition import halved_cycle
+from gaitopt.families.position import FIRST_LENGTH, Position
 from gaitopt.families.rescue import rescue
-from gaitopt.families.segment import Point, Segment
+from gaitopt.families.segment import Point
+from gaitopt.families.successors import halved_cycle
 from gaitopt.families.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
 from gaitopt.gait import TERMINAL, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import MARGINS
@@ -28,8 +28,6 @@ from gaitopt.study.verify import confirm
 
 Record = BranchPoint | SpecialPoint
 
-FIRST_LENGTH = 0.005
-"""Arclength of the first step; the range of the parameter has length one."""
 ASIDE = 1e-3
 """Arclength from a branch point at which tangents are taken: far enough for rounding, near
 enough for curvature to be negligible."""
@@ -41,29 +39,13 @@ class Continuer:
 
     Parameters
     ----------
-    segment, point : the branch to start on, and its first gait.
-    limits : where to stop.
-    number, index, length : of the first point, and ``count`` the points before it; others than zero when a branch is
-        taken up again.
+    position : where to start; ``count`` are the points before it, others than zero when a branch is taken up again.
     numbers : of the branches to come.
     should_stop : polled before every point; the walk then ends without a special point.
     """
 
-    def __init__(
-        self,
-        segment: Segment,
-        point: Point,
-        limits: Limits,
-        *,
-        numbers: Iterator[int],
-        number: int = 0,
-        index: int = 0,
-        length: float = FIRST_LENGTH,
-        count: int = 0,
-        should_stop: Callable[[], bool] | None = None,
-    ) -> None:
-        self._state = Position(segment, point, number, index, min(length, LARGEST_LENGTH), limits)
-        self._limits, self._numbers, self._should_stop = limits, numbers, should_stop
+    def __init__(self, position: Position, numbers: Iterator[int], *, count: int = 0, should_stop: Stop = None) -> None:
+        self._state, self._limits, self._numbers, self._should_stop = position, position.limits, numbers, should_stop
         self._count, self._began = count, time.monotonic()
 
     def records(self, *, with_first: bool = True) -> Iterator[Record]:
@@ -72,10 +54,10 @@ class Continuer:
             yield from self._emit()
         ended = False
         while not ended and not (self._should_stop is not None and self._should_stop()):
-            at_bound = self._state.index and self._limits.reached(self._state.point.value)  # also when cut short there
-            reason = at_bound or self._limits.exhausted(self._count, time.monotonic() - self._began)
-            if reason:
-                yield self._special("end", self._state.point, reason=reason)
+            reached = self._limits.reached(self._state.point.value) if self._state.index else None
+            reason = reached or self._limits.exhausted(self._count, time.monotonic() - self._began)
+            if reason is not None:
+                yield replace(self._special("end", self._state.point, reason=reason), bound=reached is not None)
                 return
             for record in self._advance():
                 yield record
@@ -94,7 +76,7 @@ class Continuer:
                 reason = "neither Newton's method nor IPOPT finds a gait further on"
                 yield self._special("end", state.point, "guess", reason)
                 return
-            self._state = Position(*rescued, state.number, state.index + 1, FIRST_LENGTH, self._limits)
+            self._state = Position(*rescued, state.number, self._limits, index=state.index + 1)
             yield from self._emit()
             return
         length, point, event = following
@@ -175,7 +157,7 @@ class Continuer:
         number = next(self._numbers)
         yield self._joint(event, change, number)
         length = min(FIRST_LENGTH, change.length)
-        self._state = Position(change.segment, change.point, number, 0, length, self._limits)
+        self._state = Position(change.segment, change.point, number, self._limits, length=length)
         yield from self._emit()
 
     def _joint(self, event: Location, change: Change, number: int) -> SpecialPoint:

@@ -1,9 +1,10 @@
 """A family of gaits from one of its gaits or from a special point, towards targets; and the same taken up again."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any
 
+from gaitopt.callbacks import Stop
 from gaitopt.errors import SolveError
 from gaitopt.families.coefficients import with_friction
 from gaitopt.families.continuer import Record
@@ -13,11 +14,7 @@ from gaitopt.gait import TERMINAL, Gait, SpecialPoint
 
 
 def follow_family(
-    start: Gait | SpecialPoint,
-    request: Request,
-    *,
-    done: Sequence[Mapping[str, Any]] = (),
-    should_stop: Callable[[], bool] | None = None,
+    start: Gait | SpecialPoint, request: Request, *, done: Sequence[Mapping[str, Any]] = (), should_stop: Stop = None
 ) -> Iterator[Record]:
     """The points and special points of a family, one by one, as ``gaitopt.continuation`` describes them.
 

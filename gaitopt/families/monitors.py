@@ -1,6 +1,6 @@
 """What a mode sequence assumes along a gait, as numbers that are positive while it holds.
 
-A margin that an event makes zero at an end of its phase is divided by that zero, so that what is left tells whether
+A margin that an event makes zero at an end of its phase is divided by that zero, so that what is left says whether
 the event is still crossed: with s in [-1, 1] over the phase and g the margin,
 
     monitor = min over s of g(s) / ((1 + s)^a (1 - s)^b)

@@ -12,6 +12,8 @@ from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey
 from gaitopt.families.segment import Point, Segment
 
+FIRST_LENGTH = 0.005
+"""Arclength of the first step; the range of the parameter has length one."""
 SMALLEST_LENGTH = 1e-9
 FEW_ITERATIONS, MANY_ITERATIONS = 5, 8
 """Newton iterations at which a step length grows, and shrinks."""
@@ -29,17 +31,18 @@ class Position:
     Attributes
     ----------
     segment, point : the branch, and the gait on it.
-    number, index : of the branch, and of the gait on it.
-    length : arclength of the next step.
+    number : of the branch.
     limits : of the parameter.
+    index : of the gait on its branch.
+    length : arclength of the next step.
     """
 
     segment: Segment
     point: Point
     number: int
-    index: int
-    length: float
     limits: Limits
+    index: int = 0
+    length: float = FIRST_LENGTH
 
     def next(self) -> tuple[float, Point, Location | None] | None:
         """The next gait, its arclength and the first event on the way.

@@ -65,6 +65,7 @@ def recorded_special(family: Gait, parameter: str, record: Record) -> SpecialPoi
         before=Cycle.from_record(record["from"]) if "from" in record else None,
         after=Cycle.from_record(record["to"]) if "to" in record else None,
         next=tuple(record["next"]),
+        bound=record.get("bound", False),
         gait=recorded_gait(family, parameter, record) if record["gait"] else None,
         tangent=None if tangent is None else np.array(tangent),
     )

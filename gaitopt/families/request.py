@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.families.bifurcations import BIFURCATIONS, TestFunction
 from gaitopt.gait import TERMINAL, Gait
+from gaitopt.problem.faults import nearest_keys
 
 FOLLOWS = {
     "period_doubling": "doublings",
@@ -72,8 +72,8 @@ def check_request(gait: Gait, request: Request) -> None:
         raise SolveError(f"{gait.problem.name} is {gait.status}, so there is nothing to continue: {gait.message}")
     names = gait.system.parameters
     if request.parameter not in names:
-        near = ", ".join(get_close_matches(request.parameter, names, n=3, cutoff=0.3)) or ", ".join(names)
-        raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}; did you mean {near}?")
+        near = nearest_keys(request.parameter, names)
+        raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}{near}")
     if isinstance(gait.problem.parameters.get(request.parameter), int):
         words = f"{request.parameter}: is a whole number, along which there is no family; solve for one value at a time"
         raise UnknownNameError(words).about("parameter")

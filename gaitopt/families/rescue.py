@@ -9,7 +9,7 @@ from gaitopt.nlp import solve_gait
 from gaitopt.nlp.rollout import roll_out
 
 DISTANCES = (1e-4, 1e-3, 1e-2)
-"""Distances from the last point at which a gait is looked for, in scales of the parameter."""
+"""Distances from the last point at which IPOPT is tried, in scales of the parameter."""
 
 
 def rescue(segment: Segment, point: Point) -> tuple[Segment, Point] | None:

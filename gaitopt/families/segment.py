@@ -15,10 +15,11 @@ from gaitopt.mechanics import Cycle, Dynamics
 from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.newton import Linearisation, linearise
 from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
-from gaitopt.nlp.transcription import Transcription, transcribe
+from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
 
@@ -180,7 +181,7 @@ class Segment:
         self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
 
     def assembled(self, w: Array) -> Gait:
-        """The gait at ``w`` as it is, without Newton's method, which fails at a branch point."""
+        """The gait at ``w`` without Newton's method, which fails at a branch point."""
         return self._gait(linearise(self.transcription, w, self.p), 0)
 
     def _point(self, curve_point: CurvePoint) -> Point:

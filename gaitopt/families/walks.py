@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families.coefficients import coefficient_bounds
-from gaitopt.families.continuer import FIRST_LENGTH, Continuer
-from gaitopt.families.limits import Limits
+from gaitopt.families.continuer import Continuer
+from gaitopt.families.limits import LARGEST_LENGTH, Limits
+from gaitopt.families.position import Position
 from gaitopt.families.records import recorded_point, recorded_special
 from gaitopt.families.request import FOLLOWS, Request
 from gaitopt.families.segment import Metric
@@ -43,36 +45,18 @@ class Walk:
         """Dotted key of the parameter of the family."""
         return self.limits.request.parameter
 
-    def continuer(
-        self, done: Sequence[Record], numbers: Iterator[int], should_stop: Callable[[], bool] | None
-    ) -> Continuer:
+    def continuer(self, done: Sequence[Record], numbers: Iterator[int], should_stop: Stop) -> Continuer:
         """The walk from its first gait, or from the last point that is ``done``."""
         points = [record for record in done if record["record"] == "point"]
-        if not points:
+        if points:
+            last = points[-1]
+            segment, point = recorded_point(self.gait, self.parameter, self.metric, last)
+            length = min(last["length"], LARGEST_LENGTH)
+            position = Position(segment, point, last["branch"], self.limits, index=last["index"], length=length)
+        else:
             segment, point = self.begin()
-            number = next(numbers) if self.number is None else self.number
-            return Continuer(
-                segment,
-                point,
-                self.limits,
-                numbers=numbers,
-                number=number,
-                length=FIRST_LENGTH,
-                should_stop=should_stop,
-            )
-        last = points[-1]
-        segment, point = recorded_point(self.gait, self.parameter, self.metric, last)
-        return Continuer(
-            segment,
-            point,
-            self.limits,
-            numbers=numbers,
-            number=last["branch"],
-            index=last["index"],
-            length=last["length"],
-            count=len(points),
-            should_stop=should_stop,
-        )
+            position = Position(segment, point, next(numbers) if self.number is None else self.number, self.limits)
+        return Continuer(position, numbers, count=len(points), should_stop=should_stop)
 
     def branches(self, special: SpecialPoint, numbers: Iterator[int]) -> tuple[SpecialPoint, list["Walk"]]:
         """A special point with the numbers of its other branches, if they are to be followed, and the walks on them."""

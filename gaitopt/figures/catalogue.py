@@ -8,12 +8,13 @@ from matplotlib.figure import Figure
 from gaitopt.figures.branches import over_parameter
 from gaitopt.figures.comparison import node_points, simulated, two_roads
 from gaitopt.figures.force import foot_slip, force_ratio, torques
+from gaitopt.figures.labels import parameter_of
 from gaitopt.figures.motion import motion_of, motion_of_walk
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.stability import multiplier_paths, multiplier_plane
 from gaitopt.figures.walk import section_states
 from gaitopt.gait import Gait
-from gaitopt.problem import SCALARS
+from gaitopt.problem import SCALARS, Problem
 from gaitopt.study.simulate import Walk
 
 Record = Mapping[str, Any]
@@ -69,8 +70,9 @@ def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
     return (*usual, *(CYCLE_FIGURES if any("steps" in record for record in records) else ()))
 
 
-def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:
-    """The figure of a branch by its name, one of ``BRANCH_FIGURES``."""
+def branch_figure(word: str, problem: Problem, parameter: str, records: Sequence[Record]) -> Figure:
+    """The figure of a branch of a problem's gaits by its name, one of ``BRANCH_FIGURES``."""
+    shown = parameter_of(problem, parameter)
     if word == "multipliers":
-        return multiplier_paths(records, parameter)
-    return over_parameter({name: records}, parameter, word)
+        return multiplier_paths(records, shown)
+    return over_parameter({problem.name: records}, shown, word)

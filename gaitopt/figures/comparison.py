@@ -39,7 +39,7 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
     figure, (upper, lower) = panels(2, heights=[3, 2], height=5.4)
     times, states = thinned(*(points_of(motion.steps) if nodes is None else nodes))
     handles: list[Line2D] = []
-    for name, colour in zip(motion.walker.shape, COLOURS, strict=False):
+    for name, colour in zip(positions_of(motion), COLOURS, strict=False):
         column = motion.state_index(name)
         for began, step in running(walked):
             for arc in step.arcs:
@@ -51,6 +51,11 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
     handles += _differences(lower, motion, walked)
     legend_below(figure, [*handles, *mode_legend([mode for step in walked for mode, _ in step.phases])])
     return figure
+
+
+def positions_of(motion: Motion) -> tuple[str, ...]:
+    """The shape coordinates, and the height of a foot that flies."""
+    return tuple(name for name in motion.dynamics.system.state_names if name in (*motion.walker.shape, "y"))
 
 
 def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[Array, Array]]:

@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from gaitopt.callbacks import Stop
 from gaitopt.families import Request, follow_family
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.gait.attractor import Attractor
@@ -14,8 +15,6 @@ from gaitopt.search.distinct import Gaits
 from gaitopt.search.find import STARTS, SearchPlan, in_memory, opened, search
 from gaitopt.search.solve import solve as solve_any
 from gaitopt.workers.jobs import Workers
-
-Stop = Callable[[], bool] | None
 
 
 def solve(

@@ -89,7 +89,7 @@ def _(result: Branch, what: str | None = None) -> Figure:
     word = _known(what, "spectral_radius", BRANCH_FIGURES)
     if not result.points:
         raise ValueError("a branch without points has no figures")
-    return branch_figure(word, result.points[0].gait.problem.name, result.parameter, result.to_records())
+    return branch_figure(word, result.points[0].gait.problem, result.parameter, result.to_records())
 
 
 @draw.register

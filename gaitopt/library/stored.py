@@ -8,14 +8,15 @@ from gaitopt.gait import Branch, Gait, Step
 from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.mechanics import Dynamics
 from gaitopt.runs.basin_tiles import BASIN_FILE, Basin, read_basin
-from gaitopt.runs.restore import restore_gait
+from gaitopt.runs.front import Front, front_file, read_fronts
+from gaitopt.runs.restore import restore_gait, restore_walk
 from gaitopt.runs.restore_branch import restore_branch
-from gaitopt.runs.restore_walk import restore_walk
 from gaitopt.runs.sweep_table import SWEEP_FILE, Sweep, read_sweep
+from gaitopt.runs.within import refuse_other_results
 from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, read_run, run_folder, write_run, write_walk
 from gaitopt.study.simulate import Walk
 
-Result = Gait | Branch | Walk | Sweep | Basin
+Result = Gait | Branch | Walk | Sweep | Basin | Front
 
 
 def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
@@ -43,7 +44,7 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
 
 
 def load_run(path: str | Path) -> Result:
-    """Read what a run folder holds: a branch, a gait, a walk, or the sweep or basin in a folder of its own.
+    """Read what a run folder holds: a branch, a gait, a walk, a front, or the sweep or basin in a folder of its own.
 
     Raises
     ------
@@ -61,6 +62,9 @@ def load_run(path: str | Path) -> Result:
     for name, reader in readers.items():
         if (folder / name).is_file():
             return reader(folder)
+    if len(list(folder.glob(front_file("*")))) == 1:
+        return read_fronts(folder)[0]
+    refuse_other_results(folder)
     raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(readers)})")
 
 

@@ -20,7 +20,6 @@ from gaitopt.arrays import Array
 from gaitopt.iteration import NO_CONTRACTION, iterate
 from gaitopt.nlp.extrapolation import extrapolation
 from gaitopt.nlp.newton import Linearisation
-from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
@@ -94,7 +93,7 @@ class Curve:
         jacobian: Callable[[Array, Array], SparseMatrix] | None = None,
     ) -> None:
         self.transcription, self.p = transcription, p
-        self._jacobian = shooting_jacobian(transcription).jacobian if jacobian is None else jacobian
+        self._jacobian = transcription.jacobian if jacobian is None else jacobian
         section = transcription.system.section(transcription.layout.cycle.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])

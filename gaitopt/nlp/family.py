@@ -20,10 +20,10 @@ from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.extrapolation import extrapolation
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting, transcribe
 from gaitopt.nlp.newton import linearise, polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.solve import rejection_reason
-from gaitopt.nlp.transcription import transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
@@ -104,7 +104,7 @@ class Family:
         )
 
     @overflow_allowed()
-    def _near(self, p: Array) -> tuple[Refined | None, tuple[Cause, ...], int]:
+    def _near(self, p: Array) -> tuple[Refined[MultipleShooting] | None, tuple[Cause, ...], int]:
         """The solution by chords, what is wrong with it, and their number; no solution if they do not converge."""
         units = self._transcription.units(p).equalities
 
@@ -130,7 +130,7 @@ class Family:
         refined = refine(self._transcription, polish(self._transcription, w, p).at)
         return refined, rejection_reason(refined), end.count + 1
 
-    def _remember(self, refined: Refined) -> None:
+    def _remember(self, refined: Refined[MultipleShooting]) -> None:
         """Start the next solution from this one, unless it had to be refined."""
         if refined.transcription is self._transcription:
             self._w, self._jacobian = refined.at.w, refined.at.scaled

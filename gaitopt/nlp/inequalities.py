@@ -10,20 +10,20 @@ from gaitopt.mechanics import Mode, ending_margin, margin, margin_names
 from gaitopt.nlp.units import Label
 
 if TYPE_CHECKING:
-    from gaitopt.nlp.transcription import Transcription
+    from gaitopt.nlp.multiple_shooting import MultipleShooting
 
 GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
 """Margins that are zero where the spring of a massless leg has its full length: at landing and take-off."""
 
 
-def inequalities(t: "Transcription") -> Iterator[tuple[MX, list[Label]]]:
+def inequalities(t: "MultipleShooting") -> Iterator[tuple[MX, list[Label]]]:
     """Blocks of margins that must not be negative, and what every row says."""
     yield from _node_margins(t)
     for row, label in (*_unloaded_margins(t), *_onset_margins(t), *impact_margins(t)):
         yield row, [label]
 
 
-def _node_margins(t: "Transcription") -> Iterator[tuple[MX, list[Label]]]:
+def _node_margins(t: "MultipleShooting") -> Iterator[tuple[MX, list[Label]]]:
     """Inequality factors of every arc at its nodes, without those that an event makes zero."""
 
     def columns(i: int) -> list[MX]:
@@ -43,7 +43,7 @@ def _node_margins(t: "Transcription") -> Iterator[tuple[MX, list[Label]]]:
         yield rows, [Label(name=name, phase=arc.phase, node=first + k) for _, k, name in places]
 
 
-def _unloaded_margins(t: "Transcription") -> Iterator[tuple[MX, Label]]:
+def _unloaded_margins(t: "MultipleShooting") -> Iterator[tuple[MX, Label]]:
     """Rates of the ground's forces where a massless leg lands and takes off; the forces are zero there."""
     for i, (arc, first) in enumerate(zip(t.layout.arcs, t.layout.first_nodes, strict=True)):
         for k, sign in ((0, 1), (arc.intervals, -1)):
@@ -57,7 +57,7 @@ def _unloaded_margins(t: "Transcription") -> Iterator[tuple[MX, Label]]:
                 yield sign * rate, Label(name=name, phase=arc.phase, node=first + k)
 
 
-def _unloaded(t: "Transcription", index: int, k: int) -> bool:
+def _unloaded(t: "MultipleShooting", index: int, k: int) -> bool:
     """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
     arc, cycle = t.layout.arcs[index], t.layout.cycle
     if not t.system.walker.massless_feet or arc.mode.flies:
@@ -67,7 +67,7 @@ def _unloaded(t: "Transcription", index: int, k: int) -> bool:
     return lands or (k == arc.intervals and arc.end is None and after is not None and after.flies)
 
 
-def is_zero_by_event(t: "Transcription", index: int, k: int, name: str) -> bool:
+def is_zero_by_event(t: "MultipleShooting", index: int, k: int, name: str) -> bool:
     """Whether an event makes a margin zero at node ``k`` of an arc."""
     arc, cycle = t.layout.arcs[index], t.layout.cycle
     if k == 0 and arc.start is None and name == "slip_velocity":
@@ -78,7 +78,7 @@ def is_zero_by_event(t: "Transcription", index: int, k: int, name: str) -> bool:
     return k == arc.intervals and arc.end is None and after is not None and name == ending_margin(arc.mode, after)
 
 
-def _onset_margins(t: "Transcription") -> Iterator[tuple[MX, Label]]:
+def _onset_margins(t: "MultipleShooting") -> Iterator[tuple[MX, Label]]:
     """Force beyond the static cone where a slip starts from rest; one coefficient leaves no doubt about it."""
     if not t.system.friction.two_coefficients:
         return
@@ -91,7 +91,7 @@ def _onset_margins(t: "Transcription") -> Iterator[tuple[MX, Label]]:
             yield -cone, Label(name="onset", phase=arc.phase, node=first)
 
 
-def impact_margins(t: "Transcription") -> Iterator[tuple[MX, Label]]:
+def impact_margins(t: "MultipleShooting") -> Iterator[tuple[MX, Label]]:
     """Margins of the impacts."""
     for (phase, mode), node in zip(t.layout.cycle.resets, t.layout.reset_nodes, strict=True):
         values = t.system.impact_margins(mode)(t.Z[:, node], t.standing(phase))

@@ -15,7 +15,6 @@ from gaitopt.arrays import Array
 from gaitopt.iteration import iterate
 from gaitopt.mechanics import Mode
 from gaitopt.mechanics.buffered import buffered
-from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
@@ -77,7 +76,7 @@ class Polished:
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
     residual = problem.violation(w, p)
-    jacobian = shooting_jacobian(problem).jacobian(w, p)
+    jacobian = problem.jacobian(w, p)
     return Linearisation(w=w, p=p, residual=residual, jacobian=jacobian, units=problem.units(p))
 
 

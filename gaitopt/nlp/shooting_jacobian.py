@@ -8,6 +8,7 @@ Some five times as fast as differentiating the step in symbols.
 """
 
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
@@ -18,7 +19,9 @@ from gaitopt.integration.tableau import N_STAGES, A, B, C
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
-from gaitopt.nlp.transcription import Transcription
+
+if TYPE_CHECKING:
+    from gaitopt.nlp.multiple_shooting import MultipleShooting
 
 
 @lru_cache(maxsize=64)
@@ -48,7 +51,7 @@ class ShootingJacobian:
     transcription : whose rows and columns they are.
     """
 
-    def __init__(self, transcription: Transcription) -> None:
+    def __init__(self, transcription: "MultipleShooting") -> None:
         self._t = transcription
         self._n_z, self._n = transcription.system.n_z, transcription.layout.intervals
         ends = np.cumsum([arc.intervals for arc in transcription.layout.arcs])
@@ -143,7 +146,7 @@ class ShootingJacobian:
 
 
 @lru_cache(maxsize=32)
-def shooting_jacobian(transcription: Transcription) -> ShootingJacobian:
+def shooting_jacobian(transcription: "MultipleShooting") -> ShootingJacobian:
     """The variation of a transcription, made once."""
     return ShootingJacobian(transcription)
 

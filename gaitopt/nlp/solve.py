@@ -18,11 +18,12 @@ from gaitopt.nlp.diagnosis import early_event, largest_residual, missing_event, 
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.nearby import solve_nearby
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
-from gaitopt.nlp.transcription import Transcription, transcribe
+from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import NO_ENERGY, Problem, lacks_energy
 
@@ -202,7 +203,7 @@ def _repetition(gait: Gait) -> str:
 
 
 @overflow_allowed()
-def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
+def rejection_reason(refined: Refined[Transcription]) -> tuple[Cause, ...]:
     """What keeps a solution of the equations from being a gait; empty for a gait."""
     transcription, at = refined.transcription, refined.at
     _, durations, _ = transcription.unpack(at.w)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.figures.comparison import differences, node_points, points_of, simulated, thinned
+from gaitopt.figures.comparison import differences, node_points, points_of, positions_of, simulated, thinned
 from gaitopt.figures.film import film
 from gaitopt.figures.motion import Motion, motion_of, smooth
 from gaitopt.figures.packing import pack
@@ -59,8 +59,8 @@ def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
     """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
     walked = simulated(gait)
     times, states = thinned(*(node_points(gait) or points_of(motion.steps)))
-    columns = [motion.state_index(name) for name in motion.walker.shape]
-    names = motion.walker.shape
+    names = positions_of(motion)
+    columns = [motion.state_index(name) for name in names]
     nodes = {"t": times} | {name: states[:, k] for name, k in zip(names, columns, strict=True)}
     arcs = [
         (arc.mode, {"t": began + arc.times} | {n: arc.states[:, k] for n, k in zip(names, columns, strict=True)})

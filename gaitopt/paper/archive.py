@@ -104,5 +104,5 @@ def _is_complete(run: BranchRun) -> bool:
 
 
 def _changes(problem: Problem) -> str:
-    """What tells problems of one name apart in the narration."""
+    """What distinguishes problems of one name in the narration."""
     return f" (friction {problem.friction_data}, {problem.impact_law} impact)"

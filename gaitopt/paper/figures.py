@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from gaitopt.figures.branches import over_parameter
 from gaitopt.figures.force import force_ratio
-from gaitopt.figures.labels import label
+from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.motion import Motion, motion_of
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.style import COLOURS, entry, legend_below, panels
@@ -82,7 +82,7 @@ def _portrait(names: Mapping[str, str]) -> Draw:
 def _over_friction(names: Mapping[str, str], quantity: str) -> Draw:
     def draw(archive: Archive) -> Figure:
         families = {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}
-        return over_parameter(families, "friction", quantity)
+        return over_parameter(families, Parameter(key="friction"), quantity)
 
     return draw
 

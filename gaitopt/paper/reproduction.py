@@ -1,8 +1,9 @@
 """The reproduction of a paper: its figures and its table, written into one folder."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+from gaitopt.callbacks import Counted
 from gaitopt.errors import UnknownNameError
 from gaitopt.figures.style import save
 from gaitopt.paper import table
@@ -37,7 +38,7 @@ def reproduce(
     archive: Archive,
     folder: Path,
     only: Sequence[str] = (),
-    progress: Callable[[int, int], None] | None = None,
+    progress: Counted = None,
     workers: Workers | None = None,
 ) -> list[Path]:
     """Write figures and table into a folder.

@@ -23,6 +23,8 @@ Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""
 
 LONGEST_SHOWN = 60
+LOOKS_ALIKE = 0.3
+"""Ratio of difflib from which a dotted key is suggested: their first parts differ most often."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -140,6 +142,13 @@ def near_miss(word: object, allowed: Sequence[str]) -> str:
         return f"; did you mean {' or '.join(close)}?"
     remark = beyond(text) if isinstance(word, str) else ""
     return f"; allowed: {', '.join(allowed) or 'none'}{remark and f'; {remark}'}"
+
+
+def nearest_keys(key: str, known: Sequence[str]) -> str:
+    """``; did you mean walker.slope?``: dotted keys that end with the word, else those that look alike, else all."""
+    tails = [name for name in known if name.rpartition(".")[2] == key.rpartition(".")[2]]
+    near = tails or difflib.get_close_matches(key[:LONGEST_SHOWN], known, n=3, cutoff=LOOKS_ALIKE)
+    return f"; did you mean {' or '.join(near)}?" if near else f"; use {', '.join(known)}"
 
 
 def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:

@@ -3,7 +3,6 @@
 xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot go on.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait.attractor import Attractor
 from gaitopt.mechanics import CONTACTS
 from gaitopt.problem import Problem
@@ -51,7 +51,7 @@ class Outcomes:
     impacts: Codes
 
 
-def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callable[[], bool] | None = None) -> Outcomes:
+def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Stop = None) -> Outcomes:
     """Walk from every state until it settles, fails, or has made ``max_steps`` steps.
 
     Parameters

@@ -1,12 +1,12 @@
 """A basin on disk: tiles of states, stored as they finish, so that a run that was killed goes on where it was."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait import Gait
 from gaitopt.problem import Problem
@@ -103,13 +103,7 @@ def check_basin(plan: BasinPlan) -> None:
     check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
 
 
-def walk_basin(
-    plan: BasinPlan,
-    workers: Workers,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> Basin:
+def walk_basin(plan: BasinPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Basin:
     """Walk what is not yet on disk, and say where every state goes.
 
     Parameters
@@ -135,12 +129,7 @@ def walk_basin(
     return basin
 
 
-def _walk_tiles(
-    plan: BasinPlan,
-    workers: Workers,
-    progress: Callable[[int, int], None] | None,
-    should_stop: Callable[[], bool] | None,
-) -> None:
+def _walk_tiles(plan: BasinPlan, workers: Workers, progress: Counted, should_stop: Stop) -> None:
     """Walk the tiles that are not on disk, each written as soon as it is finished."""
     missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
     done, total = len(plan.tiles) - len(missing), len(plan.tiles)
@@ -158,9 +147,7 @@ def _walk_tiles(
         raise KeyboardInterrupt
 
 
-def walk_tile(
-    argument: tuple[BasinPlan, int], _: None = None, should_stop: Callable[[], bool] | None = None
-) -> Outcomes:
+def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop = None) -> Outcomes:
     """Outcomes of the states of one tile; runs in any process."""
     plan, tile = argument
     numbers = np.arange(tile * plan.tile_size, min((tile + 1) * plan.tile_size, plan.grid.size))

@@ -1,10 +1,10 @@
 """A search for gaits whose parts are kept in a run folder, so that the same search goes on where it was."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.runs.kept import ResultFile, kept_results
 from gaitopt.search.distinct import Gaits
 from gaitopt.search.find import Part, SearchPlan, Task, search
@@ -26,12 +26,7 @@ PARTS = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 
 
 def find_durably(
-    plan: SearchPlan,
-    folder: Path,
-    workers: Workers,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    plan: SearchPlan, folder: Path, workers: Workers, *, progress: Counted = None, should_stop: Stop = None
 ) -> Gaits:
     """The search of a plan, with its parts kept in a run folder of its problem; errors as of ``kept_results``."""
 

@@ -13,6 +13,7 @@ from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.mechanics.units import parse_angle
 from gaitopt.problem import Problem
+from gaitopt.problem.faults import nearest_keys
 
 Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9
@@ -149,7 +150,7 @@ class Grid:
         """
         unknown = [axis.key for axis in self.axes if axis.key not in known]
         if unknown:
-            raise UnknownNameError(f"{', '.join(unknown)}: not {what}; use {', '.join(known)}").about("over")
+            raise UnknownNameError(f"{unknown[0]}: not {what}{nearest_keys(unknown[0], known)}").about("over")
 
 
 def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.store import growing, stored_lines
 from gaitopt.store.records import validated
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
@@ -30,8 +31,8 @@ def kept_results(
     file: ResultFile,
     *,
     known: Mapping[str, Any] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    progress: Counted = None,
+    should_stop: Stop = None,
 ) -> dict[str, Any]:
     """Results of all jobs by their keys, those that the folder holds included; a ``FailedJob`` is not kept.
 

@@ -4,13 +4,13 @@ A start changes every section coordinate of the guess, the guess of every freed 
 curve at random. The starts depend on the seed alone, not on how many processes work on them.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.gait import Status
 from gaitopt.mechanics import BezierTracking
 from gaitopt.problem import Problem
@@ -62,7 +62,7 @@ class Optimum:
         return float(self.record["spectral_radius"])
 
     def to_record(self) -> dict[str, Any]:
-        """What tells it from the other solutions."""
+        """What distinguishes it from the other solutions."""
         kept = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
         kkt = self.record["solver"].get("kkt")
         return {
@@ -82,8 +82,8 @@ def multistart(
     seed: int = 0,
     spread: float = 0.3,
     workers: Workers | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    progress: Counted = None,
+    should_stop: Stop = None,
 ) -> list[Optimum]:
     """As ``gaitopt.multistart``; ``folder`` keeps what each start has found.
 

@@ -4,11 +4,12 @@ A job is named by the hash of its resolved problem.
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait import Status
 from gaitopt.problem import Problem
@@ -53,8 +54,8 @@ def solve_all(
     workers: Workers,
     *,
     known: Mapping[str, Any] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    progress: Counted = None,
+    should_stop: Stop = None,
 ) -> dict[str, dict[str, Any]]:
     """Records of the gaits of all jobs by their keys; arguments and errors are those of ``kept_results``.
 
@@ -71,9 +72,7 @@ def solve_all(
     }
 
 
-def solve_job(
-    problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Callable[[], bool] | None = None
-) -> dict[str, Any]:
+def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Stop = None) -> dict[str, Any]:
     """The record of a problem's verified gait, from that of a neighbour if there is one; runs in any process."""
     starts = {"cold": problem}
     if neighbour is not None and neighbour["status"] == Status.CONVERGED:

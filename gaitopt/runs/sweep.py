@@ -1,12 +1,12 @@
 """A grid of problems, each solved and verified: what a gait becomes over one or several parameters."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.problem import Problem
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
@@ -89,13 +89,7 @@ def check_sweep(sweep: SweepPlan) -> None:
     _ = sweep.jobs
 
 
-def run_sweep(
-    sweep: SweepPlan,
-    workers: Workers,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> Sweep:
+def run_sweep(sweep: SweepPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Sweep:
     """Solve and verify what is not on disk yet."""
     with writing(sweep.folder, sweep.problem):
         begin_run(sweep.folder, sweep.problem)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Status, Step
 from gaitopt.mechanics import Dynamics, HybridSystem, Mode
 from gaitopt.nlp import free_parameters
@@ -40,7 +41,7 @@ PERIODS = (0.7, 3.0)
 """Range of the guessed periods in natural units."""
 TYPICAL_PERIOD = 1.7
 WALK = 8
-"""Steps of a walk on which a near-return is looked for."""
+"""Steps of a walk within which a near-return counts."""
 TRIES = 40
 """Walks of one job from which Newton's method starts, those that come closest to themselves first."""
 WALKS, GUESSES = 250, 4
@@ -77,7 +78,7 @@ class SearchJob:
     n_steps: int = 1
 
 
-def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
+def search_part(job: SearchJob, _: None = None, should_stop: Stop = None) -> Record:
     """Candidates of one part of a search, and how many starts it took."""
     stop = should_stop or (lambda: False)
     step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process

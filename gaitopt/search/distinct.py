@@ -1,18 +1,18 @@
 """From the candidates of a search to gaits: each solved with its mode sequence, verified, and counted once."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, overload
 
 import numpy as np
 
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.display import Reported
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import Cycle
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.search.candidates import SAME, Record
-from gaitopt.study.solve import solve_sequence
+from gaitopt.study.system import solve_sequence
 from gaitopt.study.verify import verify
 from gaitopt.workers.jobs import FailedJob
 
@@ -67,8 +67,8 @@ def gaits_of(
     parts: Sequence[Record | FailedJob],
     *,
     known: Sequence[Gait] = (),
-    progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    progress: Valued = None,
+    should_stop: Stop = None,
 ) -> Gaits:
     """The gaits behind the candidates of all parts of a search.
 
@@ -80,13 +80,9 @@ def gaits_of(
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
     part = np.inf if problem.free or problem.objective else SAME  # a design finds its own motion
-    groups: list[list[Record]] = []
-    for candidate in (c for c in candidates if _fits(problem, c)):
-        group = next((g for g in groups if _same(g[0], candidate, part)), None)
-        groups.append([candidate]) if group is None else group.append(candidate)
     listed: list[tuple[Gait, list[str]]] = []
     rejected = []
-    for group in groups:
+    for group in _grouped([c for c in candidates if _fits(problem, c)], part):
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], part)), None)
         gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
@@ -131,9 +127,7 @@ def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
     return problem.replace(changes)
 
 
-def _solved(
-    problem: Problem, candidates: Sequence[Record], progress: Progress | None, should_stop: Callable[[], bool] | None
-) -> Gait:
+def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, should_stop: Stop) -> Gait:
     """The gait of the first candidate that leads to one, verified; or the last attempt."""
     for candidate in candidates:
         gait = solve_sequence(closed(problem, candidate), progress=progress, should_stop=should_stop)
@@ -153,6 +147,14 @@ def _fits(problem: Problem, candidate: Record) -> bool:
     impact = getattr(problem.modes, "impact", None)
     short = len(candidate["steps"]) <= getattr(problem.modes, "steps", 1)
     return short and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
+
+
+def _grouped(candidates: Sequence[Record], part: float) -> list[list[Record]]:
+    groups: list[list[Record]] = []
+    for candidate in candidates:
+        group = next((g for g in groups if _same(g[0], candidate, part)), None)
+        groups.append([candidate]) if group is None else group.append(candidate)
+    return groups
 
 
 def _same(first: Mapping[str, Any], second: Mapping[str, Any], part: float) -> bool:

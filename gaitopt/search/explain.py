@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gaitopt.callbacks import Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait import Cause, Gait, Status
 from gaitopt.nlp import free_parameters
@@ -17,7 +18,7 @@ from gaitopt.study.verify import verify
 from gaitopt.workers.jobs import Workers
 
 INDIRECT = ("search", "motion", "event", "periodicity", "duration", "touchdown", "slip_velocity", "equations")
-"""Causes that tell where a search has ended; the end of a family of gaits tells more."""
+"""Causes that only state where a search ended; the end of a family of gaits comes before them."""
 WALK = 20
 """Steps of the walk from the guess."""
 
@@ -65,7 +66,7 @@ def explain(
     seed: int = 0,
     workers: int = 1,
     progress: Callable[[str], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Explanation:
     """Why a problem has no gait: the violated conditions, what happens instead, and where the gait begins to exist.
 
@@ -101,24 +102,17 @@ def explain(
 
     instead = gaits_at(problem)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
-    nearest, changed = list[Nearest](), list[str]()
-    given = _given(problem, gait)
+    own, nearest, given = None, list[Nearest](), _given(problem, gait)
     if given is not None:
         say("following families of gaits to where the mode sequence begins")
         own = own_gait(problem, should_stop)
-        changed = [] if own is None else changed_parameters(problem, own)
         others: Sequence[Gait] = instead
         if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
             others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
         nearest = nearest_values(given, own, others, problem.free, should_stop)
+    causes = _causes(problem, gait, refuted or gait.causes, nearest, own)
     return Explanation(
-        problem=problem,
-        gait=gait,
-        exists=False,
-        causes=_causes(problem, gait, refuted or gait.causes, nearest, changed),
-        instead=instead,
-        walk=walk,
-        nearest=tuple(nearest),
+        problem=problem, gait=gait, exists=False, causes=causes, instead=instead, walk=walk, nearest=tuple(nearest)
     )
 
 
@@ -152,16 +146,16 @@ def _refuted(gait: Gait) -> tuple[Cause, ...]:
 
 
 def _causes(
-    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest], changed: list[str]
+    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest], own: Gait | None
 ) -> tuple[Cause, ...]:
-    """The conditions that the attempt violates; before those that only tell where it ended, the end of the family.
+    """The conditions that the attempt violates; before those that only state where it ended, the end of the family.
 
     Along a parameter that has been changed that is the end of the file's own gait, else the nearest of all.
     """
     causes = direct or (Cause(what="search", words=gait.message),)
     if causes[0].what not in INDIRECT or not nearest:
         return causes
-    values = problem.parameters
+    values, changed = problem.parameters, [] if own is None else changed_parameters(problem, own)
     along = [n for n in nearest if n.parameter in changed] or nearest
     first = min(along, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
     words = f"{first.reason} at {first.parameter} = {first.value:.6g}; here it is {values[first.parameter]:.6g}"

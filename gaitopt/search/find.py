@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from gaitopt.callbacks import Counted, Stop, Valued
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Gait, Status
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem
 from gaitopt.search.candidates import GUESSES, WALKS, Record, SearchJob, search_part
 from gaitopt.search.distinct import Gaits, closed, gaits_of, is_stable
@@ -39,7 +39,7 @@ class SearchPlan:
 
     @property
     def n_steps(self) -> int:
-        """Length of the longest cycle that is looked for."""
+        """Length of the longest cycle of the search."""
         return getattr(self.problem.modes, "steps", 1)
 
     def job(self, problem: Problem, method: str, number: int, parameter: str = "") -> Job:
@@ -57,9 +57,7 @@ class SearchPlan:
         return Job(key=key_of(identity | {"problem": problem.digest, "within": dict(self.within)}), argument=part)
 
 
-def find_best(
-    problem: Problem, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
-) -> Gait:
+def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """The gait that a problem with an open mode sequence asks for; see ``solve``."""
     run = in_memory(Workers(count=1), None, should_stop)
     try:
@@ -69,9 +67,7 @@ def find_best(
     return best_gait(gaits)
 
 
-def search(
-    plan: SearchPlan, run: Run, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
-) -> Gaits:
+def search(plan: SearchPlan, run: Run, *, progress: Valued = None, should_stop: Stop = None) -> Gaits:
     """The gaits that two searches lead to, and those on the families of these gaits that no start has led to.
 
     Parameters
@@ -93,9 +89,7 @@ def search(
     return gaits_of(plan.problem, parts, known=gaits, progress=progress, should_stop=should_stop)
 
 
-def in_memory(
-    workers: Workers, progress: Callable[[int, int], None] | None, should_stop: Callable[[], bool] | None
-) -> Run:
+def in_memory(workers: Workers, progress: Counted, should_stop: Stop) -> Run:
     """A ``run`` of ``search`` that keeps nothing."""
 
     def run(task: Task, jobs: list[Job]) -> list[Part]:

@@ -11,20 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
 from gaitopt.problem import Free, Problem
 from gaitopt.search.own import own_problem
-from gaitopt.study.solve import solve_sequence
+from gaitopt.study.system import solve_sequence
 
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
 """Special points beyond which a mode sequence does not go on, or not in the same direction."""
 MAX_POINTS = 200
 """Bound on the work for one family, which answers within some tens of points if it does."""
 WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
-"""Largest friction and slope [rad] at which a gait is looked for."""
+"""Largest friction and slope [rad] of the search."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +52,7 @@ class Nearest:
         return record | {"gait": None if self.gait is None else self.gait.to_record()}
 
 
-def own_gait(problem: Problem, should_stop: Callable[[], bool] | None = None) -> Gait | None:
+def own_gait(problem: Problem, should_stop: Stop = None) -> Gait | None:
     """The gait of the problem's own file, from which overrides have changed parameter values; None if there is none."""
     own = own_problem(problem)
     gait = None if own is None else solve_sequence(own, should_stop=should_stop)
@@ -64,7 +65,7 @@ def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
     return [key for key, value in problem.parameters.items() if key in values and values[key] != value]
 
 
-def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Callable[[], bool] | None) -> Nearest | None:
+def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Nearest | None:
     """Where a gait's mode sequence ends on the way to a value of a parameter; None where it gets there."""
     cycle, request = gait.problem.cycle, _request(parameter, value)
     for record in follow_family(gait, request, should_stop=should_stop):
@@ -76,9 +77,7 @@ def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Callabl
     return None
 
 
-def begin_of_sequence(
-    gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Callable[[], bool] | None
-) -> Nearest | None:
+def begin_of_sequence(gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Stop) -> Nearest | None:
     """Where the family of a gait changes to a mode sequence on the way to a value of a parameter."""
     for record in follow_family(gait, _request(parameter, value), should_stop=should_stop):
         if isinstance(record, SpecialPoint) and record.after == cycle:
@@ -87,11 +86,7 @@ def begin_of_sequence(
 
 
 def nearest_values(
-    problem: Problem,
-    own: Gait | None,
-    others: Iterable[Gait],
-    free: Mapping[str, Free],
-    should_stop: Callable[[], bool] | None = None,
+    problem: Problem, own: Gait | None, others: Iterable[Gait], free: Mapping[str, Free], should_stop: Stop = None
 ) -> list[Nearest]:
     """For friction, slope, free numbers and what differs from the file the nearest value at which the modes exist.
 

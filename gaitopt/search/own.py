@@ -3,15 +3,14 @@
 p(s) = (1 - s) p_file + s p_new,        s from 0 to 1, in steps that halve where the gait is lost or jumps
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Gait, Status, in_words
 from gaitopt.nlp import Family
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem, lacks_energy, parse_problem
 from gaitopt.search.solve import solve
 from gaitopt.study.warm import guessed_from
@@ -40,9 +39,7 @@ class Followed:
     reason: str = ""
 
 
-def solve_as_own(
-    problem: Problem, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
-) -> Gait:
+def solve_as_own(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """The gait of a problem; of one with overrides, the continuation of the gait of the file itself.
 
     Where the direct solution is close to the file's gait it is taken as it is. Otherwise the file's gait is followed to
@@ -81,7 +78,7 @@ def own_problem(problem: Problem) -> Problem | None:
     return own if same and before.keys() == after.keys() and before != after else None
 
 
-def follow(start: Gait, problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> Followed:
+def follow(start: Gait, problem: Problem, *, should_stop: Stop = None) -> Followed:
     """Follow a gait along the straight line to the parameters of a problem with the same modes."""
     family, gait, s, step = Family(start, should_stop=should_stop), start, 0.0, FIRST_STEP
     while s < 1:
@@ -103,7 +100,7 @@ def follow(start: Gait, problem: Problem, *, should_stop: Callable[[], bool] | N
     return Followed(gait=gait, s=s)
 
 
-def _why(gait: Gait, following: Gait, should_stop: Callable[[], bool] | None) -> str:
+def _why(gait: Gait, following: Gait, should_stop: Stop) -> str:
     """What the next gait would violate."""
     if following.converged:
         return "the next gait is another one"

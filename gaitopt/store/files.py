@@ -17,13 +17,13 @@ Parsed = TypeVar("Parsed")
 
 TEMPORARY_SUFFIX = ".tmp"
 TEMPORARY_NAME = re.compile(r"\..+\.(?P<pid>\d+)-[0-9a-f]{16}\.tmp")
-"""Of the temporary file of a process, which tells leftovers of a killed one."""
+"""Of the temporary file of a process; those of killed processes are leftovers."""
 OWN_FILE = os.O_NOFOLLOW | os.O_CLOEXEC if os.name == "posix" else os.O_BINARY  # type: ignore[attr-defined]
 """Flags with which every file is opened for writing."""
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write ``content`` to ``path``; whoever looks finds the old file or the new one, even after a crash.
+    """Write ``content`` to ``path``; a reader finds the old file or the new one, even after a crash.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def write_all(descriptor: int, content: bytes) -> None:
 
 
 def make_folder(folder: Path, *, parents: bool = True) -> None:
-    """Make ``folder`` and its parents, durably; one that exists is left as it is.
+    """Make ``folder`` and its parents, durably; one that exists is left alone.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The run folder: a problem, what it resolves to, its gait and its trajectory, under one hash.
 
 The manifest is written first, so that a folder knows its problem, and the gait last, so that a folder with a gait is
-complete. A run that was killed in between is simply written again. Whoever writes holds the folder.
+complete. A run that was killed in between is simply written again. A writer holds the folder.
 """
 
 import re

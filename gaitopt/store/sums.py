@@ -1,4 +1,4 @@
-"""Checksums of files: SHA-256 of the whole, and a short code of every line that tells which one is another.
+"""Checksums of files: SHA-256 of the whole, and a short code of every line, which locates a change.
 
 code(line) = the last 16 bits of its CRC-32
 """

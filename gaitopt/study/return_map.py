@@ -1,6 +1,5 @@
 """The return map of thousands of states at once: arrays in, arrays and named outcomes out."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Gait
 from gaitopt.mechanics import CONTACTS, Dynamics, Mode
 from gaitopt.problem import Problem
@@ -68,12 +68,7 @@ class Returns(ReadOnlyArrays):
 
 
 def return_map(
-    start: Problem | Gait,
-    states: Array,
-    *,
-    engine: str = Engine.AUTO,
-    workers: int = 1,
-    should_stop: Callable[[], bool] | None = None,
+    start: Problem | Gait, states: Array, *, engine: str = Engine.AUTO, workers: int = 1, should_stop: Stop = None
 ) -> Returns:
     """Walk one step, or where the legs differ one with either of them, from each of many states just after an impact.
 

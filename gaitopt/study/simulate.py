@@ -1,6 +1,6 @@
 """Walking forward from a state, without any knowledge of the mode sequence."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.callbacks import Stop
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
@@ -116,7 +117,7 @@ def simulate(
     *,
     dense: bool = True,
     engine: str = Engine.AUTO,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Walk:
     """Simulate steps from a state just after an impact.
 

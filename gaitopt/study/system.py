@@ -1,11 +1,11 @@
-"""From a problem to its hybrid system; the reference of a PD law is solved first, from its own file."""
+"""From a problem to its hybrid system and its gait; the reference of a PD law is solved first, from its own file."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Arc, Gait, curves
 from gaitopt.mechanics import (
@@ -41,7 +41,7 @@ KEPT = 16
 """Systems that are kept with their compiled functions, some megabytes each."""
 
 
-def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> HybridSystem:
+def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
     """The hybrid system of a problem's walker, control, impact law and friction.
 
     Problems that differ in parameter values alone share one system, whose functions are compiled once.
@@ -66,10 +66,18 @@ def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = N
     return _shared_system(structure)
 
 
-def problem_dynamics(problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> Dynamics:
+def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
     """That system at the parameters of the problem; raises as ``build_system``."""
     system = build_system(problem, should_stop=should_stop)
     return Dynamics(system, system.values(problem.parameters))
+
+
+def solve_sequence(
+    problem: Problem, *, start: Gait | None = None, progress: Valued = None, should_stop: Stop = None
+) -> Gait:
+    """Solve a problem whose mode sequence is given, with the arguments and errors of ``gaitopt.solve``."""
+    system = build_system(problem, should_stop=should_stop) if start is None else start.system
+    return find_gait(problem, system, start=start, progress=progress, should_stop=should_stop)
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
@@ -102,7 +110,7 @@ class _Structure:
     two_coefficients: bool
     control: tuple[object, ...]
     problem: Problem = field(compare=False)
-    should_stop: Callable[[], bool] | None = field(compare=False)
+    should_stop: Stop = field(compare=False)
 
 
 @lru_cache(maxsize=KEPT)
@@ -123,7 +131,7 @@ def _control_structure(problem: Problem) -> tuple[object, ...]:
     return (spec.type,)
 
 
-def _control(problem: Problem, should_stop: Callable[[], bool] | None) -> Control:
+def _control(problem: Problem, should_stop: Stop) -> Control:
     spec = problem.control
     if isinstance(spec, ConstantTorqueSpec):
         return ConstantTorque(torques=dict(spec.torques))
@@ -136,7 +144,7 @@ def _control(problem: Problem, should_stop: Callable[[], bool] | None) -> Contro
     return NoControl()
 
 
-def _reference_gait(problem: Problem, should_stop: Callable[[], bool] | None) -> Gait:
+def _reference_gait(problem: Problem, should_stop: Stop) -> Gait:
     source = _source(problem)
     if source.walker.shape != problem.walker.shape:
         raise ProblemError(

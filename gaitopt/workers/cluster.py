@@ -1,6 +1,6 @@
 """The processes that jobs run in: workers of this machine, started and ended here, or those of a Dask scheduler.
 
-Whoever can connect to a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
+A client of a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
 made for the run, stays in memory, and is needed on both sides of every connection.
 """
 
@@ -9,6 +9,7 @@ import logging
 import os
 import re
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -90,6 +91,7 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
     with ExitStack() as stack:
         scratch = stack.enter_context(TemporaryDirectory(prefix="gaitopt-", ignore_cleanup_errors=True))
         stack.enter_context(dask.config.set({**SETTINGS, "temporary-directory": scratch}))
+        stack.enter_context(script_not_repeated())
         with uninterrupted():
             cluster = _local_cluster(count)
             stack.enter_context(_closed_at_last(cluster))
@@ -149,8 +151,26 @@ def _kill(process: Any) -> None:
 
 
 @contextmanager
+def script_not_repeated() -> Iterator[None]:
+    """Processes that are spawned in the block do not import the caller's script.
+
+    A script that calls the library at its top level would start itself again in every worker. What it defines is
+    pickled by value, so that no worker needs it.
+    """
+    main = sys.modules["__main__"]
+    file, spec = main.__dict__.pop("__file__", None), main.__spec__
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        main.__spec__ = spec
+        if file is not None:
+            main.__file__ = file
+
+
+@contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits for the end of the block; no thread or process that is started in it ever hears of one.
+    """Ctrl-C waits for the end of the block; no thread or process that is started in it receives one.
 
     A terminal sends it to all processes, and a worker would answer with a traceback.
     """

@@ -41,7 +41,8 @@ def test_json_is_one_record_per_line_and_the_same_on_the_disk(run):
     assert change["from"] == {"phases": ["stick"], "impact": "stick"}
     assert change["to"] == {"phases": ["stick", "slip_forward"], "impact": "stick"}
     assert change["next"] == [1]
-    assert (end["type"], end["value"]) == ("end", pytest.approx(0.8))
+    assert (end["type"], end["value"], end["bound"]) == ("end", pytest.approx(0.8), True)
+    assert "bound" not in change
     assert {point["branch"] for point in points} == {0, 1}
     assert points[0]["verification"]["passed"]
     assert all(point["multipliers"] for point in points)

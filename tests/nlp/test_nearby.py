@@ -7,9 +7,9 @@ import gaitopt as go
 from gaitopt.mechanics import Dynamics
 from gaitopt.nlp import nearby, solve, solve_gait
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.nearby import REACH, solve_nearby
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.transcription import transcribe
 from gaitopt.study import build_system
 
 NAMES = (

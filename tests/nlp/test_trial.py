@@ -12,10 +12,10 @@ from gaitopt.nlp.arclength import Curve
 from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.family import Family
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.sparse import Pattern, ScaledMatrix, SparseMatrix
-from gaitopt.nlp.transcription import Transcription
 
 pytestmark = pytest.mark.portable
 
@@ -28,11 +28,11 @@ def gait() -> Gait:
 
 
 @cache
-def transcription(free: tuple[str, ...] = ()) -> tuple[Transcription, NDArray[np.float64]]:
+def transcription(free: tuple[str, ...] = ()) -> tuple[MultipleShooting, NDArray[np.float64]]:
     """The gait's equations, and the solution."""
     durations = [duration for _, duration in gait().phases]
     plan = layout(gait().problem.cycle, durations, gait().system.control.breakpoints)
-    equations = Transcription(gait().system, plan.refined(list(gait().shooting.intervals)), free)
+    equations = MultipleShooting(gait().system, plan.refined(list(gait().shooting.intervals)), free)
     values = [gait().p[gait().system.parameters.index(key)] for key in free]
     return equations, equations.pack(gait().shooting.states.T, np.array(durations), values)
 

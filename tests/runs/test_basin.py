@@ -1,6 +1,7 @@
 """Basins: every state goes somewhere, the same whatever happens while they walk."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from named import named
 import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.figures.basin import basin as basin_figure
 from gaitopt.gait import Ending
 from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.problem import load_problem
@@ -218,6 +220,16 @@ def test_command_prints_one_object_and_draws_now_and_later(tmp_path, monkeypatch
     assert gait["period"] == pytest.approx(named("compass-passive-a").period, rel=1e-9)
     assert main(["solve", f"{record['run']}@attractor.1"]) == 6
     assert main(["solve", f"{record['run']}@attractor.0", "--set", "friction=0.2"]) == 2
+
+
+def test_basin_over_one_coordinate_is_a_strip_in_the_colour_of_each_state(basin):
+    (first, _), labels = basin.grid.axes, basin.labels
+    column = replace(basin, grid=Grid((first,)), labels=labels[:, 0], endings=basin.endings[:, 0])
+    (axes,) = basin_figure(column).axes
+    drawn = axes.collections[0].get_array()
+    assert drawn.shape == (2, first.count)
+    np.testing.assert_array_equal(drawn[0] == 0, labels[:, 0] == 0)
+    assert axes.get_yticks().size == 0
 
 
 def test_basin_is_the_same_when_it_is_read_again(gait, basin, tmp_path):

@@ -51,6 +51,16 @@ def test_every_point_is_solved_and_verified(tmp_path):
     assert {row["modes"] for row in rows} == {"stick slip_forward / stick"}
 
 
+def test_unknown_key_and_parent_folder_are_answered_with_what_to_give(tmp_path, run):
+    sweep = wheel_sweep(tmp_path)
+    run_sweep(sweep, HERE)
+    code, _, err = run("plot", str(tmp_path))
+    assert code == 6
+    assert f"give the folder of its basin or sweep: {sweep.place}" in err
+    with pytest.raises(UnknownNameError, match=r"did you mean walker\.slope"):
+        check_sweep(wheel_sweep(tmp_path, Axis(key="slope", lower=0.1, upper=0.2, count=2)))
+
+
 def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monkeypatch):
     run_sweep(wheel_sweep(tmp_path), HERE)
     solved = []
@@ -145,7 +155,9 @@ with only_writer(pathlib.Path(sys.argv[1])):
 
 
 def test_grid_over_something_else_than_a_parameter_is_refused(tmp_path):
-    with pytest.raises(UnknownNameError, match=r"^walker.weight: not a parameter of rimless-wheel-slip; use walker"):
+    with pytest.raises(
+        UnknownNameError, match=r"^walker.weight: not a parameter of rimless-wheel-slip; did you mean walker"
+    ):
         check_sweep(wheel_sweep(tmp_path, Axis(key="walker.weight", lower=1, upper=2, count=2)))
 
 

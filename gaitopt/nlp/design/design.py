@@ -24,12 +24,12 @@ from gaitopt.nlp.design.sqp import optimise
 from gaitopt.nlp.design.trust_region import SMALL, freed_sizes
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import Layout, layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import rejection_reason, solve_gait
 from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_states
-from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
 MAX_ROUNDS = 12
@@ -107,7 +107,7 @@ class _Design:
             start = self._moved(program, result.w)
         return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
 
-    def _optimum(self, transcription: Transcription, w: Array, iterations: int) -> Gait:
+    def _optimum(self, transcription: MultipleShooting, w: Array, iterations: int) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one."""
         reduced = Reduced(self._problem, self.free, self._bounds)
         refined = refine(transcription, polish(transcription, w, self._dynamics.p).at)
@@ -152,7 +152,7 @@ class _Design:
     def _program(self, start: Start, *, elastic: bool = False) -> Program:
         """The smoothed NLP with its nodes on the starting motion, on a coarse mesh."""
         plan = self._layout(start.durations)
-        transcription = Transcription(self._system, plan, self.free)
+        transcription = MultipleShooting(self._system, plan, self.free)
         times = plan.node_times(start.durations)
         w = transcription.pack(start.states(times), start.durations, np.clip(start.freed, *self._bounds))
         return Program(

@@ -18,10 +18,10 @@ from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.design.outcome import RADIUS
 from gaitopt.nlp.design.trust_region import SMALL, freed_sizes
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.start import free_parameters, step_states
-from gaitopt.nlp.transcription import Transcription
 
 RADII = (1e-2, 1e-3, 1e-4)
 """Distances of neighbours, relative to the sizes of the freed parameters."""
@@ -119,7 +119,7 @@ class _Search:
         self.sizes = freed_sizes(self.freed, self._bounds)
         durations = np.array([duration for _, duration in step.phases])
         plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
-        coarse = Transcription(gait.system, plan, tuple(free))
+        coarse = MultipleShooting(gait.system, plan, tuple(free))
         w = coarse.pack(step_states(step, plan.node_times(durations)), durations, self.freed)
         refined = refine(coarse, polish(coarse, w, gait.p).at)
         self._transcription, self._w = refined.transcription, refined.at.w

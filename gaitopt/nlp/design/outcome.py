@@ -15,7 +15,7 @@ from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, 
 from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.integrator import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 
 RADIUS = "spectral_radius"
 EXTREMA = {
@@ -51,7 +51,7 @@ class Outcome:
     width : MX - of the smoothing of |power| [W].
     """
 
-    def __init__(self, transcription: Transcription, width: MX) -> None:
+    def __init__(self, transcription: MultipleShooting, width: MX) -> None:
         self._t, self._width = transcription, width
         self._plain = {
             "period": self._period,

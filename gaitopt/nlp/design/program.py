@@ -22,7 +22,7 @@ from gaitopt.nlp.design.rows import CLEARANCE
 from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.design.trust_region import SMALL, search
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.problem import Problem, Range
 
 SMOOTHING = 3e-5
@@ -54,7 +54,7 @@ class Program:
     def __init__(
         self,
         problem: Problem,
-        transcription: Transcription,
+        transcription: MultipleShooting,
         *,
         bounds: Array,
         w: Array,

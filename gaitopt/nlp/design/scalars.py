@@ -17,7 +17,7 @@ from gaitopt.gait import curves
 from gaitopt.mechanics import Mode, margin_scales
 from gaitopt.nlp.design.sensitivity import ArcCurves, Curve, Sensitivity
 from gaitopt.nlp.inequalities import impact_margins, is_zero_by_event
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 
 Valued = tuple[float, Array]
 """A number and its derivatives in the freed parameters, shape (n_free,)."""
@@ -171,7 +171,7 @@ AT_IMPACT = ("step_length", "weight", "impulse_t", "impulse_n", "push_work")
 
 
 @lru_cache(maxsize=8)
-def at_impact(t: Transcription) -> Function:
+def at_impact(t: MultipleShooting) -> Function:
     """(w, p) -> what ``AT_IMPACT`` names and the margins of the impact; and their Jacobian in w."""
     landed = t.system.impact(t.layout.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"]
     impulse = t.system.impact(Mode.STICK)(z=t.Z[:, -1], p=t.p)["impulse"]
