@@ -74,7 +74,7 @@ print_result.register(Walk, lambda walk, console: print_walk(console, walk.to_re
 print_result.register(Verification, lambda checked, console: print_verification(console, checked.to_record()))
 print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.to_record()))
 print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))
-print_result.register(Branch, lambda branch, console: print_branch(console, branch.to_records()))
+print_result.register(Branch, lambda branch, console: print_branch(console, branch.to_records(), branch.parameter))
 print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
 print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep_record(sweep)))
 
