@@ -23,7 +23,7 @@ def front(
     """
     from gaitopt.figures.catalogue import front_figures
     from gaitopt.library.print_results import print_front
-    from gaitopt.runs.front import check_front, design_front, front_file
+    from gaitopt.runs.front import check_front, design_front, front_file, front_record
     from gaitopt.store import adding, check_folder, run_folder, writing
 
     axes, loaded = grid(over).axes, load(problem, changes, terminal)
@@ -39,7 +39,7 @@ def front(
         with adding(folder, folder) as figures:
             figures += save_figures(front_figures(designs), folder)
     terminal.show(
-        {**designs.to_record(axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
+        {**front_record(designs, axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
         print_front,
         "file",
     )

@@ -92,9 +92,9 @@ def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
 
 
 def thinned(times: Array, states: Array) -> tuple[Array, Array]:
-    """Some twenty of many points, evenly among them."""
-    every = max(1, len(times) // NODES_SHOWN)
-    return times[::every], states[::every]
+    """At most twenty of many points, evenly among them, the first and the last with them."""
+    shown = np.unique(np.linspace(0, len(times) - 1, min(len(times), NODES_SHOWN)).round().astype(int))
+    return times[shown], states[shown]
 
 
 def node_points(gait: Gait) -> tuple[Array, Array] | None:

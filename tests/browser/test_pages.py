@@ -248,6 +248,25 @@ def test_gaits_are_swiped_on_a_phone_and_played_together(visit):
     page.wait_for_function("d => document.querySelectorAll('.overlay .force')[1].getAttribute('d') !== d", arg=before)
 
 
+def test_who_dislikes_motion_is_brought_to_a_gait_at_once(visit):
+    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-passive-b")]), width=390, motion="reduce")
+    page.get_by_role("navigation").get_by_role("button").nth(1).click()
+    assert page.evaluate("document.getElementById('gaits').scrollLeft") > 200
+    assert page.get_by_role("button", name="Play all").is_visible()
+
+
+def test_everything_that_is_operated_or_drawn_has_a_name_for_a_screen_reader(visit, branch_page):
+    for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):
+        page = visit(text, motion="reduce")
+        page.locator(".chart svg").first.wait_for()
+        nameless = page.evaluate(
+            """() => Array.from(document.querySelectorAll("button, input, select, [role=img], [tabindex], summary"))
+                .filter((e) => !(e.getAttribute("aria-label") || e.labels?.length || e.textContent.trim()))
+                .map((e) => e.outerHTML.slice(0, 80))"""
+        )
+        assert nameless == []
+
+
 def test_a_walk_is_shown_from_start_to_end(visit):
     walk = simulate(gait("compass-passive-a"), {"theta1": -0.15}, steps=9)
     page = visit(walk_report(walk), width=390, motion="reduce")

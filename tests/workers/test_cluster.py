@@ -2,6 +2,7 @@
 
 import logging
 import multiprocessing
+import multiprocessing.spawn
 import os
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from worker_tasks import slow_square, square
 
 from gaitopt.errors import UnknownNameError
 from gaitopt.workers import cluster
-from gaitopt.workers.cluster import check_address, connected
+from gaitopt.workers.cluster import check_address, connected, script_not_repeated
 from gaitopt.workers.jobs import Job, Workers, make_workers, run_jobs
 
 NOBODY = 65534
@@ -111,6 +112,16 @@ def test_close_that_fails_costs_no_result(monkeypatch):
     jobs = [Job(key=str(k), argument=k) for k in range(3)]
     assert dict(run_jobs(square, jobs, Workers(count=1, scheduler=None))) == {"0": 0, "1": 1, "2": 4}
     assert dict(run_jobs(square, jobs, Workers(count=2))) == {"0": 0, "1": 1, "2": 4}
+
+
+def test_workers_do_not_start_the_script_of_their_caller_again(monkeypatch):
+    main = sys.modules["__main__"]
+    monkeypatch.setattr(main, "__file__", "script.py", raising=False)
+    monkeypatch.setattr(main, "__spec__", None)
+    assert "init_main_from_path" in multiprocessing.spawn.get_preparation_data("worker")
+    with script_not_repeated():
+        assert "init_main_from_path" not in multiprocessing.spawn.get_preparation_data("worker")
+    assert main.__file__ == "script.py"
 
 
 @pytest.mark.slow
