@@ -59,7 +59,7 @@ def reproduce(
     names = [name for name in parts() if not only or name in only]
     needed = {family for name in names for family in NEEDED.get(name, ())}
     if workers is not None:
-        follow_families(archive, [family for family in reversed(FAMILIES) if family in needed], workers)
+        follow_families(archive, [family for family in reversed(tuple(FAMILIES)) if family in needed], workers)
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
         written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
