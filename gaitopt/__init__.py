@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from gaitopt.display import Page
     from gaitopt.errors import GaitoptError
     from gaitopt.gait import Branch, Gait, Status, Trajectory
+    from gaitopt.library.answers import explain, prove
     from gaitopt.library.calls import continuation, find, solve
     from gaitopt.library.display import animate, plot, report
     from gaitopt.library.runs import basin, front, multistart, sweep
@@ -20,12 +21,10 @@ if TYPE_CHECKING:
     from gaitopt.mechanics.modes import ImpactLaw, Mode
     from gaitopt.mechanics.walker import Walker
     from gaitopt.problem import Problem, load_problem
-    from gaitopt.proof import prove
     from gaitopt.runs.basin_tiles import Basin
     from gaitopt.runs.front import Front
     from gaitopt.runs.sweep_table import Sweep
     from gaitopt.search.distinct import Gaits
-    from gaitopt.search.explain import explain
     from gaitopt.study import Verification, Walk, return_map, simulate, verify
 
 __version__ = "0.1.0"
@@ -96,14 +95,14 @@ _HOME = {
     "basin": "gaitopt.library.runs",
     "check_walker": "gaitopt.mechanics.consistency",
     "continuation": "gaitopt.library.calls",
-    "explain": "gaitopt.search.explain",
+    "explain": "gaitopt.library.answers",
     "find": "gaitopt.library.calls",
     "front": "gaitopt.library.runs",
     "load_problem": "gaitopt.problem",
     "load_run": "gaitopt.library.stored",
     "multistart": "gaitopt.library.runs",
     "plot": "gaitopt.library.display",
-    "prove": "gaitopt.proof",
+    "prove": "gaitopt.library.answers",
     "report": "gaitopt.library.display",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",

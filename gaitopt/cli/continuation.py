@@ -147,7 +147,7 @@ def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: Terminal) ->
             if terminal.json:
                 terminal.print_json(record)
     if not terminal.json:
-        print_branch(terminal.results, summary)
+        print_branch(terminal.results, summary, run.request.parameter)
         terminal.results.print(f"run: {run.folder}", soft_wrap=True)
     return refuted
 

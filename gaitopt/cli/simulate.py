@@ -1,6 +1,7 @@
 """``gaitopt simulate``: walk forward from a state."""
 
-from typing import Annotated
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -9,6 +10,9 @@ from gaitopt.cli.options import EngineOption, OutOption, RunArgument, SetOption
 from gaitopt.cli.runs import is_folder, load, stored_gait
 from gaitopt.cli.signals import interruptible
 from gaitopt.cli.terminal import Terminal
+
+if TYPE_CHECKING:
+    from gaitopt.study import Walk
 
 StateOption = Annotated[
     list[str] | None,
@@ -32,12 +36,14 @@ def simulate(
 ) -> int:
     """Simulate steps from a state.
 
-    Contact modes and impacts follow from the forces; every ending has a name.
+    Contact modes and impacts follow from the forces; every ending has a name. `plot` and `report` of a walk that -o
+    has kept compare it with the gait of RUN, or of PROBLEM where that has been solved.
     """
     from gaitopt import study
     from gaitopt.gait import Gait
     from gaitopt.library.print_gait import print_walk
     from gaitopt.library.stored import save
+    from gaitopt.problem import Problem
     from gaitopt.store import check_folder
 
     start = stored_gait(run, changes)[0] if is_folder(run) else load(run, changes)
@@ -47,6 +53,7 @@ def simulate(
     terminal.say(f"walking {steps} step{'s' if steps > 1 else ''}")
     with interruptible() as interrupted:
         walk = study.simulate(start, begin, steps, engine=engine, should_stop=interrupted)
+    walk = _compared(walk) if isinstance(start, Problem) else walk
     record = {**walk.to_record(), "run": None if output is None else str(output)}
     try:
         if output is not None:
@@ -54,3 +61,14 @@ def simulate(
     finally:  # what was computed is printed even where it cannot be kept
         terminal.show(record, print_walk)
     return 0
+
+
+def _compared(walk: "Walk") -> "Walk":
+    """The walk of a problem beside its gait, where the store has one."""
+    from gaitopt.store import is_complete, run_folder
+    from gaitopt.study.simulate import section_states
+
+    folder = run_folder(walk.problem)
+    if not is_complete(folder):
+        return walk
+    return replace(walk, gait_states=section_states(stored_gait(str(folder), None)[0]))

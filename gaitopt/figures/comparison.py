@@ -12,7 +12,7 @@ from gaitopt.arrays import Array
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.motion import Motion, position_label, running, time_label
 from gaitopt.figures.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels
-from gaitopt.gait import Arc, Gait, Step, curves
+from gaitopt.gait import Gait, Step, curves
 from gaitopt.simulation import Simulator
 
 NODES_SHOWN = 20
@@ -65,7 +65,9 @@ def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[
     for began, mine, other in arcs:
         if mine.mode is not other.mode or mine.duration <= 0:
             return
-        yield began + mine.times, mine.states - _at(other, 2 * (mine.times - mine.start) / mine.duration - 1)
+        fractions = 2 * (mine.times - mine.start) / mine.duration - 1
+        states = chebyshev.chebval(fractions, curves.coefficients(other.states)).T
+        yield began + mine.times, mine.states - np.asarray(states, dtype=np.float64)
 
 
 def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Line2D]:
@@ -83,10 +85,6 @@ def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Lin
     return entries
 
 
-def _at(arc: Arc, fractions: Array) -> Array:
-    return np.asarray(chebyshev.chebval(fractions, curves.coefficients(arc.states)).T, dtype=np.float64)
-
-
 def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
     """Times since the start of the first step (n,) and states (n, n_z) at all points of some steps."""
     arcs = [(began, arc) for began, step in running(steps) for arc in step.arcs]
@@ -94,9 +92,9 @@ def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
 
 
 def thinned(times: Array, states: Array) -> tuple[Array, Array]:
-    """Some twenty of many points, evenly among them."""
-    every = max(1, len(times) // NODES_SHOWN)
-    return times[::every], states[::every]
+    """At most twenty of many points, evenly among them, the first and the last with them."""
+    shown = np.unique(np.linspace(0, len(times) - 1, min(len(times), NODES_SHOWN)).round().astype(int))
+    return times[shown], states[shown]
 
 
 def node_points(gait: Gait) -> tuple[Array, Array] | None:

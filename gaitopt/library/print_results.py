@@ -8,8 +8,9 @@ from rich.console import Console
 from gaitopt.gait import TERMINAL
 from gaitopt.gait.cascade import cascades
 from gaitopt.library.print_gait import STABILITY
-from gaitopt.library.tables import number, section
+from gaitopt.library.tables import number, section, with_degrees
 from gaitopt.mechanics import Cycle
+from gaitopt.problem.scalars import unit_of
 from gaitopt.runs.multistart import Optimum
 
 Record = Mapping[str, Any]
@@ -72,9 +73,10 @@ def _print_list(console: Console, title: str, gaits: Sequence[Record]) -> None:
     section(console, title, columns, rows, numbers=(2, 3, 4, 5, 7))
 
 
-def print_branch(console: Console, records: Sequence[Record]) -> None:
+def print_branch(console: Console, records: Sequence[Record], parameter: str) -> None:
     """The branches of a family, what happens on them, and its cascades; records may state their ``sequence``."""
     specials = [record for record in records if record["record"] == "special"]
+    unit = unit_of(parameter)
     rows = list[tuple[str, ...]]()
     for branch in sorted({record["branch"] for record in records if record["record"] == "point"}):
         points = [record for record in records if record["record"] == "point" and record["branch"] == branch]
@@ -91,11 +93,13 @@ def print_branch(console: Console, records: Sequence[Record]) -> None:
                 "; ".join(joints),
             )
         )
-    columns = ("branch", "mode sequence", "from", "to", "points", "|multiplier|", "joints")
+    between = [f"{end} [{unit}]" if unit else end for end in ("from", "to")]
+    columns = ("branch", "mode sequence", *between, "points", "|multiplier|", "joints")
     section(console, "branches", columns, rows, numbers=(2, 3, 4))
     for k, special in enumerate(specials):
         guess = "" if special["status"] == "converged" else " (only bracketed)"
-        console.print(f"{k}: branch {special['branch']}, {special['value']:.12g}{guess}: {event(special)}")
+        place = f"{special['value']:.12g} {with_degrees(special['value'], unit)}".rstrip()
+        console.print(f"{k}: branch {special['branch']}, {place}{guess}: {event(special)}")
     for cascade in cascades(records):
         console.print(f"cascade: {cascade}")
 

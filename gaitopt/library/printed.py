@@ -8,7 +8,14 @@ from rich.console import Console
 
 from gaitopt.gait import Branch, Gait, Trajectory
 from gaitopt.library.print_gait import print_gait, print_problem, print_verification, print_walk
-from gaitopt.library.print_results import print_basin, print_branch, print_front, print_gaits, print_sweep
+from gaitopt.library.print_results import (
+    print_basin,
+    print_branch,
+    print_explanation,
+    print_front,
+    print_gaits,
+    print_sweep,
+)
 from gaitopt.library.tables import number, section
 from gaitopt.mechanics.cycle import mode_words
 from gaitopt.problem import Problem
@@ -16,6 +23,7 @@ from gaitopt.runs.basin_tiles import Basin
 from gaitopt.runs.front import Front
 from gaitopt.runs.sweep_table import Sweep, sweep_record
 from gaitopt.search.distinct import Gaits
+from gaitopt.search.explain import Explanation
 from gaitopt.study import Verification
 from gaitopt.study.simulate import Walk
 
@@ -65,7 +73,8 @@ print_result.register(Problem, lambda problem, console: print_problem(console, p
 print_result.register(Walk, lambda walk, console: print_walk(console, walk.to_record()))
 print_result.register(Verification, lambda checked, console: print_verification(console, checked.to_record()))
 print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.to_record()))
-print_result.register(Branch, lambda branch, console: print_branch(console, branch.to_records()))
+print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))
+print_result.register(Branch, lambda branch, console: print_branch(console, branch.to_records(), branch.parameter))
 print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
 print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep_record(sweep)))
 

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
-from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -26,14 +25,14 @@ Counter = bool | Callable[[int, int], None]
 """``progress`` of a call with countable parts: show it or not, or call a function with parts done and their total."""
 Follower = bool | Callable[[int, float], None]
 """``progress`` of a solution or a continuation: show it or not, or call a function with a number and a value."""
+Teller = bool | Callable[[str], None]
+"""``progress`` of a call that reports in words: show them or not, or call a function with them."""
 
 
 @contextmanager
 def shown(
-    progress: bool | Callable[[int, Any], None],
-    bar: Callable[..., AbstractContextManager[Callable[[int, Any], None]]],
-    *words: str,
-) -> Iterator[Callable[[int, Any], None]]:
+    progress: bool | Callable[..., None], bar: Callable[..., AbstractContextManager[Callable[..., None]]], *words: str
+) -> Iterator[Callable[..., None]]:
     """The callback that ``progress`` of a library call stands for: itself, or that of a bar described in words.
 
     A bar is shown on standard error of a terminal or in a notebook's output, and nowhere else.
@@ -79,10 +78,17 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
 @contextmanager
 def value_progress(console: Console, what: str, parameter: str) -> Iterator[Callable[[int, float], None]]:
     """Give a callback that shows a number of gaits and the value of a parameter beside a clock."""
+    with word_progress(console, what) as say:
+        yield lambda n, value: say(f"{n} gaits, {parameter} = {value:.6g}")
+
+
+@contextmanager
+def word_progress(console: Console, what: str) -> Iterator[Callable[[str], None]]:
+    """Give a callback that shows its words beside a clock."""
     columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
         bar = progress.add_task(what, total=None)
-        yield lambda n, value: progress.update(bar, description=f"{what}  {n} gaits, {parameter} = {value:.6g}")
+        yield lambda words: progress.update(bar, description=f"{what}  {words}")
 
 
 @contextmanager

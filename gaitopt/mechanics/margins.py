@@ -189,7 +189,7 @@ STOP = Margin(
     absent="the stop does not lock, or the switch is not thrown",
     rises=True,
 )
-"""The gap of a joint stop, or the margin of a switch, whatever its name."""
+"""The gap of a joint stop, or the margin of a switch, under any name."""
 
 
 def margin(name: str) -> Margin:

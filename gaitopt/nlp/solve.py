@@ -1,6 +1,6 @@
 """A problem's gait by multiple shooting: guess, Newton's method, polish, error estimate, refinement.
 
-Where the guess is not plainly next to a gait, or the gait there violates a margin, IPOPT searches.
+Where the guess is not close to a gait, or the gait there violates a margin, IPOPT searches.
 """
 
 import time
@@ -134,7 +134,7 @@ def _nearby(
     progress: Progress | None,
     should_stop: Callable[[], bool] | None,
 ) -> Attempt:
-    """Newton's method as far as the guess is plainly next to a solution."""
+    """Newton's method if the guess is close to a solution."""
     near = solve_nearby(transcription, start, p, progress, should_stop)
     return Attempt(
         transcription=transcription,
@@ -228,9 +228,9 @@ def rejection_reason(refined: Refined[Transcription]) -> tuple[Cause, ...]:
 
 @overflow_allowed()
 def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
-    """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open.
+    """The worst violation: of margins, by a periodic motion solved with or without them, or else of the equations.
 
-    A reference that is over before the step says more than what motions beyond it violate.
+    A reference that ends before the step explains more than what motions beyond it violate.
     """
     transcription, p, missing = attempt.transcription, attempt.p, None
     if guess.endless is not None:

@@ -14,7 +14,7 @@ from gaitopt.problem import Problem
 from gaitopt.runs.branch_run import BranchRun
 from gaitopt.runs.restore import restore_gait
 from gaitopt.search.solve import solve
-from gaitopt.store import find_run, read_run, run_folder, writing
+from gaitopt.store import find_run, run_folder, writing
 from gaitopt.store.run import RESULTS
 from gaitopt.study.verify import verify
 
@@ -54,7 +54,7 @@ class Archive:
         """
         if problem.digest not in self._gaits:
             folder = find_run(problem, self.results)
-            self._gaits[problem.digest] = self._solved(problem) if folder is None else restore_gait(read_run(folder))
+            self._gaits[problem.digest] = self._solved(problem) if folder is None else restore_gait(folder)
         return self._gaits[problem.digest]
 
     def family(self, problem: Problem, parameter: str, to: Sequence[float]) -> Records:

@@ -91,10 +91,6 @@ class Front(Plotted, Sequence[FrontPoint]):
         """The JSON objects of all points."""
         return [point.to_record() for point in self.points]
 
-    def to_record(self, axis: Axis) -> Record:
-        """The JSON object of the front along this axis."""
-        return {"problem": self.problem.name, "over": str(axis), "points": self.to_records()}
-
     def to_frame(self) -> "DataFrame":
         """One row per design: value, objective, whether it is on the front, status and the scalars of its gait."""
         header = ["value", "objective", "pareto", "status", *SCALARS]
@@ -128,13 +124,18 @@ def design_front(
         best = _walk(problems, folder, progress, should_stop)
         points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems)
         front = Front(problem=problem, key=axis.key, points=tuple(points))
-        write_files(folder, {front_file(axis.key): json_text(front.to_record(axis)) + "\n"})
+        write_files(folder, {front_file(axis.key): json_text(front_record(front, axis)) + "\n"})
     return front
 
 
 def front_file(key: str) -> str:
     """Name of the file of a front over this key in its run folder."""
     return f"front-{key}.json"
+
+
+def front_record(front: Front, axis: Axis) -> Record:
+    """The JSON object of the front along an axis."""
+    return {"problem": front.problem.name, "over": str(axis), "points": front.to_records()}
 
 
 def read_fronts(folder: Path) -> list[Front]:

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from textwrap import shorten
 from typing import Any
 
 from gaitopt.callbacks import Stop
+from gaitopt.display import Tabulated
 from gaitopt.errors import SolveError
 from gaitopt.gait import Cause, Gait, Status
 from gaitopt.nlp import free_parameters
@@ -19,12 +21,14 @@ from gaitopt.workers.jobs import Workers
 
 INDIRECT = ("search", "motion", "event", "periodicity", "duration", "touchdown", "slip_velocity", "equations")
 """Causes that only state where a search ended; the end of a family of gaits comes before them."""
+LONGEST = 120
+"""Characters of a cause in one line."""
 WALK = 20
 """Steps of the walk from the guess."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explanation:
+class Explanation(Tabulated):
     """Why there is no gait.
 
     Attributes
@@ -46,6 +50,10 @@ class Explanation:
     instead: Gaits | None = None
     walk: Walk | None = None
     nearest: tuple[Nearest, ...] = ()
+
+    def __repr__(self) -> str:
+        why = self.causes[0].words if self.causes else "no cause is known"
+        return f"<Explanation of {self.problem.name}: {'the gait exists' if self.exists else shorten(why, LONGEST)}>"
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""

@@ -13,8 +13,8 @@ the swing foot comes down, v_n < 0 just before it, and
     stick             F_n > 0 and |F_t| <= mu F_n
     slip with sign s  F_n > 0 and s v_t > 0 just after it
 
-where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. Which of these hold is
-found out, not assumed; none or several is a named ending.
+where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. All of them are
+checked; where none or several hold, the motion ends by name.
 """
 
 from dataclasses import dataclass

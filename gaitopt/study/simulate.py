@@ -32,7 +32,7 @@ class Walk(Moving, ReadOnlyArrays):
     problem : whose walker, control and friction were used.
     dynamics : the hybrid system at its parameters.
     trajectory : steps, ending and message.
-    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait that it started from; no rows
+    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait that it is compared with; no rows
         if it started from a problem.
     """
 
@@ -142,9 +142,14 @@ def simulate(
     z = _initial_state(start, dynamics, state or {})
     stepper = make_stepper(dynamics, engine, steps=steps)
     trajectory = Simulator(dynamics, stepper=stepper).run(z, steps=steps, dense=dense, should_stop=should_stop)
-    gait = [step.arcs[0].states[0] for step in start.steps] if isinstance(start, Gait) else []
-    states = np.array(gait).reshape(-1, len(dynamics.system.state_names))
-    return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states)
+    width = len(dynamics.system.state_names)
+    states = section_states(start) if isinstance(start, Gait) else np.empty(0)
+    return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width))
+
+
+def section_states(gait: Gait) -> Array:
+    """States of a gait after each impact; shape (n_steps, n_z)."""
+    return np.array([step.arcs[0].states[0] for step in gait.steps])
 
 
 def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:

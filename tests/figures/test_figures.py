@@ -11,7 +11,7 @@ from pictured import SEQUENCES, TORSO, branch, gait
 
 from gaitopt.figures.branches import UNSTABLE, over_parameter
 from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, informative
-from gaitopt.figures.comparison import differences, simulated
+from gaitopt.figures.comparison import differences, simulated, thinned
 from gaitopt.figures.front import front_figure, pareto_front
 from gaitopt.figures.labels import Parameter, label, parameter_of, symbol
 from gaitopt.figures.motion import motion_from_record, motion_of
@@ -110,6 +110,14 @@ def test_two_roads_agree_and_a_spoiled_gait_is_seen_to_disagree():
     arcs = [Arc(mode=a.mode, segment=a.segment, times=a.times, states=a.states + 1e-4) for a in motion.steps[0].arcs]
     spoiled = Step(arcs=tuple(arcs), impact=motion.steps[-1].impact)
     assert max(np.abs(gap).max() for _, gap in differences([spoiled], walked)) > 9e-5
+
+
+def test_at_most_twenty_nodes_are_marked_from_the_first_to_the_last():
+    for count in (3, 20, 39, 65):
+        times, states = thinned(np.arange(count), np.arange(count)[:, None])
+        assert len(times) == min(count, 20)
+        assert (times[0], times[-1]) == (0, count - 1)
+        np.testing.assert_array_equal(states[:, 0], times)
 
 
 def test_arcs_are_not_compared_beyond_a_different_mode():

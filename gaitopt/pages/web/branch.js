@@ -177,8 +177,7 @@ class BranchDiagram {
   // Select a gait and bring it into view.
   show(index) {
     this.select(index);
-    const behavior = matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth";
-    document.getElementById("gait").scrollIntoView({ behavior, block: "start" });
+    document.getElementById("gait").scrollIntoView({ behavior: scrolling(), block: "start" });
   }
 
   mark() {

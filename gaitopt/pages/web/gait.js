@@ -78,7 +78,7 @@ function shown(value) {
 function tabs(gaits, side) {
   const buttons = gaits.map((gait, k) => {
     const button = html("button", { type: "button" }, gait.film.name);
-    button.addEventListener("click", () => side.scrollTo({ left: side.children[k].offsetLeft - side.offsetLeft, behavior: "smooth" }));
+    button.addEventListener("click", () => side.scrollTo({ left: side.children[k].offsetLeft - side.offsetLeft, behavior: scrolling() }));
     return button;
   });
   return html("nav", { class: "tabs", "aria-label": "gaits" }, ...buttons);
