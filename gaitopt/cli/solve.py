@@ -63,9 +63,6 @@ def solve(
     With --starts the distinct solutions are listed and the best one is kept; what each start has found stays in the
     run folder, so that the same command goes on where it was.
     """
-    from gaitopt.library.print_results import print_optima
-    from gaitopt.runs.grid import check_jobs_fit
-    from gaitopt.runs.multistart import multistart
     from gaitopt.store import run_folder, writing
     from gaitopt.workers.jobs import make_workers
 
@@ -77,7 +74,12 @@ def solve(
     loaded = _started(loaded, start, terminal) if start else loaded
     folder = output or run_folder(loaded)
     jobs_at = make_workers(workers, scheduler)
-    check_jobs_fit(starts, folder)
+    if starts > 1:
+        from gaitopt.library.print_results import print_optima
+        from gaitopt.runs.grid import check_jobs_fit
+        from gaitopt.runs.multistart import multistart
+
+        check_jobs_fit(starts, folder)
     with writing(folder, loaded):
         best, about = loaded, dict[str, Any]()
         if starts > 1:
