@@ -44,9 +44,9 @@ def interval_rows() -> list[Row]:
 
 
 def newton_step(transcription: MultipleShooting, w: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Equations, Jacobian, factors."""
+    """Equations, Jacobian and its solution."""
     at = linearise(transcription, w, p)
-    return at.factor().solve(at.residual)
+    return at.scaled.solve(at.residual)
 
 
 def link_rows() -> list[Row]:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitopt.cli.maps import DEFAULT_FORMATS, draw_basin
+from gaitopt.cli.figures import save_figures
 from gaitopt.cli.options import (
     EngineOption,
     OutOption,
@@ -42,6 +42,7 @@ def basin(
     The other coordinates are those of RUN's gait. Finished tiles are kept; the same command goes on where it was.
     `gaitopt solve RUN@attractor.K` makes a gait of the K-th one, RUN being the folder that is printed.
     """
+    from gaitopt.figures.catalogue import basin_figures
     from gaitopt.library.print_results import print_basin
     from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
     from gaitopt.simulation.engine import INSTALL, Engine, choose_engine, is_installed
@@ -62,7 +63,7 @@ def basin(
         record = {**result.to_record(), "run": str(plan.place)}
         if len(points.axes) <= 2:
             with adding(folder, plan.place) as figures:
-                figures += draw_basin(result, DEFAULT_FORMATS, plan.place)
+                figures += save_figures(basin_figures(result), plan.place)
             record["figures"] = [str(path) for path in figures]
     terminal.show(record, print_basin, "run")
     return 0

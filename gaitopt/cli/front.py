@@ -3,7 +3,7 @@
 import typer
 
 from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
-from gaitopt.cli.maps import DEFAULT_FORMATS, draw_front
+from gaitopt.cli.figures import save_figures
 from gaitopt.cli.options import OutOption, OverOption, ProblemArgument, SetOption
 from gaitopt.cli.runs import load
 from gaitopt.cli.terminal import Terminal
@@ -21,6 +21,7 @@ def front(
 
     Every design is kept as soon as it is found; the same command goes on where it was.
     """
+    from gaitopt.figures.catalogue import front_figures
     from gaitopt.library.print_results import print_front
     from gaitopt.runs.front import check_front, design_front, front_file, front_record
     from gaitopt.store import adding, check_folder, run_folder, writing
@@ -36,7 +37,7 @@ def front(
         with terminal.working("designs") as (progress, interrupted):
             designs = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
         with adding(folder, folder) as figures:
-            figures += draw_front(designs, DEFAULT_FORMATS, folder)
+            figures += save_figures(front_figures(designs), folder)
     terminal.show(
         {**front_record(designs, axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
         print_front,

@@ -20,15 +20,16 @@ FolderOption = Annotated[
 def reproduce(terminal: Terminal, paper: PaperArgument, only: OnlyOption = None, output: FolderOption = None) -> int:
     """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
 
-    Gaits and families are taken from the run folders in results/, or computed and kept there.
+    Gaits and families are taken from the run folders in results/, or computed, on all cores, and kept there.
     """
     from gaitopt.paper import Archive, check_names
     from gaitopt.paper import reproduce as write
     from gaitopt.store.run import RESULTS
+    from gaitopt.workers.jobs import Workers
 
     check_names(paper, only or ())
     with terminal.working("parts") as (progress, interrupted):
         archive = Archive(narrate=terminal.say, should_stop=interrupted)
-        written = write(archive, output or RESULTS / paper, only or (), progress)
+        written = write(archive, output or RESULTS / paper, only or (), progress, Workers())
     terminal.print_paths(written)
     return 0

@@ -59,13 +59,14 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
     """The gait in a run folder, and the folder; with ``--set`` that is an error, as a run is what it is."""
     from gaitopt.runs.restore import restore_gait
     from gaitopt.runs.within import refuse_other_results
-    from gaitopt.store import GAIT_FILE, read_run
+    from gaitopt.store import GAIT_FILE, read_manifest
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {run} is a finished run; give its problem instead")
-    if not (Path(run) / GAIT_FILE).is_file():
-        refuse_other_results(Path(run))
-    return restore_gait(read_run(Path(run))), Path(run)
+    folder = Path(run)
+    if not (folder / GAIT_FILE).is_file() and GAIT_FILE not in read_manifest(folder).files:  # else it is unfinished
+        refuse_other_results(folder)
+    return restore_gait(folder), folder
 
 
 def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> "tuple[Gait, Path, bool]":

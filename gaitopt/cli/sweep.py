@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from gaitopt.cli.maps import DEFAULT_FORMATS, draw_sweep
+from gaitopt.cli.figures import save_figures
 from gaitopt.cli.options import OutOption, OverOption, ProblemArgument, SchedulerOption, SetOption, WorkersOption
 from gaitopt.cli.runs import load
 from gaitopt.cli.terminal import Terminal
@@ -33,6 +33,7 @@ def sweep(
     What is done is kept and never done again; the same command goes on where it was. A point without a gait is a
     result.
     """
+    from gaitopt.figures.catalogue import sweep_figures
     from gaitopt.library.print_results import print_sweep
     from gaitopt.problem import SCALARS
     from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
@@ -54,7 +55,7 @@ def sweep(
         record = sweep_record(swept) | {"table": str(plan.place / TABLE_FILE), "run": str(plan.place)}
         if len(points.axes) <= 2:
             with adding(folder, plan.place) as figures:
-                figures += draw_sweep(swept, [what], DEFAULT_FORMATS, plan.place)
+                figures += save_figures(sweep_figures(swept), plan.place, [what])
             record["figures"] = [str(path) for path in figures]
     terminal.show(record, print_sweep, "table")
     return 0

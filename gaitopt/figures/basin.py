@@ -46,7 +46,8 @@ def basin(result: Basin) -> Figure:
         )  # fmt: skip
     names = result.problem.walker.section_names(slipping=True)
     for gait in result.attractors:
-        point = [_in_unit(axis, gait.state[names.index(axis.key)]) for axis in result.grid.axes]
+        values = [(axis, gait.state[names.index(axis.key)]) for axis in result.grid.axes]
+        point = [np.degrees(value) if axis.unit == "deg" else value for axis, value in values]
         place = point if second else (*point, 0.0)
         axes.plot(*place, "+", color="white", markersize=12, markeredgewidth=3.5)
         axes.plot(*place, "+", color="black", markersize=11, markeredgewidth=1.4)
@@ -59,10 +60,6 @@ def basin(result: Basin) -> Figure:
     fixed = [entry("gait", marker="+", linestyle="", color="black")] if result.attractors else []
     legend_below(figure, [*handles, *fixed])
     return figure
-
-
-def _in_unit(axis: Axis, value: float) -> float:
-    return float(np.degrees(value)) if axis.unit == "deg" else float(value)
 
 
 def _axis_label(axis: Axis) -> str:

@@ -65,24 +65,21 @@ def over_parameter(
         specials = [_bounded(record, quantity) for record in records if record["record"] == "special"]
         specials = [record for record in specials if not is_bound(record)]
         named = _sequences(points) if len(curves) == 1 else {}
-        for number, branch in groupby(sorted(points, key=_order), key=lambda point: point["branch"]):
+        points.sort(key=lambda point: (point["branch"], point["index"]))
+        for number, branch in groupby(points, key=lambda point: point["branch"]):
             words, own_colour = named.get(number, (name, colour))
             _draw(axes, joined(list(branch), specials, quantity), quantity, own_colour)
             if len(curves) > 1 or len(named) > 1:
                 handles[words] = entry(words, color=own_colour)
         present |= _mark(axes, specials, points, quantity, colour if len(curves) > 1 else NEUTRAL)
+    drawn = [point for records in curves.values() for point in _points(records, quantity)]
     if quantity == "spectral_radius":
         axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
-        if (
-            max((point[quantity] for records in curves.values() for point in _points(records, quantity)), default=0)
-            > LOG
-        ):
+        if any(point[quantity] > LOG for point in drawn):
             axes.set_yscale("log")
     axes.set_xlabel(str(parameter.label))
     written = label(quantity)
-    split = any(
-        len(_heights(point, quantity)) > 1 for records in curves.values() for point in _points(records, quantity)
-    )
+    split = any(len(_heights(point, quantity)) > 1 for point in drawn)
     axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
     legend_below(figure, [*handles.values(), *_legend(present)])
     return figure
@@ -156,10 +153,6 @@ def _same_length(heights: Sequence[list[float]]) -> NDArray[np.float64]:
     """One row per gait; where a doubled family begins, the cycle of its origin counts twice."""
     most = max(map(len, heights))
     return np.array([own * (most // len(own)) for own in heights])
-
-
-def _order(point: Record) -> tuple[int, int]:
-    return point["branch"], point["index"]
 
 
 def _draw(axes: Axes, branch: Sequence[Record], quantity: str, colour: str) -> None:

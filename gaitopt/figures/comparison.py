@@ -12,7 +12,7 @@ from gaitopt.arrays import Array
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.motion import Motion, position_label, running, time_label
 from gaitopt.figures.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels
-from gaitopt.gait import Arc, Gait, Step, curves
+from gaitopt.gait import Gait, Step, curves
 from gaitopt.simulation import Simulator
 
 NODES_SHOWN = 20
@@ -65,7 +65,9 @@ def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[
     for began, mine, other in arcs:
         if mine.mode is not other.mode or mine.duration <= 0:
             return
-        yield began + mine.times, mine.states - _at(other, 2 * (mine.times - mine.start) / mine.duration - 1)
+        fractions = 2 * (mine.times - mine.start) / mine.duration - 1
+        states = chebyshev.chebval(fractions, curves.coefficients(other.states)).T
+        yield began + mine.times, mine.states - np.asarray(states, dtype=np.float64)
 
 
 def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Line2D]:
@@ -81,10 +83,6 @@ def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Lin
     axes.set_xlabel(time_label([motion]))
     axes.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
     return entries
-
-
-def _at(arc: Arc, fractions: Array) -> Array:
-    return np.asarray(chebyshev.chebval(fractions, curves.coefficients(arc.states)).T, dtype=np.float64)
 
 
 def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:

@@ -1,6 +1,6 @@
 """Phase portraits: every shape coordinate against its rate over one cycle, as in Figs 2, 6 and 8 of the paper."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import cycle, pairwise
 
 import numpy as np
@@ -49,8 +49,8 @@ def _draw(axes: Axes, motion: Motion, name: str, colour: str) -> None:
     axes.plot(*motion.steps[0].arcs[0].states[0, [angle, rate]], "o", color=colour, markersize=5)
     for step, following in zip(motion.steps, (*motion.steps[1:], *motion.steps[: motion.periodic]), strict=False):
         last, first = step.arcs[-1].states[-1], following.arcs[0].states[0]
-        corners = list(_jump((last[angle], last[rate]), (first[angle], first[rate])))
-        axes.plot(*zip(*corners, strict=True), color=colour, **JUMP)
+        angles, rates = (last[angle], last[angle], first[angle]), (last[rate], first[rate], first[rate])
+        axes.plot(angles, rates, color=colour, **JUMP)  # first the rate jumps, then the angle
         axes.plot(first[angle], first[rate], "o", color=colour, markersize=5)
 
 
@@ -58,10 +58,3 @@ def _leaps(step: Step) -> list[tuple[Array, Array]]:
     """States before and after every jump within a step, as where a stop locks."""
     ends = [(before.states[-1], after.states[0]) for before, after in pairwise(step.arcs)]
     return [(before, after) for before, after in ends if np.abs(after - before).max() > VISIBLE]
-
-
-def _jump(before: tuple[float, float], after: tuple[float, float]) -> Iterator[tuple[float, float]]:
-    """The jump of the rate, then that of the angle."""
-    yield before
-    yield before[0], after[1]
-    yield after

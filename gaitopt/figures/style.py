@@ -81,11 +81,16 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) ->
     """
     paths = [stem.with_name(f"{stem.name}.{extension}") for extension in formats]
     for path, extension in zip(paths, formats, strict=True):
-        drawn = BytesIO()
-        with mpl.rc_context(STYLE):
-            figure.savefig(drawn, format=extension, metadata=_NO_DATE[extension])
-        write_whole(path, drawn.getvalue())
+        write_whole(path, drawn(figure, extension))
     return paths
+
+
+def drawn(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -> bytes:
+    """A figure as a file of some format."""
+    content = BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(content, format=extension, metadata=_NO_DATE[extension], dpi=dpi)
+    return content.getvalue()
 
 
 def dashes(mode: Mode) -> Any:

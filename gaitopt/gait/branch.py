@@ -119,7 +119,7 @@ class Branch(Reported):
     Attributes
     ----------
     parameter : dotted key of the parameter.
-    points, specials : everything that was found.
+    points, specials : in the order of the continuation.
     """
 
     parameter: str
@@ -230,7 +230,7 @@ def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def branch_rows(records: Iterable[Mapping[str, Any]], header: Sequence[str]) -> Iterator[list[Any]]:
-    """Rows of that table: points and special points in the order in which they were found."""
+    """Rows of that table: points and special points in the order of the continuation."""
     for record in records:
         gait = record if record["record"] == "point" else {**record["gait"], **record}
         phases = " ".join(Mode.from_record(phase) for phase in gait.get("phases", ()))

@@ -23,7 +23,7 @@ ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9
 """Length of a step, in leg lengths, below which there is none."""
 WITHOUT_FORCE = 1e-9
-"""Part of the largest contact force below which there is none: nothing but the spring of a massless leg gets there."""
+"""Part of the largest contact force below which it counts as zero, as the force of a massless leg's spring may be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from gaitopt.runs.restore import restore_gait, restore_walk
 from gaitopt.runs.restore_branch import restore_branch
 from gaitopt.runs.sweep_table import SWEEP_FILE, Sweep, read_sweep
 from gaitopt.runs.within import refuse_other_results
-from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, read_run, run_folder, write_run, write_walk
+from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, run_folder, write_run, write_walk
 from gaitopt.study.simulate import Walk
 
 Result = Gait | Branch | Walk | Sweep | Basin | Front
@@ -54,7 +54,7 @@ def load_run(path: str | Path) -> Result:
     folder = Path(path)
     readers: dict[str, Callable[[Path], Result]] = {
         BRANCH_FILE: restore_branch,
-        GAIT_FILE: lambda run: restore_gait(read_run(run)),
+        GAIT_FILE: restore_gait,
         WALK_FILE: restore_walk,
         SWEEP_FILE: read_sweep,
         BASIN_FILE: read_basin,

@@ -85,13 +85,13 @@ class BufferedMap:
 
 @lru_cache(maxsize=256)
 def buffered(function: Function) -> BufferedFunction:
-    """The buffers of a function that is itself kept, made once."""
+    """The buffers of a function, created on first use and kept with it."""
     return BufferedFunction(function)
 
 
 @lru_cache(maxsize=256)
 def buffered_map(function: Function, count: int) -> BufferedMap:
-    """The map of a function that is itself kept, made once."""
+    """The map of a function, created on first use and kept with it."""
     return BufferedMap(function, count)
 
 

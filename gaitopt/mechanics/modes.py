@@ -8,6 +8,7 @@ of which a mode says which factor of each pair is zero; in flight there is no fo
 import re
 from collections.abc import Mapping
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any, ClassVar
 
 from pydantic_core import PydanticKnownError, core_schema
@@ -25,6 +26,8 @@ class Mode(str):
     stops : state of every stop and switch by its name, in order; not to be written to.
     free, locked : names of the stops in either state.
     off : names of the switches that are off.
+    direction : sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight.
+    sticks, flies, slips : whether the foot is held by friction, off the ground, or neither.
     """
 
     STICK: ClassVar["Mode"]
@@ -36,6 +39,10 @@ class Mode(str):
     free: tuple[str, ...]
     locked: tuple[str, ...]
     off: tuple[str, ...]
+    direction: int
+    sticks: bool
+    flies: bool
+    slips: bool
 
     def __new__(cls, text: str) -> "Mode":
         """The mode with this text.
@@ -52,6 +59,8 @@ class Mode(str):
                 raise ValueError(f"{text!r} is no mode: a foot can {', '.join(_DIRECTIONS)}")
             mode = super().__new__(cls, text)
             mode.contact = Mode(contact) if stops else mode
+            mode.direction, mode.sticks, mode.flies = _DIRECTIONS[contact], contact == "stick", contact == "flight"
+            mode.slips = mode.direction != 0
             mode.stops = states
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == own) for own in STATES
@@ -62,7 +71,7 @@ class Mode(str):
     @classmethod
     def of(cls, contact: str, stops: Mapping[str, str]) -> "Mode":
         """What a foot does, with the state of every stop and switch."""
-        return cls(", ".join([contact.partition(",")[0], *(f"{name} {state}" for name, state in stops.items())]))
+        return _of(contact, *stops.items())
 
     @staticmethod
     def slip(direction: float) -> "Mode":
@@ -104,26 +113,6 @@ class Mode(str):
         """The text as part of an identifier."""
         return re.sub(r"\W+", "_", self)
 
-    @property
-    def direction(self) -> int:
-        """Sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight."""
-        return _DIRECTIONS[self.contact]
-
-    @property
-    def sticks(self) -> bool:
-        """Whether the foot is held by friction."""
-        return self.contact is Mode.STICK
-
-    @property
-    def flies(self) -> bool:
-        """Whether no foot touches the ground."""
-        return self.contact is Mode.FLIGHT
-
-    @property
-    def slips(self) -> bool:
-        """Whether the foot slips."""
-        return self.direction != 0
-
     def with_contact(self, contact: "Mode") -> "Mode":
         """Another contact with the same states of the stops."""
         return Mode.of(contact, self.stops)
@@ -136,6 +125,12 @@ class Mode(str):
         """Whether ``contact`` (a foot on the ground), or a state such as ``knee free``, is part of it."""
         name, _, value = state.partition(" ")
         return self.stops.get(name) == value if value else not self.flies
+
+
+@lru_cache(maxsize=256)
+def _of(contact: str, *stops: tuple[str, str]) -> Mode:
+    """The decisions of one simulated step put a dozen modes together."""
+    return Mode(", ".join([contact.partition(",")[0], *(f"{name} {state}" for name, state in stops)]))
 
 
 def _read(data: object) -> Mode:

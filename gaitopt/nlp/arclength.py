@@ -119,7 +119,7 @@ class Curve:
         """The point of the curve next to ``w`` at the same parameter, its tangent along ``forward`` (shape of w)."""
         upright = np.zeros(self._indices.size)
         upright[-1] = 1.0
-        return self._correct(w, upright, None, self.coordinates(forward))
+        return self._correct(w, upright, None, self.coordinates(forward), at_parameter=True)
 
     def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
         """The point at arclength ``length`` along the tangent; None if Newton's method does not converge."""
@@ -183,8 +183,16 @@ class Curve:
 
     @overflow_allowed()
     def _correct(
-        self, predicted: Array, normal: Array, chord: ScaledMatrix | None, forward: Array
+        self,
+        predicted: Array,
+        normal: Array,
+        chord: ScaledMatrix | None,
+        forward: Array,
+        *,
+        at_parameter: bool = False,
     ) -> CurvePoint | None:
+        """Newton's method from ``predicted`` perpendicular to ``normal``, or at exactly the predicted parameter."""
+
         def trial(w: Array, chord: ScaledMatrix | None, last: float) -> _Trial:
             """The equations at ``w``, with the Jacobian that is still good for the next step."""
             residual = self.transcription.violation(w, self.p)
@@ -194,7 +202,10 @@ class Curve:
 
         def following(at: _Trial) -> _Trial:
             chord = at.chord or self._bordered(self._linearised(at.w, at.residual), normal)
-            return trial(at.w - chord.solve(np.append(at.residual, at.offset)), chord, at.size)
+            w = at.w - chord.solve(np.append(at.residual, at.offset))
+            if at_parameter:
+                w[-1] = predicted[-1]  # which rounding would move, perhaps out of its range
+            return trial(w, chord, at.size)
 
         try:
             end = iterate(

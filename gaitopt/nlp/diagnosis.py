@@ -14,7 +14,7 @@ from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
 
 SAMPLES = 33
-"""Points of an arc on which an early event is looked for."""
+"""Points of an arc on which an early event is sought."""
 AIRBORNE = 1e-9
 """A guard this close to zero is a foot on the ground, up to rounding."""
 NORMAL = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
@@ -79,7 +79,7 @@ def _rising_margins(problem: Transcription, w: Array, p: Array, step: int) -> di
 
 
 def missing_event(cycle: Cycle, phase: int, control: Control) -> Cause:
-    """Why a phase of the guess does not end as the sequence requires; a reference that is over first is to blame."""
+    """Why a phase of the guess does not end as the sequence requires; the cause may be a reference that ends before."""
     ending = ending_margin(cycle.phases[phase], cycle.after(phase))
     words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
     what, end = ending, None

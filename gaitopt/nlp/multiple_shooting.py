@@ -281,5 +281,5 @@ def _dynamics(system: HybridSystem, p: bytes, side: int) -> Dynamics:
 
 @lru_cache(maxsize=32)
 def transcribe(system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> MultipleShooting:
-    """The transcription of a layout, made once: sweeps and searches meet the same ones again."""
+    """The transcription of a layout, kept because sweeps and searches use the same ones repeatedly."""
     return MultipleShooting(system, layout, free)

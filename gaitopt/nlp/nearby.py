@@ -57,7 +57,7 @@ def solve_nearby(
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Nearby:
-    """Newton's method from ``start``, shape (n_w,), at parameters ``p``, while a solution is plainly near.
+    """Newton's method from ``start``, shape (n_w,), at parameters ``p``, as long as its steps shrink.
 
     ``should_stop`` ends it at once. The margins are not checked.
     """

@@ -59,8 +59,8 @@ def refine(transcription: Equations, at: Linearisation) -> Refined[Equations]:
         layout = current.transcription.layout
         if layout.intervals * growth.max() > MAX_INTERVALS:
             break
-        wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
-        finer = current.transcription.on(layout.refined(wanted))
+        counts = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
+        finer = current.transcription.on(layout.refined(counts))
         at = polish(finer, _resample(current.transcription, finer, current.at), at.p).at
         refined = Refined(transcription=finer, at=at, errors=phase_errors(finer, at))
         if not refined.errors.max() < current.errors.max():

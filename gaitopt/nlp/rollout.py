@@ -25,7 +25,7 @@ from gaitopt.nlp.trial import overflow_allowed
 RTOL, ATOL = 1e-8, 1e-10
 """A guess needs no more; the absolute one in natural units."""
 GRID = 8
-"""Points per step of the integrator on which the end of a phase is looked for."""
+"""Points per step of the integrator on which the end of a phase is sought."""
 ARMED = 1e-12
 """In natural units; a margin that starts at zero, up to rounding, is not yet positive."""
 FIRST_STEP = 2.5e-5
@@ -37,7 +37,7 @@ LONGEST_STEP = 50.0
 MOST_STEPS = 3000
 """Of the integrator in one phase: the longest step takes some hundreds."""
 SHORTEST_PHASE = 0.05
-"""Part of a step for a phase whose end is not found, and for which no time seems to be left."""
+"""Part of a step that is given to a phase without a known end when no time is left for it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,10 +116,10 @@ def roll_out(
     durations: Sequence[float] | Array | None = None,
     longest: float | None = None,
 ) -> Rollout:
-    """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, missing ones are found.
+    """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, others end at events.
 
     ``state`` is that of the first step, shape (n_z,), or those with which the first steps start, shape (k, n_z): where
-    durations are kept, errors of one step would grow in the next ones. No phase whose end is looked for lasts beyond
+    durations are kept, errors of one step would grow in the next ones. No phase whose end is sought lasts beyond
     ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
     """
     scales, walker = dynamics.scales, dynamics.system.walker
@@ -130,36 +130,32 @@ def roll_out(
         return dynamics.standing(walker.side(step))
 
     time, z = 0.0, starts[0].copy()
-    found: list[float] = []
-    motions: list[Motion] = []
-    endless = None
+    known, motions, endless = list[float](), list[Motion](), list[int]()
     for phase, mode in enumerate(cycle.phases):
-        impact = cycle.impact_before(phase) if phase > 0 else None
+        impact, step = cycle.impact_before(phase) if phase > 0 else None, cycle.step_of(phase)
         if impact is not None:
-            step = cycle.step_of(phase)
             known_start = phase in cycle.first_phases and step < len(starts)
-            landing = in_step(cycle.step_of(phase - 1))
-            z = starts[step].copy() if known_start else landing.after_impact(impact, z)
+            z = starts[step].copy() if known_start else in_step(cycle.step_of(phase - 1)).after_impact(impact, z)
             time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # of a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
-        flow = _ModeFlow(in_step(cycle.step_of(phase)), mode, cycle.after(phase))
+        flow = _ModeFlow(in_step(step), mode, cycle.after(phase))
         duration = None if durations is None else durations[phase]
         if duration is None:
             motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)
             end = flow.end(motion)
             if end is None:
-                endless = phase if endless is None else endless
+                endless.append(phase)
                 end = flow.lost_end(motion, transit_time(dynamics, cycle, starts[0]))
             duration = end - time
         else:
             motion = flow.integrate(time, z, duration, until_end=False)
-        found.append(duration)
+        known.append(duration)
         motions.append(motion)
         time += duration
         z = motion(np.array([min(time, motion.end)]))[:, 0]
-    return Rollout(durations=tuple(found), motions=tuple(motions), endless=endless)
+    return Rollout(durations=tuple(known), motions=tuple(motions), endless=next(iter(endless), None))
 
 
 def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
@@ -200,7 +196,7 @@ class _ModeFlow:
     def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> Motion:
         """The motion until ``duration`` is over, the walker falls or, ``until_end``, the phase has ended.
 
-        A motion that breaks down at once stands still: what comes of it is seen by the solver. Where touchdown comes
+        A motion that breaks down at once stands still: the solver judges the result. Where touchdown comes
         before the event that should end the phase, the motion goes on: its end will be put elsewhere.
         """
         end, points = max(time, time + duration), [(time, z)]

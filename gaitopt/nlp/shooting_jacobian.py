@@ -147,7 +147,7 @@ class ShootingJacobian:
 
 @lru_cache(maxsize=32)
 def shooting_jacobian(transcription: "MultipleShooting") -> ShootingJacobian:
-    """The variation of a transcription, made once."""
+    """The Jacobian of a transcription, kept."""
     return ShootingJacobian(transcription)
 
 

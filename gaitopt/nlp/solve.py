@@ -1,6 +1,6 @@
 """A problem's gait by multiple shooting: guess, Newton's method, polish, error estimate, refinement.
 
-Where the guess is not plainly next to a gait, or the gait there violates a margin, IPOPT searches.
+Where the guess is not close to a gait, or the gait there violates a margin, IPOPT searches.
 """
 
 import time
@@ -134,7 +134,7 @@ def _nearby(
     progress: Progress | None,
     should_stop: Callable[[], bool] | None,
 ) -> Attempt:
-    """Newton's method as far as the guess is plainly next to a solution."""
+    """Newton's method if the guess is close to a solution."""
     near = solve_nearby(transcription, start, p, progress, should_stop)
     return Attempt(
         transcription=transcription,
@@ -228,8 +228,15 @@ def rejection_reason(refined: Refined[Transcription]) -> tuple[Cause, ...]:
 
 @overflow_allowed()
 def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
-    """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open."""
-    transcription, p = attempt.transcription, attempt.p
+    """The worst violation: of margins, by a periodic motion solved with or without them, or else of the equations.
+
+    A reference that ends before the step explains more than what motions beyond it violate.
+    """
+    transcription, p, missing = attempt.transcription, attempt.p, None
+    if guess.endless is not None:
+        missing = missing_event(transcription.layout.cycle, guess.endless, transcription.system.control)
+        if missing.what == "reference":
+            return (missing,)
     relaxed = _by_ipopt(transcription, attempt.start, p, relaxed=True)
     for w in (relaxed.w, attempt.w):
         residual = transcription.violation(w, p)
@@ -237,6 +244,4 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
             violated = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
             if violated:
                 return tuple(violated)
-    if guess.endless is not None:
-        return (missing_event(transcription.layout.cycle, guess.endless, transcription.system.control),)
-    return (largest_residual(transcription, attempt.w, p, residual),)
+    return (missing or largest_residual(transcription, attempt.w, p, residual),)

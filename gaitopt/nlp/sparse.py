@@ -17,7 +17,7 @@ from gaitopt.arrays import Array
 from gaitopt.mechanics.buffered import BufferedFunction
 
 SINGULAR = 1e-300
-"""Diagonal of R that counts as zero, as nothing but zero does: next to a phase without duration, 1e-16 is a number."""
+"""Diagonal of R below which a matrix is singular: far below 1e-16, which means something where a phase vanishes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,9 +10,7 @@ from gaitopt.figures.labels import parameter_of
 from gaitopt.figures.motion import motion_from_record
 from gaitopt.figures.style import MODE_WORDS
 from gaitopt.gait.cascade import cascades
-from gaitopt.mechanics import Dynamics
-from gaitopt.pages.page import numbers, render, words
-from gaitopt.pages.provenance import provenance
+from gaitopt.pages.page import numbers, provenance, render, words
 from gaitopt.problem import Problem
 from gaitopt.study.system import problem_dynamics
 
@@ -42,7 +40,9 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     if not points:
         raise ValueError(f"the branch of {problem.name} has no points yet")
     dynamics, shown = problem_dynamics(problem), parameter_of(problem, parameter)
-    films = [_film(dynamics, problem, parameter, point) for point in points]
+    moved = [dynamics.at({**point["parameters"], parameter: point["value"]}) for point in points]
+    motions = (motion_from_record(*pair, name=problem.name, points=POINTS) for pair in zip(moved, points, strict=True))
+    films = [film(motion, FRAMES) for motion in motions]
     common = {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
     gaits = [
         {
@@ -70,11 +70,6 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
         checks=[],
         origins=[provenance(problem, {})],
     )
-
-
-def _film(dynamics: Dynamics, problem: Problem, parameter: str, point: Record) -> dict[str, Any]:
-    moved = dynamics.at({**point["parameters"], parameter: point["value"]})
-    return film(motion_from_record(moved, point, name=problem.name, points=POINTS), FRAMES)
 
 
 def _without(parameter: str, point: Record) -> Record:

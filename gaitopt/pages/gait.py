@@ -10,20 +10,14 @@ from gaitopt.figures.film import film
 from gaitopt.figures.motion import Motion, motion_of, smooth
 from gaitopt.figures.packing import pack
 from gaitopt.gait import Gait
-from gaitopt.pages.page import numbers, render, words
-from gaitopt.pages.provenance import provenance
+from gaitopt.pages.page import numbers, provenance, render, words
 
 FLOOR = 1e-17
 """Differences of exactly zero are drawn here, at the foot of the log axis."""
 
 
-def gait_report(gait: Gait) -> str:
-    """HTML of a gait: numbers, figures, moving walker, NLP against simulation, verification, provenance."""
-    return comparison_report([gait])
-
-
 def comparison_report(gaits: Sequence[Gait]) -> str:
-    """HTML of several gaits side by side.
+    """HTML of gaits side by side: numbers, figures, moving walkers, NLP against simulation, verification, provenance.
 
     Raises
     ------

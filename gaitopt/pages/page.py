@@ -10,7 +10,9 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from gaitopt.figures.labels import label, symbol
+from gaitopt.problem import Problem
 from gaitopt.problem.scalars import scalar_values, state_unit, telling_scalars
+from gaitopt.store.manifest import new_manifest
 
 Record = Mapping[str, Any]
 
@@ -62,6 +64,14 @@ def numbers(record: Record) -> dict[str, Any]:
     }
 
 
-def state_rows(record: Record) -> list[tuple[str, float, str]]:
-    """Symbol, value and unit of every state just after the impact."""
-    return [(symbol(name), value, state_unit(name)) for name, value in record["state"].items()]
+def provenance(problem: Problem, solver: Mapping[str, float]) -> dict[str, Any]:
+    """What the foot of a page says: the problem verbatim, its hash, and the versions of everything that solved it."""
+    known = new_manifest(problem.name, problem.digest)
+    return {
+        "name": problem.name,
+        "text": problem.text,
+        "hash": known.hash,
+        "versions": known.versions,
+        "platform": known.platform,
+        "solver": dict(solver),
+    }

@@ -60,6 +60,7 @@ def _torques(archive: Archive) -> Figure:
 
 A_AND_B = {"A": "A", "B": "B"}
 A_AND_B_FRICTIONLESS = {"A": "A", "B, frictionless impact": "B, frictionless impact"}
+WHEEL = {"wheel": "wheel"}
 WHEELS = {"wheel": "no slip, μ = 1", "wheel slipping": "stick-slip, μ = 0.4"}
 PASSIVE = {
     "passive": "sticking impact (A)",
@@ -89,7 +90,7 @@ def _over_friction(names: Mapping[str, str], quantity: str) -> Draw:
 FIGURES: Mapping[str, Draw] = {
     "fig2": _portrait(WHEELS),
     "fig3": lambda archive: force_ratio(_motions(archive, {"wheel": "no slip"}), against="theta"),
-    "fig4": _over_friction({"wheel": "wheel"}, "spectral_radius"),
+    "fig4": _over_friction(WHEEL, "spectral_radius"),
     "fig6": _portrait({"passive": "no slip"}),
     "fig7": lambda archive: force_ratio(_motions(archive, {"passive": "passive", "I": "gait I"})),
     "fig8": _portrait(A_AND_B),
@@ -100,3 +101,5 @@ FIGURES: Mapping[str, Draw] = {
     "fig12": _over_friction(CONTROLLED, "spectral_radius"),
 }
 """What draws each figure."""
+NEEDED: Mapping[str, Mapping[str, str]] = {"fig4": WHEEL, "fig9": PASSIVE, "fig11": CONTROLLED, "fig12": CONTROLLED}
+"""Names of the families in the figures that show some."""

@@ -8,9 +8,12 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.figures.style import save
 from gaitopt.paper import table
 from gaitopt.paper.archive import Archive
-from gaitopt.paper.figures import FIGURES
+from gaitopt.paper.families import follow_families
+from gaitopt.paper.figures import FIGURES, NEEDED
+from gaitopt.paper.gaits import FAMILIES
 from gaitopt.store import json_file, write_whole
 from gaitopt.store.files import clear_leftovers, make_folder
+from gaitopt.workers.jobs import Workers
 
 PAPERS = ("gamus-or-2013",)
 TABLE = "table"
@@ -31,7 +34,13 @@ def check_names(paper: str, only: Sequence[str]) -> None:
         raise UnknownNameError(f"{paper} has no {unknown[0]!r}; choose from {', '.join(parts())}")
 
 
-def reproduce(archive: Archive, folder: Path, only: Sequence[str] = (), progress: Counted = None) -> list[Path]:
+def reproduce(
+    archive: Archive,
+    folder: Path,
+    only: Sequence[str] = (),
+    progress: Counted = None,
+    workers: Workers | None = None,
+) -> list[Path]:
     """Write figures and table into a folder.
 
     Parameters
@@ -39,6 +48,7 @@ def reproduce(archive: Archive, folder: Path, only: Sequence[str] = (), progress
     archive : where gaits and families are kept, or computed.
     only : names out of ``parts()``; everything if empty.
     progress : called with the number of parts that are done, and of all.
+    workers : processes that follow the families; this very one unless given.
 
     Returns
     -------
@@ -47,6 +57,9 @@ def reproduce(archive: Archive, folder: Path, only: Sequence[str] = (), progress
     make_folder(folder)
     clear_leftovers(folder)
     names = [name for name in parts() if not only or name in only]
+    needed = {family for name in names for family in NEEDED.get(name, ())}
+    if workers is not None:
+        follow_families(archive, [family for family in reversed(tuple(FAMILIES)) if family in needed], workers)
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
         written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)

@@ -36,7 +36,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 CONTROLS = ("none", "constant_torque", "pd")
 UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
-"""Stands for an unknown that has faults of its own, so that its name is known all the same."""
+"""Stands for an unknown that has faults of its own, so that its name stays known."""
 
 
 def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> dict[str, Any]:

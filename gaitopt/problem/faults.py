@@ -152,7 +152,7 @@ def nearest_keys(key: str, known: Sequence[str]) -> str:
 
 
 def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
-    """What pydantic found, in the terms of the problem file."""
+    """A fault that pydantic reports, in the terms of the problem file."""
     kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
     field = model.model_fields.get(str(item["loc"][0])) if item["loc"] else None
     meaning = f" ({field.description})" if field is not None and field.description else ""
@@ -182,7 +182,7 @@ def _length_words(field: FieldInfo | None) -> str:
 
 
 def _range_words(field: FieldInfo | None, kind: str, violated: float) -> str:
-    """The whole range of a number; where nothing but its sign or its size is restricted, the limit alone."""
+    """The whole range of a number; where only its sign or its size is restricted, the limit alone."""
     if violated == SMALLEST:
         return f"greater than 0, and at least {SMALLEST:g}"
     least = max(_limits(field, ("ge",)), default=-LARGEST)

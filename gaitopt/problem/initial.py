@@ -49,8 +49,8 @@ def read_gait(
         return cycle, None
     phases = [mode for step in steps for mode in step.phases]
     if guess.durations is not None and len(guess.durations) != len(phases):
-        wanted = f"one duration per phase ({', '.join(phases)})"
-        message = f"{len(guess.durations)} given, but it takes {wanted}; or leave durations out"
+        needed = f"one duration per phase ({', '.join(phases)})"
+        message = f"{len(guess.durations)} given, but it takes {needed}; or leave durations out"
         faults.append(Fault(("gait", "guess", "durations"), message))
     state = None if model is None else _read_state(guess.state, model, walker, steps[-1].impact, faults)
     return cycle, None if state is None else Guess(state=state, durations=guess.durations)

@@ -29,7 +29,7 @@ from gaitopt.problem.source import parse_source, read_text
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem(Tabulated):
-    """One gait to be found, complete and validated.
+    """The statement of one gait, complete and validated.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ class Problem(Tabulated):
         return changed._at(ChangedPlace(self.place, place))
 
     def objection(self, key: str, value: float) -> str | None:
-        """Why a parameter cannot have a value, whatever all others are; None if it can."""
+        """Why a parameter cannot have a value, independently of all others; None if it can."""
         faults: list[Fault] = []
         data, place = apply_overrides(problem_data(self), {key: value}, faults)
         assemble(data, {self.walker.model: type(self.walker)}, faults)

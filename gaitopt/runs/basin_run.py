@@ -26,7 +26,7 @@ TILE, SCIPY_TILE = 4096, 64
 STEPS_OF_A_STATE = 10
 """About so many steps a state takes until it settles or fails."""
 STATE_BYTES_DISK = 48
-"""Of the fate of one state, compressed."""
+"""Of the outcome of one state, compressed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -129,7 +129,7 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:
-        outcomes = _fates(place, tile, grid.size - done)
+        outcomes = _tile_outcomes(place, tile, grid.size - done)
         rows = slice(done, done + len(outcomes.steps))
         labels[rows], endings[rows], steps[rows] = attractors.add(outcomes), outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
@@ -139,7 +139,7 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
     )  # fmt: skip
 
 
-def _fates(place: Path, tile: int, most: int) -> Outcomes:
+def _tile_outcomes(place: Path, tile: int, most: int) -> Outcomes:
     """The outcomes of one tile, of no more than ``most`` states.
 
     Raises

@@ -14,8 +14,7 @@ from gaitopt.gait import Arc, Ending, Gait, Status, Step, Trajectory, measure
 from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.search.distinct import closed
-from gaitopt.store import Run, Table, read_problem, read_walk
-from gaitopt.store.run import restored_problem
+from gaitopt.store import Table, read_problem, read_run, read_walk
 from gaitopt.study.simulate import Walk
 from gaitopt.study.system import problem_dynamics
 
@@ -23,39 +22,39 @@ SAME_TIME = 1e-14
 """Of the period: the end of one arc and the start of the next may differ by rounding, points inside an arc do not."""
 
 
-def restore_gait(run: Run) -> Gait:
-    """The gait that a run holds.
+def restore_gait(folder: Path) -> Gait:
+    """The gait in a run folder.
 
     Raises
     ------
     SolveError
         If the run holds a failed attempt.
     """
-    problem = restored_problem(run.folder, run.resolved, run.problem_text)
-    if run.gait.get("status") != Status.CONVERGED:
-        raise SolveError(f"{run.folder} holds no gait: {run.gait.get('status')}, {run.gait.get('message')}")
+    (record, table), problem = read_run(folder), read_problem(folder)
+    if record.get("status") != Status.CONVERGED:
+        raise SolveError(f"{folder} holds no gait: {record.get('status')}, {record.get('message')}")
     if problem.is_open:
-        problem = replace(closed(problem, run.gait), origin=problem)
+        problem = replace(closed(problem, record), origin=problem)
     try:
-        freed = {name: float(value) for name, value in run.gait["parameters"].items()}
+        freed = {name: float(value) for name, value in record["parameters"].items()}
         dynamics = problem_dynamics(problem).at(freed)
-        periods = [float(step["period"]) for step in run.gait.get("steps", (run.gait,))]
+        periods = [float(step["period"]) for step in record.get("steps", (record,))]
         began = list(accumulate(periods[:-1], initial=0.0))
-        steps = _table_steps(dynamics, run.trajectory, began, problem.cycle.impacts)
-        multipliers = np.array([complex(m["re"], m["im"]) for m in run.gait["multipliers"]])
+        steps = _table_steps(dynamics, table, began, problem.cycle.impacts)
+        multipliers = np.array([complex(m["re"], m["im"]) for m in record["multipliers"]])
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise StorageError(f"{run.folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
+        raise StorageError(f"{folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
     return Gait(
         problem=problem,
         dynamics=dynamics,
         status=Status.CONVERGED,
-        message=str(run.gait.get("message", "")),
+        message=str(record.get("message", "")),
         steps=steps,
         multipliers=multipliers,
         measures=measure(dynamics, steps),
         freed=freed,
-        solver=dict(run.gait.get("solver", {})),
-        verification=run.gait.get("verification"),
+        solver=dict(record.get("solver", {})),
+        verification=record.get("verification"),
     )
 
 

@@ -168,15 +168,15 @@ def first_event(
     def within(t: float) -> Point:
         return before if t <= before.time else after if t >= after.time else reach(t)
 
-    found = []
+    falls = []
     for k, name in enumerate(names):
         bracket = _bracket(k, before, after, armed[k], within)
         if bracket is not None:
-            found.append((name, *_root(k, *bracket, within)))
-    if not found:
+            falls.append((name, *_root(k, *bracket, within)))
+    if not falls:
         return None
-    earliest = min(time for _, time, _ in found)
-    simultaneous = [event for event in found if event[1] <= earliest + SIMULTANEOUS]
+    earliest = min(time for _, time, _ in falls)
+    simultaneous = [event for event in falls if event[1] <= earliest + SIMULTANEOUS]
     return min(simultaneous, key=lambda event: priority(event[0]))
 
 

@@ -48,7 +48,7 @@ class StepOutcome:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """Where a step has got to."""
+    """How far a step has come."""
 
     time: float
     state: Array
@@ -123,9 +123,9 @@ class Simulator:
         Parameters
         ----------
         state : ndarray, shape (n_z,) - (shape [rad], x [m], rates [rad/s], dx [m/s]); x is counted from zero.
-        steps : number of steps wanted.
+        steps : number of steps.
         dense : sample every arc at Chebyshev points instead of its two ends.
-        should_stop : asked before every step; when true the trajectory ends with the steps made so far.
+        should_stop : called before every step; True ends the trajectory with the steps completed so far.
 
         Raises
         ------
@@ -135,23 +135,25 @@ class Simulator:
         if steps < 1:
             raise ValueError(f"steps = {steps}: at least one step is needed")
         start = z = self._after_impact(state)
-        made: list[Step] = []
+        completed: list[Step] = []
         ending = Ending.COMPLETED
-        while len(made) < steps:
+        while len(completed) < steps:
             if should_stop is not None and should_stop():
-                message = f"{len(made)} of {steps} steps, then stopped on request"
+                message = f"{len(completed)} of {steps} steps, then stopped on request"
                 break
-            simulator = self.sides[self.system.walker.side(len(made))]
-            outcome = simulator.step(z, dense=dense, number=len(made) + 1)
+            simulator = self.sides[self.system.walker.side(len(completed))]
+            outcome = simulator.step(z, dense=dense, number=len(completed) + 1)
             if outcome.step is not None:
-                made.append(outcome.step)
+                completed.append(outcome.step)
             if outcome.step is None or outcome.step.impact is None:
                 ending, message = outcome.ending, outcome.message
                 break
             z = outcome.step.impact.state
         else:
             message = f"{steps} of {steps} steps"
-        return Trajectory(names=self.system.state_names, start=start, steps=tuple(made), ending=ending, message=message)
+        return Trajectory(
+            names=self.system.state_names, start=start, steps=tuple(completed), ending=ending, message=message
+        )
 
     def step(self, state: Array, *, dense: bool = False, number: int = 1) -> StepOutcome:
         """Simulate one step from a state just after an impact; ``number`` is its number in the message."""

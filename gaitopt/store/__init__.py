@@ -12,7 +12,6 @@ from gaitopt.store.manifest import Manifest, read_manifest, read_sealed, seal, w
 from gaitopt.store.run import (
     GAIT_FILE,
     WALK_FILE,
-    Run,
     begin_run,
     find_run,
     is_complete,
@@ -33,7 +32,6 @@ __all__ = [
     "WALK_FILE",
     "LineWriter",
     "Manifest",
-    "Run",
     "Table",
     "adding",
     "begin_branch",

@@ -6,7 +6,7 @@ complete. A run that was killed in between is simply written again. A writer hol
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from gaitopt.store.files import parsed
 from gaitopt.store.folder import check_folder, writing
 from gaitopt.store.manifest import (
     MANIFEST_FILE,
-    Manifest,
     new_manifest,
     read_manifest,
     read_sealed,
@@ -35,18 +34,6 @@ WALK_FILE = "walk.json"
 WALK_TRAJECTORY_FILE = "walk.csv"
 LONGEST_NAME = 60
 """Characters of a problem's name that go into its folder's: four bytes each still fit every file system."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
-    """A run as read back; the store does not interpret the records."""
-
-    folder: Path
-    manifest: Manifest
-    problem_text: str
-    resolved: Mapping[str, Any]
-    gait: Mapping[str, Any]
-    trajectory: Table
 
 
 def run_folder(problem: Problem, results: Path = RESULTS) -> Path:
@@ -94,41 +81,33 @@ def is_complete(folder: Path) -> bool:
     return {GAIT_FILE, TRAJECTORY_FILE} <= read_manifest(folder).files.keys()
 
 
-def read_run(folder: Path) -> Run:
-    """Read a run."""
+def read_run(folder: Path) -> tuple[dict[str, Any], Table]:
+    """The record and the table of the gait in a run folder."""
     manifest = read_manifest(folder)
     if not (folder / GAIT_FILE).is_file():
         raise StorageError(f"{folder} is unfinished (no {GAIT_FILE}): solve {manifest.problem} again to complete it")
-    return Run(
-        folder=folder,
-        manifest=manifest,
-        problem_text=_read_text(folder, PROBLEM_FILE),
-        resolved=read_object(folder, RESOLVED_FILE),
-        gait=read_object(folder, GAIT_FILE),
-        trajectory=parsed(parse_csv, read_sealed(folder, TRAJECTORY_FILE), folder / TRAJECTORY_FILE),
-    )
+    return _read_motion(folder, GAIT_FILE, TRAJECTORY_FILE)
 
 
 def read_walk(folder: Path) -> tuple[dict[str, Any], Table]:
     """The record and the table of the walk in a run folder."""
-    record = read_object(folder, WALK_FILE)
-    table = parsed(parse_csv, read_sealed(folder, WALK_TRAJECTORY_FILE), folder / WALK_TRAJECTORY_FILE)
-    return record, table
+    return _read_motion(folder, WALK_FILE, WALK_TRAJECTORY_FILE)
+
+
+def _read_motion(folder: Path, record: str, table: str) -> tuple[dict[str, Any], Table]:
+    return read_object(folder, record), parsed(parse_csv, read_sealed(folder, table), folder / table)
 
 
 def read_problem(folder: Path) -> Problem:
-    """The problem of a run folder."""
-    return restored_problem(folder, read_object(folder, RESOLVED_FILE), _read_text(folder, PROBLEM_FILE))
-
-
-def restored_problem(folder: Path, resolved: Mapping[str, Any], text: str) -> Problem:
-    """The problem that a run folder resolves to.
+    """The problem of a run folder.
 
     Raises
     ------
     StorageError
-        If it is none, or not that of the manifest.
+        If what it resolves to is no problem, or not that of the manifest.
     """
+    resolved = read_object(folder, RESOLVED_FILE)
+    text = parsed(str, read_sealed(folder, PROBLEM_FILE), folder / PROBLEM_FILE)
     try:
         problem = replace(restore_problem(resolved), text=text)
     except (GaitoptError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -141,10 +120,6 @@ def restored_problem(folder: Path, resolved: Mapping[str, Any], text: str) -> Pr
 def read_object(folder: Path, name: str) -> dict[str, Any]:
     """Read a finished file of a run folder that is one JSON object."""
     return parsed(parse_object, read_sealed(folder, name), folder / name)
-
-
-def _read_text(folder: Path, name: str) -> str:
-    return parsed(str, read_sealed(folder, name), folder / name)
 
 
 def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:

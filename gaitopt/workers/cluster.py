@@ -21,7 +21,7 @@ from gaitopt.errors import UnknownNameError
 
 ALLOWED_DEATHS = 2
 """A job may take so many workers with it by bad luck; with the next it is set aside."""
-FAREWELL = 0.5
+GRACE = 0.5
 """Time that a worker has to go by itself [s]; one that is still at a job is then killed."""
 CONNECT_TIMEOUT = 10
 """A scheduler that has not answered by then [s] is not there."""
@@ -95,7 +95,7 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
         with uninterrupted():
             cluster = _local_cluster(count)
             stack.enter_context(_closed_at_last(cluster))
-            stack.callback(_dismiss, cluster)
+            stack.callback(_end_workers, cluster)
         yield stack.enter_context(_closed_at_last(Client(cluster)))
 
 
@@ -121,17 +121,17 @@ def _closed_at_last(connection: Any) -> Iterator[Any]:
     finally:
         try:
             connection.close(timeout=CLOSE_TIMEOUT)
-        except (TimeoutError, OSError, AssertionError) as error:  # it asserts that every worker has said goodbye
+        except (TimeoutError, OSError, AssertionError) as error:  # it asserts that every worker has ended
             logging.getLogger(__name__).info("closing %s: %r", type(connection).__name__, error)
 
 
-def _dismiss(cluster: Any) -> None:
+def _end_workers(cluster: Any) -> None:
     """End the workers; those that do not go by themselves are killed, whether or not that is confirmed in time."""
     processes = [nanny.process.process for nanny in cluster.workers.values() if nanny.process is not None]
 
     async def close() -> None:
-        farewells = (nanny.close(timeout=FAREWELL) for nanny in cluster.workers.values())
-        await asyncio.gather(*farewells, return_exceptions=True)
+        closings = (nanny.close(timeout=GRACE) for nanny in cluster.workers.values())
+        await asyncio.gather(*closings, return_exceptions=True)
 
     try:
         cluster.sync(close, callback_timeout=CLOSE_TIMEOUT)

@@ -9,7 +9,7 @@ from pictured import TORSO, branch, gait
 from gaitopt import simulate
 from gaitopt.figures.animation import animation_page
 from gaitopt.figures.motion import motion_of
-from gaitopt.pages import branch_report, comparison_report, gait_report, walk_report
+from gaitopt.pages import branch_report, comparison_report, walk_report
 
 FORCE = ".walker .force"
 
@@ -137,7 +137,7 @@ def test_gaits_side_by_side_share_their_axes_and_show_the_difference(visit):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [360, 768, 1400])
 def test_nothing_is_wider_than_the_screen(visit, branch_page, width, scheme):
-    for text in (gait_report(gait("compass-pd-impact-slip")), branch_page):
+    for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):
         page = visit(text, width=width, scheme=scheme)
         page.evaluate("document.querySelectorAll('details').forEach((part) => (part.open = true))")
         assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -158,7 +158,7 @@ def contrast(first, second):
 
 
 def test_two_steps_have_their_own_jumps_crosses_and_no_slip_between_them(visit):
-    page = visit(gait_report(gait("compass-passive-two-step")))
+    page = visit(comparison_report([gait("compass-passive-two-step")]))
     titles = page.locator("figcaption").all_inner_texts()
     assert "Slip of the stance foot" not in titles
     assert "2 times stick; impact: stick" in page.locator("article").inner_text()
@@ -169,7 +169,7 @@ def test_two_steps_have_their_own_jumps_crosses_and_no_slip_between_them(visit):
 
 
 def test_multipliers_stand_beside_their_circle_and_motors_that_do_not_exist_nowhere(visit):
-    page = visit(gait_report(gait("compass-passive-a")))
+    page = visit(comparison_report([gait("compass-passive-a")]))
     assert page.locator("h1").inner_text() not in page.locator("h2").all_inner_texts()
     assert page.locator(".multipliers tbody tr").count() == 2  # a conjugate pair shares a line
     assert "±" in page.locator(".multipliers tbody").inner_text()
@@ -178,7 +178,7 @@ def test_multipliers_stand_beside_their_circle_and_motors_that_do_not_exist_nowh
 
 
 def test_figures_that_are_swiped_leave_no_gap_below_the_first(visit):
-    page = visit(gait_report(gait("compass-passive-a")), width=390)
+    page = visit(comparison_report([gait("compass-passive-a")]), width=390)
     page.locator("figure", has_text="Largest difference").locator("svg").wait_for()
     heights = page.evaluate("Array.from(document.querySelectorAll('.charts figure'), (figure) => figure.offsetHeight)")
     assert max(heights) < 1.25 * heights[0]
@@ -197,11 +197,11 @@ def test_equal_figures_of_gaits_side_by_side_stand_at_equal_heights(visit):
 
 
 def test_a_jump_within_a_step_and_flight_are_drawn(visit):
-    page = visit(gait_report(gait("kneed-passive")))
+    page = visit(comparison_report([gait("kneed-passive")]))
     portrait = page.locator("figure", has_text="Phase portrait")
     assert portrait.locator(".jump").count() > len(gait("kneed-passive").system.walker.shape)
     assert "a stop that locks" in portrait.inner_text()
-    page = visit(gait_report(gait("hopper")))
+    page = visit(comparison_report([gait("hopper")]))
     assert page.locator("figure", has_text="Normal force").locator("path.flying").count() == 1
     assert "ẏ" not in page.locator("figure", has_text="Simulation and NLP").inner_text()
     assert " y" in page.locator("figure", has_text="Simulation and NLP").inner_text()
@@ -218,7 +218,7 @@ def test_angles_of_a_branch_are_shown_in_degrees_where_the_file_has_them(visit):
 
 
 def test_slip_is_drawn_as_a_smooth_curve(visit):
-    page = visit(gait_report(gait("compass-passive-a")))
+    page = visit(comparison_report([gait("compass-passive-a")]))
     chart = page.locator("figure", has_text="Slip of the stance foot").locator("path.curve")
     assert all(chart.nth(k).get_attribute("d").count("L") >= 30 for k in range(chart.count()))
 
@@ -256,7 +256,7 @@ def test_who_dislikes_motion_is_brought_to_a_gait_at_once(visit):
 
 
 def test_everything_that_is_operated_or_drawn_has_a_name_for_a_screen_reader(visit, branch_page):
-    for text in (gait_report(gait("compass-pd-impact-slip")), branch_page):
+    for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):
         page = visit(text, motion="reduce")
         page.locator(".chart svg").first.wait_for()
         nameless = page.evaluate(

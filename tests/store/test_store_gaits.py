@@ -7,7 +7,7 @@ from named import named
 from gaitopt import simulate, verify
 from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.runs.restore import restore_gait
-from gaitopt.store import Table, read_run, write_run
+from gaitopt.store import Table, write_run
 
 
 @pytest.fixture(scope="module", params=["compass-passive-a", "compass-pd-impact-slip"])
@@ -20,7 +20,7 @@ def restored(gait, tmp_path_factory):
     rows = trajectory_rows(gait.dynamics, gait.steps)
     table = Table(header=trajectory_header(gait.system), rows=rows)
     folder = tmp_path_factory.mktemp("results") / "run"
-    return restore_gait(read_run(write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table)))
+    return restore_gait(write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table))
 
 
 def test_arcs_come_back_to_the_last_digit(gait, restored):

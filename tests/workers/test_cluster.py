@@ -86,7 +86,7 @@ def test_scratch_space_of_the_workers_is_private_and_goes_with_them():
 
 @pytest.mark.slow
 def test_workers_that_are_not_seen_to_end_cost_no_result(monkeypatch):
-    monkeypatch.setattr(cluster, "FAREWELL", 0.0)
+    monkeypatch.setattr(cluster, "GRACE", 0.0)
     jobs = [Job(key=str(k), argument=k) for k in range(6)]
     before = set(multiprocessing.active_children())
     assert dict(run_jobs(slow_square, jobs, Workers(count=2))) == {str(k): k**2 for k in range(6)}
@@ -96,7 +96,7 @@ def test_workers_that_are_not_seen_to_end_cost_no_result(monkeypatch):
     assert not set(multiprocessing.active_children()) - before
 
 
-def test_farewell_that_fails_costs_no_result(monkeypatch):
+def test_close_that_fails_costs_no_result(monkeypatch):
     real = {kind: kind.close for kind in (Client, LocalCluster)}
 
     def fails(kind):

@@ -247,7 +247,7 @@ class Complementarity:
 def _runs(values: Mapping[str, Array], s: int, impact: Mode) -> list[tuple[Mode, float]]:
     """Phases of step ``s``, after an impact, with their durations [s]."""
     modes = [_mode(values[f"foot{s}.{k}.a"]) for k in range(ELEMENTS)]
-    if impact.slips:  # a slip too short to be an element is one all the same
+    if impact.slips:  # even if it is too short for an element
         modes[0] = impact
     pairs = groupby(zip(modes, values[f"h{s}"].tolist(), strict=True), itemgetter(0))
     return [(mode, sum(h for _, h in run)) for mode, run in pairs]

@@ -138,7 +138,7 @@ class _Design:
         return replace(gait, message=_verdict(gait))
 
     def _conflicts(self, start: Start) -> tuple[Cause, ...]:
-        """Which constraints cannot be met, found from the start in as many searches as it takes."""
+        """Which constraints cannot be met, by repeated elastic searches from the start."""
         if not self._problem.constraints:
             return ()
         for _ in range(MAX_ROUNDS):

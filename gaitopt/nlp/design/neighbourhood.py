@@ -1,6 +1,6 @@
 """Is a design the best of its neighbourhood? Random neighbours, brought back to the constraints, and measured.
 
-It knows nothing of the gradients with which the design was found: at other freed parameters the gait is solved again by
+It uses none of the gradients of the design's own search: at other freed parameters the gait is solved again by
 Newton's method and measured like any other; violated constraints are corrected by Gauss-Newton steps with differences.
 """
 
@@ -28,7 +28,7 @@ RADII = (1e-2, 1e-3, 1e-4)
 FEASIBLE = 1e-9
 """Violation of a constraint, in its natural unit, that rounding may cause."""
 BETTER = 1e-7
-"""Relative gain that is more than what rounding of the constraints is worth."""
+"""Relative gain that exceeds the effect of rounding in the constraints."""
 CORRECTIONS = 8
 DIFFERENCE = 1e-6
 """Step of the differences: the root of rounding, and a multiple of what a gait is solved to."""

@@ -80,7 +80,7 @@ class Outcome:
             return vertcat(*(vec(s.force[1, :] - extremum) for s in self._samples))
         if name == "foot_clearance":
             return vertcat(*(vec(extremum - s.height) for s in self._samples))
-        if name == "impulse_ratio":  # what sticking would need, whatever the impact does
+        if name == "impulse_ratio":  # of a sticking impact, also where the impact slips
             impulse = self._t.system.impact(Mode.STICK)(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
             return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1)))
         sticking = [s.force for s in self._samples if s.mode.sticks]

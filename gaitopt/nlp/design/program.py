@@ -71,7 +71,7 @@ class Program:
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
         extrema = np.array([self._extremum(name, w) for name in self._extrema])
         self._search = search(transcription, w, p, bounds, extrema, self._slack.numel())
-        self.rows = [*self._physics(), *self._extremal(w), *self._asked()]
+        self.rows = [*self._physics(), *self._extremal(w), *self._stated()]
         unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
         parameters = transcription.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
@@ -147,7 +147,7 @@ class Program:
             bounding = self._outcome.bounded(name, extremum)[self._outcome.active_rows(name, w, self._p)]
             rows.append(_positive(name, bounding))
             if self._inflates(name):
-                # nothing but its own curve keeps the extremum from growing: it stays at the sample where it is now
+                # only its own curve keeps the extremum from growing: it stays at its present sample
                 rows.append(_zero(name, bounding[int(np.argmin(self._bounding(name, w, self._extremum(name, w))))]))
         return rows
 
@@ -168,7 +168,7 @@ class Program:
         crossings = -constant / (slope - constant)
         return float(crossings.max() if EXTREMA[name] > 0 else crossings.min())
 
-    def _asked(self) -> list[Rows]:
+    def _stated(self) -> list[Rows]:
         rows = []
         for k, (name, span) in enumerate(self._problem.constraints.items()):
             low, high = np.array([span.minimum]), np.array([span.maximum])

@@ -12,7 +12,7 @@ from gaitopt.arrays import Array
 CONTRADICTION = 1e-9
 """Distance in the problem of nonnegative least squares that means a polyhedron without points."""
 SHORTEST_ROW = 1e-3
-"""Rows of the constraints shorter than this are not made longer, so that rounding is not."""
+"""Shorter rows of the constraints are not scaled to length one, which would amplify rounding."""
 
 
 def least_distance(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:

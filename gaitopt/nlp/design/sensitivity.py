@@ -17,6 +17,7 @@ from casadi import SX, Function, cse, jacobian, vertcat
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
 from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names
+from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import Linearisation
@@ -119,11 +120,11 @@ def _arc_curves(t: MultipleShooting, at: Linearisation, slopes: Array, index: in
     stretch = ends - starts
     dt = starts + np.multiply.outer((curves.points(arc.times.size) + 1) / 2, stretch)
     dz = _state_slopes(t, at, slopes, index, arc, dt)
-    data, p = system.control.data(layout.segment), t.dynamics(at.p, t.unpack(at.w).freed).p
-    function = _quantities(system, arc.mode, t.free)
-    values, jacobians = (np.asarray(v) for v in function.map(arc.times.size)(arc.times[None], arc.states.T, p, data))
-    n_q, n_in = len(values), 1 + system.n_z + len(t.free)
-    by = jacobians.reshape(n_q, arc.times.size, n_in)
+    data, p = system.data(layout.segment), t.dynamics(at.p, t.unpack(at.w).freed).p
+    quantities = buffered_map(_quantities(system, arc.mode, t.free), arc.times.size)
+    rows, jacobians = quantities(arc.times[:, None], arc.states, p, data)
+    values, by = rows.T.copy(), jacobians.transpose(2, 0, 1)
+    n_q = len(values)
     total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + system.n_z], dz) + by[:, :, 1 + system.n_z :]
     every = [
         Curve(values=value, slopes=slope, duration=arc.duration, stretch=stretch)
@@ -186,7 +187,7 @@ def _state_slopes(t: MultipleShooting, at: Linearisation, slopes: Array, index: 
         times,
         arc.times - times,
         full,
-        t.system.control.data(layout.segment),
+        t.system.data(layout.segment),
     )
     d_nodes = slopes[: n_z * t.n_nodes].reshape(t.n_nodes, n_z, -1)[at_node]
     moved = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)

@@ -27,6 +27,7 @@ from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, 
 from gaitopt.arrays import Array
 from gaitopt.iteration import bracketed_root
 from gaitopt.mechanics import Mode
+from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import linearise, section_sensitivity
 from gaitopt.nlp.trial import overflow_allowed
@@ -95,11 +96,13 @@ class ResponseSlope:
         reset = system.impact_jacobian(t.layout.cycle.impact)(t.Z[:, -1], t.p)[section, :]
         last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
         product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], moved)
-        self._product = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
+        function = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
+        self._product = BufferedFunction(function)
 
     def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
         """The derivative, shape (n_w,); V and adjoint as in ``newton.section_sensitivity``."""
-        return np.asarray(self._product(w, p, V, adjoint, G)).ravel()
+        matrices = (matrix.ravel(order="F") for matrix in (V, adjoint, G))
+        return self._product(w, p, *matrices)[0].copy()
 
 
 class _Gradient(Callback):

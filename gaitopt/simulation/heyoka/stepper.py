@@ -13,7 +13,6 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.mechanics import Dynamics, Mode, margin_names
-from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,
@@ -33,7 +32,7 @@ from gaitopt.simulation.heyoka.integrators import (
     flow_integrator,
     variational_integrator,
 )
-from gaitopt.simulation.natural import natural_system, units
+from gaitopt.simulation.natural import PointFunctions, units
 from gaitopt.simulation.stepper import Arrival
 
 MAX_TAYLOR_STEPS = 20_000
@@ -52,11 +51,9 @@ class HeyokaStepper:
     """
 
     def __init__(self, dynamics: Dynamics, *, precision: type = float) -> None:
-        self._system = system = dynamics.system
+        self._system = dynamics.system
         self._units, self._precision = units(dynamics), precision
-        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in system.walker.modes()}
-        for mode, function in self._points.items():
-            function.inputs[2][:] = self._units.parameters[mode]
+        self._points = PointFunctions(dynamics, self._units)
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
         self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
 
@@ -144,9 +141,5 @@ class HeyokaStepper:
         return list(self._point(mode, data, *point.shifted(LOOK)).rates)
 
     def _point(self, mode: Mode, data: Array, tau: float, zeta: Array) -> Point:
-        function = self._points[mode]
-        time, state, _, segment = function.inputs  # the parameters stay
-        time[0], state[:], segment[:] = tau, zeta, data
-        function.evaluate()
-        flow, margins, rates = function.outputs
+        flow, margins, rates = self._points(mode, tau, zeta, data)
         return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
