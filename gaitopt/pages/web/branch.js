@@ -198,7 +198,7 @@ class BranchDiagram {
       const cells = [String(number), modeBar(middle.film, 1), sequence(middle.film), `${low} to ${high}`, `${stable} of ${gaits.length}`];
       return html("tr", {}, ...cells.map((cell) => html("td", {}, cell)));
     });
-    const head = ["branch", "one step", "mode sequence", this.axis, "stable gaits"].map((words) => html("th", { scope: "col" }, words));
+    const head = ["branch", "one cycle", "mode sequence", this.axis, "stable gaits"].map((words) => html("th", { scope: "col" }, words));
     const table = html("table", { class: "sequences" }, html("thead", {}, html("tr", {}, ...head)), html("tbody", {}, ...rows));
     const modes = this.gaits.flatMap((gait) => gait.film.phases.map((phase) => phase.mode));
     return html("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": "mode sequences" }, table, modeKey(modes));
