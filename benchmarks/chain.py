@@ -5,7 +5,8 @@ from typing import Any
 
 from casadi import cos, sin, vertcat
 
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.mechanism import Body, Mechanism, polar
+from gaitopt.mechanics.walker import Walker
 
 
 def chain(links: int) -> type[Walker]:

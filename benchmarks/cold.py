@@ -1,7 +1,6 @@
 """Whole processes, imports and all, and what they and the installation weigh."""
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -12,30 +11,38 @@ from timing import Row
 
 PROBLEM = "compass-passive-a"
 RUNS = 5
+LAUNCHER = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True, capture_output=True)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss)
+"""
+"""A process inherits the largest memory of whoever starts it, so that this must be a small one."""
 
 
 def rows() -> list[Row]:
     """Cold commands from an empty run folder, and the memory and disk that ``solve`` takes."""
     commands = {"gaitopt --help": ["--help"], f"gaitopt solve {PROBLEM}, verified": ["solve", PROBLEM, "--json"]}
-    found = [Row(what=what, way="cold, imports included", seconds=seconds(words)) for what, words in commands.items()]
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
-    return [*found[:-1], Row(what=found[-1].what, way=found[-1].way, seconds=found[-1].seconds, note=weight(peak))]
+    measured = []
+    for what, words in commands.items():
+        seconds, peak = best(words)
+        note = weight(peak) if "solve" in words else ""
+        measured.append(Row(what=what, way="cold, imports included", seconds=seconds, note=note))
+    return measured
 
 
-def seconds(words: list[str]) -> float:
-    """Processor time of the best of some processes [s]; a first one compiles the bytecode, as an installation does."""
-    times = []
+def best(words: list[str]) -> tuple[float, int]:
+    """Least processor time [s] and memory [bytes] of some processes; a first one compiles the bytecode."""
+    measured = []
     with tempfile.TemporaryDirectory() as folder:
         environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
         environment["PYTHONPYCACHEPREFIX"] = folder
         for run in range(RUNS + 1):
             output = ["-o", str(Path(folder) / f"run-{run}")] if "solve" in words else []
-            before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            command = [sys.executable, "-m", "gaitopt", *words, *output]
-            subprocess.run(command, check=True, capture_output=True, env=environment)
-            after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return min(times[1:])
+            command = [sys.executable, "-c", LAUNCHER, sys.executable, "-m", "gaitopt", *words, *output]
+            measured.append(subprocess.run(command, env=environment, check=True, capture_output=True).stdout.split())
+    seconds, memory = zip(*measured[1:], strict=True)
+    return min(map(float, seconds)), min(map(int, memory)) * 1024
 
 
 def weight(peak: int) -> str:

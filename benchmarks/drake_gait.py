@@ -16,7 +16,7 @@ from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 from pydrake.trajectories import PiecewisePolynomial
 
-from gaitopt.mechanics import Walker
+from gaitopt.mechanics import Dynamics, Walker
 from gaitopt.nlp import roll_out
 from gaitopt.problem import Problem
 from gaitopt.study import build_system
@@ -78,7 +78,7 @@ def period(problem: Problem) -> float:
     """Period of the gait [s]."""
     walker, system = problem.walker, build_system(problem)
     start = np.array([problem.guess.state[name] for name in system.state_names])
-    rolled = roll_out(system, system.values(problem.parameters), problem.cycle, start)
+    rolled = roll_out(Dynamics(system, system.values(problem.parameters)), problem.cycle, start)
     duration = rolled.durations[0]
     compass = PinnedCompass_[None](walker)
     step = duration / (SAMPLES - 1)

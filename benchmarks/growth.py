@@ -13,10 +13,10 @@ from gaitopt import load_problem, solve
 from gaitopt.mechanics import HybridSystem, Mode, NoControl
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import linearise
 from gaitopt.nlp.shooting_jacobian import stage_derivatives, step_derivatives
 from gaitopt.nlp.start import step_states
-from gaitopt.nlp.transcription import Transcription
 
 INTERVALS = (16, 32, 64, 128)
 LINKS = (2, 4, 6, 8)
@@ -37,16 +37,16 @@ def interval_rows() -> list[Row]:
     ways = {}
     for count in INTERVALS:
         parts = [max(2, round(count * duration / durations.sum())) for duration in durations]
-        transcription = Transcription(gait.system, plan.refined(parts))
+        transcription = MultipleShooting(gait.system, plan.refined(parts))
         w = transcription.pack(step_states(gait.steps[0], transcription.layout.node_times(durations)), durations)
         ways[f"{sum(parts)} intervals"] = (partial(newton_step, transcription, w, gait.p), "")
     return compared("a step of Newton's method", ways, rounds=3)
 
 
-def newton_step(transcription: Transcription, w: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Equations, Jacobian, factors."""
+def newton_step(transcription: MultipleShooting, w: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Equations, Jacobian and its solution."""
     at = linearise(transcription, w, p)
-    return at.factor().solve(at.residual)
+    return at.scaled.solve(at.residual)
 
 
 def link_rows() -> list[Row]:

@@ -8,8 +8,8 @@ from timing import Row
 from gaitopt import load_problem, solve
 from gaitopt.gait import Gait
 from gaitopt.nlp import Family
+from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
-from gaitopt.nlp.transcription import transcribe
 from gaitopt.problem import Problem
 
 REBUILT = 10

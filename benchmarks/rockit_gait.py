@@ -6,7 +6,7 @@ import io
 import numpy as np
 from rockit import FreeTime, MultipleShooting, Ocp
 
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode
 from gaitopt.nlp import roll_out
 from gaitopt.problem import Problem
 
@@ -17,7 +17,7 @@ def period(problem: Problem, system: HybridSystem) -> float:
     """Period of the gait [s]."""
     p, data = system.values(problem.parameters), system.control.data(0)
     start = np.array([problem.guess.state[name] for name in system.state_names])
-    rolled = roll_out(system, p, problem.cycle, start)
+    rolled = roll_out(Dynamics(system, p), problem.cycle, start)
     ocp = Ocp(T=FreeTime(rolled.durations[0]))
     z = ocp.state(system.n_z)
     ocp.set_der(z, system.flow(Mode.STICK)(ocp.t, z, p, data))

@@ -7,6 +7,7 @@ import platform
 from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 import cold
@@ -23,32 +24,42 @@ from rich.console import Console
 from rich.table import Table
 from timing import Row
 
-PACKAGES = ("gaitopt", "casadi", "heyoka", "scipy", "numpy", "distributed")
+PACKAGES = {
+    "gaitopt": "gaitopt",
+    "casadi": "casadi",
+    "heyoka": "heyoka",
+    "scipy": "scipy",
+    "numpy": "numpy",
+    "distributed": "distributed",
+    "drake": "pydrake",
+    "rockit-meco": "rockit",
+}
+"""Distributions by what they are imported as; those that are installed are recorded."""
 
 
 def main() -> None:
     """Measure, print the table, write JSON."""
-    asked = arguments()
+    options = arguments()
     parts: dict[str, Callable[[], list[Row]]] = {
         "cold": cold.rows,
-        "walking": partial(walking.rows, asked.states, asked.workers),
+        "walking": partial(walking.rows, options.states, options.workers),
         "peers": peers.rows,
         "reuse": reuse.rows,
         "family": family.rows,
         "kinds": kinds.rows,
         "growth": growth.rows,
-        "scaling": partial(scaling.rows, asked.jobs, asked.workers),
+        "scaling": partial(scaling.rows, options.jobs, options.workers),
         "commands": commands.rows,
         "designs": design.rows,
     }
     rows: list[Row] = []
-    for part in asked.parts or parts:
+    for part in options.parts or parts:
         measured = parts[part]()
         show(measured)
         rows += measured
-    if asked.json is not None:
-        record = {"rows": [row.to_record() for row in rows], "machine": machine()}
-        asked.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        if options.json is not None:  # after every part, so that an interruption loses only the one at hand
+            record = {"rows": [row.to_record() for row in rows], "machine": machine()}
+            options.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
 
 def arguments() -> argparse.Namespace:
@@ -65,7 +76,8 @@ def arguments() -> argparse.Namespace:
 def machine() -> dict[str, object]:
     """Cores, processor and versions."""
     names = [line.partition(":")[2].strip() for line in processor_lines() if line.startswith("model name")]
-    versions = {name: version(name) for name in PACKAGES} | {"python": platform.python_version()}
+    installed = [name for name, module in PACKAGES.items() if find_spec(module)]
+    versions = {"python": platform.python_version()} | {name: version(name) for name in installed}
     processor = names[0] if names else platform.processor()
     return {"cores": os.cpu_count(), "machine": platform.machine(), "processor": processor, "versions": versions}
 

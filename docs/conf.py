@@ -16,6 +16,7 @@ exclude_patterns = ["examples", "notebooks/*"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 html_theme = "furo"
+html_show_copyright = False
 html_title = "gaitopt"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
@@ -25,6 +26,8 @@ autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
+napoleon_use_rtype = False  # what is returned has a name and words; its type stands in the signature
+napoleon_attr_annotations = False  # they stand in the signature, in short
 
 FIELD = re.compile(r"^(\*{0,2}\w+(?:, \w+)*) : (.*)$")
 

@@ -1,8 +1,9 @@
-"""Draws docs/walker.svg: the compass biped of gait A on its slope, as an SVG that moves by itself.
+"""Draws docs/walker.svg: the compass biped of gait A on its slope, as an SVG that moves by itself; and a still one.
 
 Run it from the root of a clone: ``python docs/moving_walker.py``.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import gaitopt as go
 from gaitopt.figures.motion import motion_of, resampled
 from gaitopt.figures.skeleton import skeleton, slope
 
-PICTURE = Path(__file__).parent / "walker.svg"
+PICTURE, STILL = (Path(__file__).parent / f"walker{kind}.svg" for kind in ("", "-still"))
+ANIMATION = re.compile(r"<(animate(?:Transform)?) .*?/>")
 WIDTH, HEIGHT, SCALE, GROUND = 480, 250, 115, 215
 SECONDS_PER_STEP = 2.2
 FRAMES = 40
@@ -83,4 +85,6 @@ def picture(gait):
 
 
 if __name__ == "__main__":
-    PICTURE.write_text(picture(go.solve(go.load_problem("compass-passive-a"))))
+    moving = picture(go.solve(go.load_problem("compass-passive-a")))
+    PICTURE.write_text(moving)
+    STILL.write_text(ANIMATION.sub("", moving))  # for those who dislike motion

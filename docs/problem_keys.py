@@ -41,13 +41,14 @@ def _sections(schema: Mapping[str, Any], path: str) -> Iterator[str]:
     yield f"## {f'`{path}`' if path else TOP}\n"
     if path and "description" in schema:
         yield f"{_cell(schema['description'])}\n"
-    yield "| key | value | | means |\n|---|---|---|---|"
+    yield "| key | means | value |\n|---|---|---|"
     for key, value in schema["properties"].items():
         name = f"{path}.{key}" if path else key
         inner += [(_named(name, variant), variant) for variant in _mappings(value)]
         default = f"default `{value['default']}`" if value.get("default") not in (None, "", {}) else ""
         presence = "required" if key in required else default
-        yield f"| `{key}` | {_cell(_kind(value))} | {_cell(presence)} | {_cell(value.get('description', ''))} |"
+        words = f"{_kind(value)}{'; ' if presence else ''}{presence}"
+        yield f"| `{key}` | {_cell(value.get('description', ''))} | {_cell(words)} |"
     yield ""
     for name, variant in inner:
         yield from _sections(variant, name)

@@ -10,19 +10,21 @@ if TYPE_CHECKING:
     from gaitopt.display import Page
     from gaitopt.errors import GaitoptError
     from gaitopt.gait import Branch, Gait, Status, Trajectory
-    from gaitopt.library.calls import basin, continuation, find, front, multistart, solve, sweep
+    from gaitopt.library.answers import explain, prove
+    from gaitopt.library.calls import continuation, find, solve
     from gaitopt.library.display import animate, plot, report
+    from gaitopt.library.runs import basin, front, multistart, sweep
     from gaitopt.library.stored import load_run
     from gaitopt.mechanics.consistency import check_walker
-    from gaitopt.mechanics.modes import Cycle, ImpactLaw, Mode, ModeSequence
-    from gaitopt.mechanics.walker import Body, Mechanism, Walker
+    from gaitopt.mechanics.cycle import Cycle, ModeSequence
+    from gaitopt.mechanics.mechanism import Body, Mechanism
+    from gaitopt.mechanics.modes import ImpactLaw, Mode
+    from gaitopt.mechanics.walker import Walker
     from gaitopt.problem import Problem, load_problem
-    from gaitopt.proof import prove
     from gaitopt.runs.basin_tiles import Basin
     from gaitopt.runs.front import Front
     from gaitopt.runs.sweep_table import Sweep
     from gaitopt.search.distinct import Gaits
-    from gaitopt.search.explain import explain
     from gaitopt.study import Verification, Walk, return_map, simulate, verify
 
 __version__ = "0.1.0"
@@ -70,17 +72,17 @@ __all__ = [
 
 _HOME = {
     "Basin": "gaitopt.runs.basin_tiles",
-    "Body": "gaitopt.mechanics.walker",
+    "Body": "gaitopt.mechanics.mechanism",
     "Branch": "gaitopt.gait",
-    "Cycle": "gaitopt.mechanics.modes",
+    "Cycle": "gaitopt.mechanics.cycle",
     "Front": "gaitopt.runs.front",
     "Gait": "gaitopt.gait",
     "GaitoptError": "gaitopt.errors",
     "Gaits": "gaitopt.search.distinct",
     "ImpactLaw": "gaitopt.mechanics.modes",
-    "Mechanism": "gaitopt.mechanics.walker",
+    "Mechanism": "gaitopt.mechanics.mechanism",
     "Mode": "gaitopt.mechanics.modes",
-    "ModeSequence": "gaitopt.mechanics.modes",
+    "ModeSequence": "gaitopt.mechanics.cycle",
     "Page": "gaitopt.display",
     "Problem": "gaitopt.problem",
     "Status": "gaitopt.gait",
@@ -90,22 +92,22 @@ _HOME = {
     "Walk": "gaitopt.study",
     "Walker": "gaitopt.mechanics.walker",
     "animate": "gaitopt.library.display",
-    "basin": "gaitopt.library.calls",
+    "basin": "gaitopt.library.runs",
     "check_walker": "gaitopt.mechanics.consistency",
     "continuation": "gaitopt.library.calls",
-    "explain": "gaitopt.search.explain",
+    "explain": "gaitopt.library.answers",
     "find": "gaitopt.library.calls",
-    "front": "gaitopt.library.calls",
+    "front": "gaitopt.library.runs",
     "load_problem": "gaitopt.problem",
     "load_run": "gaitopt.library.stored",
-    "multistart": "gaitopt.library.calls",
+    "multistart": "gaitopt.library.runs",
     "plot": "gaitopt.library.display",
-    "prove": "gaitopt.proof",
+    "prove": "gaitopt.library.answers",
     "report": "gaitopt.library.display",
     "return_map": "gaitopt.study",
     "simulate": "gaitopt.study",
     "solve": "gaitopt.library.calls",
-    "sweep": "gaitopt.library.calls",
+    "sweep": "gaitopt.library.runs",
     "verify": "gaitopt.study",
 }
 

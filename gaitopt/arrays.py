@@ -1,6 +1,5 @@
 """Arrays of real numbers, and results whose arrays cannot be written to."""
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,10 @@ class ReadOnlyArrays:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for field in fields(self):  # type: ignore[arg-type]  # of every subclass
-            value = getattr(self, field.name)
+        for name in self.__dataclass_fields__:  # type: ignore[attr-defined]  # of every subclass
+            value = getattr(self, name)
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, field.name, read_only(value))
+                object.__setattr__(self, name, read_only(value))
 
 
 def read_only(values: NDArray[Any]) -> NDArray[Any]:

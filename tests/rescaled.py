@@ -40,11 +40,11 @@ def rescaled(problem: go.Problem, units: tuple[float, float, float]) -> go.Probl
 
 def dimensionless(gait: Gait) -> np.ndarray:
     """State after impact, durations and scalars in natural units, and multipliers."""
-    scales = gait.system.scales(gait.p)
+    scales = gait.dynamics.scales
     units = measure_scales(scales)
     return np.concatenate(
         [
-            gait.state / gait.system.state_scales(scales),
+            gait.state / gait.dynamics.state_units,
             np.array([duration for _, duration in gait.phases]) / scales.time,
             [(np.nan if value is None else value) / units[name] for name, value in gait.measures.items()],
             gait.multipliers.real,

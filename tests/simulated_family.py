@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from gaitopt.gait import Gait, Step, floquet_multipliers, observe
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
 
@@ -53,7 +53,7 @@ class SimulatedFamily:
     def map_at(self, value: float) -> ReturnMap:
         p = self.gait.p.copy()
         p[self.gait.system.parameters.index(self.parameter)] = value
-        return ReturnMap(Simulator(self.gait.system, p), self.section)
+        return ReturnMap(Simulator(Dynamics(self.gait.system, p)), self.section)
 
     def step_at(self, value: float) -> Step | None:
         """The periodic step at a value; None where there is none with this kind of impact."""
@@ -113,7 +113,7 @@ class SimulatedFamily:
         """mu f_n - |f_t| of a foot that sticks at the start of the step [N]."""
         step = self.step_at(value)
         assert step.arcs[0].mode is Mode.STICK
-        f_t, f_n = observe(self.gait.system, self.map_at(value).simulator.p, step.arcs[0]).force[0]
+        f_t, f_n = observe(self.map_at(value).simulator.dynamics, step.arcs[0]).force[0]
         return self._friction(value) * float(f_n) - abs(float(f_t))
 
     def approach(self, margin: Callable[[float], float], first: float, second: float) -> float:
@@ -127,7 +127,7 @@ class SimulatedFamily:
         return root
 
     def _friction(self, value: float) -> float:
-        return float(self.map_at(value).simulator.p[self.gait.system.parameters.index("friction")])
+        return self.map_at(value).simulator.dynamics.parameter("friction")
 
     def fold(self, value: float, reach: float) -> float:
         """The extremum of the parameter; the first section coordinate within ``reach`` of the guess leads over it."""

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from gaitopt import load_problem, simulate, solve, verify
+from gaitopt.cli import values
 from gaitopt.cli.main import main
-from gaitopt.cli.simulate import read_state
 from gaitopt.gait import Ending
 from gaitopt.problem import parse_problem
 
@@ -59,7 +59,7 @@ def test_the_pushes_of_the_readme_die_out(monkeypatch, tmp_path):
     )
     assert simulate(gait, {"theta1": 1.1 * gait.state[0]}, steps=50).trajectory.ending != "completed"
     (line,) = [shlex.split(command) for command in COMMANDS if command.startswith("gaitopt simulate")]
-    record = simulate(load_problem(line[2]), read_state([line[4]]), int(line[6])).to_record()
+    record = simulate(load_problem(line[2]), values.state([line[4]]), int(line[6])).to_record()
     assert record["status"] == "completed"
 
 

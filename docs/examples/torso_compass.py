@@ -18,8 +18,9 @@ from typing import Annotated, Any, Self
 from casadi import cos, sin, vertcat
 from pydantic import Field, model_validator
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, polar
 from gaitopt.mechanics.units import Angle, Positive
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class TorsoCompass(Walker):

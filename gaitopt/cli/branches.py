@@ -1,59 +1,57 @@
-"""The branch in a run folder, as the continuation wrote it, and its special points."""
+"""The branch in a run folder, as the continuation wrote it, and its special points ``RUN@special.K``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gaitopt.errors import StorageError
+
 if TYPE_CHECKING:
-    from gaitopt.gait import SpecialPoint
     from gaitopt.problem import Problem
 
 SPECIAL = "@special."
+
+
+def holds(run: str, name: str) -> bool:
+    """Whether ``run`` is a folder with a file of this name in it."""
+    try:
+        return (Path(run) / name).is_file()
+    except OSError:  # no name of a folder
+        return False
 
 
 def holds_branch(run: str) -> bool:
     """Whether ``run`` is a folder with a branch in it."""
     from gaitopt.store import BRANCH_FILE
 
-    try:
-        return (Path(run) / BRANCH_FILE).is_file()
-    except OSError:  # no name of a folder
-        return False
+    return holds(run, BRANCH_FILE)
 
 
 def holds_walk(run: str) -> bool:
     """Whether ``run`` is a folder with a simulated walk, and no gait, in it."""
     from gaitopt.store import GAIT_FILE, WALK_FILE
 
-    try:
-        return (Path(run) / WALK_FILE).is_file() and not (Path(run) / GAIT_FILE).is_file()
-    except OSError:  # no name of a folder
-        return False
+    return holds(run, WALK_FILE) and not holds(run, GAIT_FILE)
 
 
-def stored_branch(run: str) -> "tuple[Problem, str, list[dict[str, Any]]]":
-    """Problem, parameter and records of the branch in a run folder."""
+def holds_front(run: str) -> bool:
+    """Whether ``run`` is a folder with fronts, and no gait, in it."""
+    from gaitopt.runs.front import front_file
+    from gaitopt.store import GAIT_FILE
+    from gaitopt.store.manifest import MANIFEST_FILE
+
+    return holds(run, MANIFEST_FILE) and any(Path(run).glob(front_file("*"))) and not holds(run, GAIT_FILE)
+
+
+def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
+    """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error."""
     from gaitopt.runs import restore_branch
 
+    if not holds_branch(run):
+        raise StorageError(f"{label}{run} holds no branch; `gaitopt continue` writes one")
     return restore_branch.stored_branch(Path(run))
 
 
-def stored_special(place: str) -> "SpecialPoint":
-    """The special point RUN@special.K: the K-th of the branch in a run folder, from 0, in the order of the table.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no branch, or the branch has no such special point.
-    """
-    from gaitopt.errors import StorageError
-    from gaitopt.runs.restore_special import restore_special
-
-    run, _, index = place.rpartition(SPECIAL)
-    if not holds_branch(run):
-        raise StorageError(f"{place}: {run} holds no branch; `gaitopt continue` writes one")
-    problem, parameter, records = stored_branch(run)
-    specials = [record for record in records if record.get("record") == "special"]
-    if not index.isdecimal() or int(index) >= len(specials):
-        known = f"0 to {len(specials) - 1}" if specials else "none"
-        raise StorageError(f"{place}: the special points of this branch are {known}, in the order of the table")
-    return restore_special(problem, parameter, specials[int(index)])
+def special_records(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
+    """Problem and parameter of a branch, and the records of its special points in the order of the table."""
+    problem, parameter, records = stored_branch(run, label)
+    return problem, parameter, [record for record in records if record.get("record") == "special"]

@@ -2,7 +2,9 @@
 
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.cli.options import DebugOption, JsonOption, ProblemArgument, SetOption
+from gaitopt.cli.options import ProblemArgument, SetOption
+from gaitopt.cli.runs import load
+from gaitopt.cli.terminal import Terminal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -10,22 +12,18 @@ if TYPE_CHECKING:
     from gaitopt.problem import Problem
 
 
-def list_problems(json: JsonOption = False, debug: DebugOption = False) -> int:
+def list_problems(terminal: Terminal) -> int:
     """List the named problems by walker; of those whose run is in results/ also period, radius and stability."""
-    from gaitopt.cli.console import print_json, results
     from gaitopt.problem import load_problem, problem_names
 
     problems = [load_problem(name) for name in problem_names()]
-    if json:
-        print_json({"problems": [{"name": p.name, "walker": p.walker.model, "about": p.about} for p in problems]})
+    if terminal.json:
+        listed = [{"name": p.name, "walker": p.walker.model, "about": p.about} for p in problems]
+        terminal.print_json({"problems": listed})
         return 0
-    from gaitopt.library.tables import listed, section
+    from gaitopt.library.print_gait import print_problems
 
-    columns = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
-    for model in sorted({problem.walker.model for problem in problems}):
-        rows = [listed(problem, _stored_record(problem)) for problem in problems if problem.walker.model == model]
-        kept = [k for k in range(len(columns)) if k == len(columns) - 1 or any(row[k] for row in rows)]
-        section(results(), model, [columns[k] for k in kept], [[row[k] for k in kept] for row in rows])
+    print_problems(terminal.results, [(problem, _stored_record(problem)) for problem in problems])
     return 0
 
 
@@ -42,42 +40,29 @@ def _stored_record(problem: "Problem") -> "Mapping[str, Any]":
         return {}
 
 
-def show(
-    problem: ProblemArgument, changes: SetOption = None, json: JsonOption = False, debug: DebugOption = False
-) -> int:
+def show(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
     """Show a problem, complete and in SI."""
-    from gaitopt.cli.console import print_json, results
-    from gaitopt.cli.runs import load
+    from gaitopt.library.print_gait import print_problem
 
     loaded = load(problem, changes)
-    if json:
-        print_json({**loaded.resolved(), "hash": loaded.digest})
-        return 0
-    from gaitopt.library.tables import print_problem
-
-    print_problem(results(), loaded)
-    return 0
-
-
-def validate(
-    problem: ProblemArgument, changes: SetOption = None, json: JsonOption = False, debug: DebugOption = False
-) -> int:
-    """Check a problem and name all of its faults."""
-    from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import load
-
-    loaded = load(problem, changes, narration(quiet=False))
-    if json:
-        print_json({"problem": loaded.name, "valid": True, "hash": loaded.digest})
+    if terminal.json:
+        terminal.print_json({**loaded.resolved(), "hash": loaded.digest})
     else:
-        results().print(f"{problem}: valid ({loaded.name}, hash {loaded.hash8})")
+        print_problem(terminal.results, loaded)
     return 0
 
 
-def schema(debug: DebugOption = False) -> int:
+def validate(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
+    """Check a problem and name all of its faults."""
+    loaded = load(problem, changes, terminal)
+    record = {"problem": loaded.name, "valid": True, "hash": loaded.digest}
+    terminal.show(record, lambda console, _: console.print(f"{problem}: valid ({loaded.name}, hash {loaded.hash8})"))
+    return 0
+
+
+def schema(terminal: Terminal) -> int:
     """Print the JSON schema of problem files, for editors."""
-    from gaitopt.cli.console import print_json
     from gaitopt.problem import problem_schema
 
-    print_json(problem_schema())
+    terminal.print_json(problem_schema())
     return 0

@@ -1,9 +1,8 @@
-"""Where words go: results to stdout, narration to stderr. NO_COLOR and narrow terminals are rich's business."""
+"""Consoles that print what files hold without obeying it. NO_COLOR and narrow terminals are rich's business."""
 
 import os
 import sys
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
@@ -27,24 +26,8 @@ class ResultConsole(Console):
         raise BrokenPipeError
 
 
-def results() -> Console:
-    """The console of results; texts are printed as they are, without markup."""
-    return _console(stderr=False)
-
-
-def narration(*, quiet: bool) -> Console:
-    """The console of narration and progress, silent if ``quiet``."""
-    return _console(stderr=True, quiet=quiet)
-
-
-def print_json(record: Mapping[str, Any]) -> None:
-    """Print a record as one line of JSON."""
-    from gaitopt.store import json_text
-
-    sys.stdout.write(json_text(record) + "\n")
-
-
-def _console(*, stderr: bool, quiet: bool = False) -> Console:
+def console(*, stderr: bool, quiet: bool = False) -> Console:
+    """A console on stdout or stderr that prints texts as they are, without markup."""
     stream = sys.stderr if stderr else sys.stdout
     width = None if stream.isatty() or "COLUMNS" in os.environ else PIPED_WIDTH
     return ResultConsole(stderr=stderr, quiet=quiet, width=width, markup=False, highlight=False, emoji=False)

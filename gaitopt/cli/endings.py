@@ -1,4 +1,4 @@
-"""What a command says of a place that has gone, of warnings, and of its own defects."""
+"""How a command ends: its exit codes, and what it says of warnings, errors and its own defects."""
 
 import sys
 import traceback
@@ -10,15 +10,16 @@ from typing import Any
 
 from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError
 
+INTERNAL_ERROR, USAGE, NOT_A_GAIT, NOT_VERIFIED, STORAGE = 1, 2, 4, 5, 6
+BROKEN_PIPE = 141
+"""The reader of our output has gone; the code that a shell gives a program ended by SIGPIPE."""
+PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to "}
+"""Options by the argument of the library's call that an error is about."""
+SUFFIXES = {"output": " with -o"}
+
 
 def check_working_folder() -> None:
-    """Refuse to work in a folder that has been deleted.
-
-    Raises
-    ------
-    StorageError
-        If there is no working directory.
-    """
+    """Refuse to work in a folder that has been deleted."""
     try:
         Path.cwd()
     except FileNotFoundError as error:
@@ -40,11 +41,6 @@ def shown_warnings() -> Iterator[None]:
         warnings.showwarning = show
         warnings.simplefilter("always", GaitoptWarning)
         yield
-
-
-PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to "}
-"""Options by the argument of the library's call that an error is about."""
-SUFFIXES = {"output": " with -o"}
 
 
 def error_words(error: GaitoptError) -> str:

@@ -1,92 +1,49 @@
 """``gaitopt front``: what one aim costs in terms of another, as a chain of verified designs."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
 import typer
 
-from gaitopt.cli.grids import OverOption, grid
-from gaitopt.cli.options import DebugOption, JsonOption, OutOption, ProblemArgument, QuietOption, SetOption
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from rich.console import Console
-
-    from gaitopt.problem import Problem
-    from gaitopt.runs.front import FrontPoint
-
-NOT_A_GAIT = 4
-NOT_VERIFIED = 5
+from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
+from gaitopt.cli.figures import save_figures
+from gaitopt.cli.options import OutOption, OverOption, ProblemArgument, SetOption
+from gaitopt.cli.runs import load
+from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.values import grid
 
 
 def front(
+    terminal: Terminal,
     problem: ProblemArgument,
     over: OverOption,
     changes: SetOption = None,
     output: OutOption = None,
-    json: JsonOption = False,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
 ) -> int:
     """Design along one number of the problem, in both directions, and mark the Pareto front.
 
     Every design is kept as soon as it is found; the same command goes on where it was.
     """
-    from gaitopt.cli.console import narration, print_json, results
-    from gaitopt.cli.runs import load
-    from gaitopt.cli.signals import interruptible
-    from gaitopt.library.progress import job_progress
-    from gaitopt.runs.front import check_front, design_front
-    from gaitopt.store import adding, check_folder, json_text, replacing, run_folder, write_whole, writing
+    from gaitopt.figures.catalogue import front_figures
+    from gaitopt.library.print_results import print_front
+    from gaitopt.runs.front import check_front, design_front, front_file, front_record
+    from gaitopt.store import adding, check_folder, run_folder, writing
 
-    console = narration(quiet=quiet)
-    axes, loaded = grid(over).axes, load(problem, changes, console)
+    axes, loaded = grid(over).axes, load(problem, changes, terminal)
     if len(axes) != 1:
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
     folder = output or run_folder(loaded)
     check_folder(folder, loaded)
     check_front(loaded, axes[0], folder)
-    path = folder / f"front-{axes[0].key}.json"
+    path = folder / front_file(axes[0].key)
     with writing(folder, loaded):
-        with interruptible() as interrupted, job_progress(console, "designs") as progress:
-            points = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
-        records = [point.to_record() for point in points]
-        record = {"problem": loaded.name, "over": str(axes[0]), "points": records}
-        with replacing(folder, path.name):
-            write_whole(path, json_text(record) + "\n")
+        with terminal.working("designs") as (progress, interrupted):
+            designs = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
         with adding(folder, folder) as figures:
-            figures += _draw(loaded, axes[0].key, records, path.with_suffix(""))
-    if json:
-        print_json({**record, "file": str(path), "figures": [str(path) for path in figures]})
-    else:
-        _print(results(), axes[0].key, points, str(path))
-    return _exit_code(points)
-
-
-def _draw(problem: "Problem", key: str, points: "Sequence[Mapping[str, Any]]", stem: Path) -> list[Path]:
-    from gaitopt.figures.front import front_figure
-    from gaitopt.figures.style import save
-
-    return save(front_figure(problem, key, points), stem)
-
-
-def _exit_code(points: "list[FrontPoint]") -> int:
-    verifications = [point.gait["verification"] for point in points if point.converged]
+            figures += save_figures(front_figures(designs), folder)
+    terminal.show(
+        {**front_record(designs, axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
+        print_front,
+        "file",
+    )
+    verifications = [point.gait["verification"] for point in designs if point.converged]
     if not verifications:
         return NOT_A_GAIT
     return 0 if all(entry["passed"] for entry in verifications) else NOT_VERIFIED
-
-
-def _print(console: "Console", key: str, points: "list[FrontPoint]", path: str) -> None:
-    for point in points:
-        gait = point.gait
-        if not point.converged:
-            console.print(f"{key} = {point.value:.6g}: {gait['status']}: {gait['message']}", soft_wrap=True)
-            continue
-        front = "front" if point.pareto else "beaten"
-        checked = "verified" if gait["verification"]["passed"] else "REFUTED"
-        objective, speed, radius = gait["solver"]["objective"], gait["speed"], gait["spectral_radius"]
-        scalars = f"objective {objective:.6g}, speed {speed:.4g} m/s, radius {radius:.4g}"
-        console.print(f"{key} = {point.value:.6g}: {scalars}, {front}, {checked}", soft_wrap=True)
-    console.print(f"front: {path}", soft_wrap=True)

@@ -1,5 +1,6 @@
 """The commands, and the one place where an ending becomes an exit code."""
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -11,8 +12,18 @@ import typer
 from gaitopt import __version__
 from gaitopt.cli.basin import basin
 from gaitopt.cli.catalogue import list_problems, schema, show, validate
+from gaitopt.cli.command import JSON, JSON_LINES, QUIET, with_shared_options
 from gaitopt.cli.continuation import continue_
-from gaitopt.cli.endings import check_working_folder, error_words, internal_error, shown_warnings
+from gaitopt.cli.endings import (
+    BROKEN_PIPE,
+    INTERNAL_ERROR,
+    STORAGE,
+    USAGE,
+    check_working_folder,
+    error_words,
+    internal_error,
+    shown_warnings,
+)
 from gaitopt.cli.explain import explain
 from gaitopt.cli.find import find
 from gaitopt.cli.front import front
@@ -28,11 +39,9 @@ from gaitopt.cli.sweep import sweep
 from gaitopt.cli.verify import verify
 from gaitopt.errors import GaitoptError
 
-INTERNAL_ERROR = 1
-USAGE = 2
-STORAGE = 6
-BROKEN_PIPE = 141
-"""Whoever read our output has gone; the code that a shell gives a program ended by SIGPIPE."""
+LASTING = 100_000
+"""New objects between two searches for cycles of them: modules and compiled functions last as long as the command does,
+and looking through them after every 700 takes a tenth of its time."""
 
 COMPLETION = "_GAITOPT_COMPLETE"
 """Variable through which a shell that completes a command line asks for words; see ``--show-completion``."""
@@ -62,23 +71,26 @@ def options(version: VersionOption = False) -> None:
     """Periodic gaits of legged walkers that slip: solved, simulated, verified."""
 
 
-app.command("list")(list_problems)
-app.command("show")(show)
-app.command("validate")(validate)
-app.command("schema")(schema)
-app.command("solve")(solve)
-app.command("simulate")(simulate)
-app.command("verify")(verify)
-app.command("find")(find)
-app.command("explain")(explain)
-app.command("continue")(continue_)
-app.command("basin")(basin)
-app.command("sweep")(sweep)
-app.command("front")(front)
-app.command("prove")(prove)
-app.command("plot")(plot)
-app.command("report")(report)
-app.command("reproduce")(reproduce)
+for _name, _command, *_shared in (
+    ("list", list_problems, JSON),
+    ("show", show, JSON),
+    ("validate", validate, JSON),
+    ("schema", schema),
+    ("solve", solve, JSON, QUIET),
+    ("simulate", simulate, JSON, QUIET),
+    ("verify", verify, JSON, QUIET),
+    ("find", find, JSON, QUIET),
+    ("explain", explain, JSON, QUIET),
+    ("continue", continue_, JSON_LINES, QUIET),
+    ("basin", basin, JSON, QUIET),
+    ("sweep", sweep, JSON, QUIET),
+    ("front", front, JSON, QUIET),
+    ("prove", prove, JSON, QUIET),
+    ("plot", plot, QUIET),
+    ("report", report, QUIET),
+    ("reproduce", reproduce, QUIET),
+):
+    app.command(_name)(with_shared_options(_command, *_shared))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -88,6 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     ----------
     argv : arguments without the program's name; those of the process if None.
     """
+    gc.set_threshold(LASTING)
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments:
         main(["--help"])

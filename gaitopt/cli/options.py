@@ -1,15 +1,13 @@
-"""The options that the commands share, and how ``KEY=VALUE`` is read."""
+"""The arguments and options that several commands take."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gaitopt.errors import ProblemError
-
 ProblemArgument = Annotated[str, typer.Argument(metavar="PROBLEM", help="A name from `gaitopt list`, or a .yaml file.")]
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run folder, or a PROBLEM.")]
+RunArguments = Annotated[list[str], typer.Argument(metavar="RUN...", help="Run folders, or PROBLEMs.")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -23,39 +21,15 @@ OutOption = Annotated[
 EngineOption = Annotated[
     str, typer.Option("--engine", metavar="auto|scipy|heyoka", help="Integrator of the simulation; auto chooses.")
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, floats to the last digit.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="No narration and no progress on stderr.")]
-DebugOption = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
-
-
-def key_value(text: str, option: str) -> tuple[str, str]:
-    """Split ``KEY=VALUE``.
-
-    Raises
-    ------
-    typer.BadParameter
-        If it is not of that form.
-    """
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip() or not value.strip():
-        raise typer.BadParameter(f"{option} {text}: write {option} {key.strip() or 'KEY'}=VALUE")
-    return key.strip(), value.strip()
-
-
-def overrides(texts: Iterable[str] | None) -> dict[str, object]:
-    """Values by dotted key from ``--set`` options, as YAML reads them; the last one counts.
-
-    Raises
-    ------
-    ProblemError
-        If a value is not YAML.
-    """
-    from gaitopt.problem import parse_value
-
-    values: dict[str, object] = {}
-    for key, text in (key_value(entry, "--set") for entry in texts or ()):
-        try:
-            values[key] = parse_value(text)
-        except ProblemError as error:
-            raise ProblemError(f"--set {key}: {error}") from error
-    return values
+OverOption = Annotated[
+    list[str], typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key; repeat it for a grid.")
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, help="Processes; by default one per core.", show_default=False),
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask scheduler, tcp://host:8786.")
+]
+SamplesOption = Annotated[int, typer.Option("--starts", min=1, help="Start states of the search by simulation.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the sampled guesses.")]

@@ -1,26 +1,29 @@
-"""``gaitopt plot``: figures of a gait, a branch, a basin or a sweep, and the moving walker."""
+"""``gaitopt plot``: figures of a gait, a branch, a basin, a sweep or a front, and the moving walker."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from gaitopt.cli.maps import DEFAULT_FORMATS, Format, check_words, draw_again, map_in
-from gaitopt.cli.options import DebugOption, QuietOption, SetOption
-from gaitopt.cli.solve import NOT_A_GAIT
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from gaitopt.gait import Gait
+from gaitopt.cli.endings import NOT_A_GAIT
+from gaitopt.cli.figures import (
+    ANIMATION,
+    DEFAULT_FORMATS,
+    Format,
+    map_figures,
+    map_in,
+    save_figures,
+    stored_figures,
+)
+from gaitopt.cli.options import RunArguments, SetOption
+from gaitopt.cli.runs import gaits_of
+from gaitopt.cli.terminal import Terminal
 
 FIGURES = "figures"
 """Folder of the figures within a run folder."""
 COMPARISON = "comparison"
 """Folder of the figures of several runs, in the working folder."""
-ANIMATION = "animation"
 
-RunArguments = Annotated[list[str], typer.Argument(metavar="RUN...", help="Run folders, or PROBLEMs.")]
 WhatOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -41,99 +44,42 @@ FolderOption = Annotated[
 
 
 def plot(
+    terminal: Terminal,
     runs: RunArguments,
     what: WhatOption = None,
     formats: FormatOption = None,
     changes: SetOption = None,
     output: FolderOption = None,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
 ) -> int:
-    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin or a sweep.
+    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin, a sweep or a front.
 
     Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
     Of a walk that `simulate -o` has stored: section (states step by step), portrait, force, slip, torques, animation.
     Of a branch: multipliers, or any scalar of the result, spectral_radius for instance. Of a sweep, whose own folder
-    is given as RUN: any scalar of the result.
+    is given as RUN: any scalar of the result. Of a front: front.
     """
-    from gaitopt.cli.branches import holds_branch, holds_walk
-    from gaitopt.cli.console import narration, results
-    from gaitopt.cli.gaits import stored_gaits
+    from gaitopt.figures.catalogue import gait_figures
     from gaitopt.store import adding, check_writable
 
     if output is not None:
         check_writable(output / FIGURES)
-    kind = map_in(runs[0]) if len(runs) == 1 else None
-    drawn = formats or DEFAULT_FORMATS
-    own = Path(runs[0])
+    own, alone = Path(runs[0]), len(runs) == 1
+    kind = map_in(runs[0]) if alone else None
     if kind is not None:
-        with adding(own.resolve().parent, output or own) as written:
-            written += draw_again(kind, own, what, drawn, output or own)
-    elif len(runs) == 1 and (holds_branch(runs[0]) or holds_walk(runs[0])):
-        draw = _plot_branch if holds_branch(runs[0]) else _plot_walk
-        with adding(own, output or own / FIGURES) as written:
-            written += draw(own, what, drawn, output or own / FIGURES)
+        folder, place = own.resolve().parent, output or own
+        figures = [map_figures(kind, own)]
+    elif alone and (figures := stored_figures(runs[0])):
+        folder, place = own, output or own / FIGURES
     else:
-        gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
+        gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
-        place = output or (folders[0] / FIGURES if len(gaits) == 1 else Path(COMPARISON))
-        with adding(folders[0], place) as written:
-            written += _plot_gaits(gaits, what, drawn, place)
-    for path in written:
-        results().print(str(path), soft_wrap=True)
+        if not alone and {"roads", ANIMATION} & {*(what or ())}:
+            raise typer.BadParameter(f"--what roads and animation show one gait, not {len(gaits)}")
+        folder, place = folders[0], output or (folders[0] / FIGURES if alone else Path(COMPARISON))
+        figures = [gait_figures(gaits)]
+    with adding(folder, place) as written:
+        for drawn in figures:
+            written += save_figures(drawn, place, what, formats or DEFAULT_FORMATS)
+    terminal.print_paths(written)
     return 0
-
-
-def _plot_gaits(gaits: "Sequence[Gait]", what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
-    from gaitopt.figures.animation import animation_page
-    from gaitopt.figures.catalogue import GAIT_FIGURES, informative
-    from gaitopt.figures.motion import motion_of
-    from gaitopt.figures.style import save
-    from gaitopt.store import write_whole
-
-    words = what or [*informative(gaits), *([ANIMATION] if len(gaits) == 1 else [])]
-    check_words(words, (*GAIT_FIGURES, ANIMATION))
-    alone = [word for word in words if word in ("roads", ANIMATION) and len(gaits) > 1]
-    if alone:
-        raise typer.BadParameter(f"--what {alone[0]} shows one gait, not {len(gaits)}")
-    written: list[Path] = []
-    for word in words:
-        if word == ANIMATION:
-            written.append(folder / f"{ANIMATION}.html")
-            write_whole(written[-1], animation_page(motion_of(gaits[0]), gaits[0].problem.about))
-        else:
-            written += save(GAIT_FIGURES[word](gaits), folder / word, formats)
-    return written
-
-
-def _plot_walk(run: Path, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
-    from gaitopt.figures.animation import animation_page
-    from gaitopt.figures.catalogue import USUAL_WALK_FIGURES, WALK_FIGURES
-    from gaitopt.figures.motion import motion_of_walk
-    from gaitopt.figures.style import save
-    from gaitopt.runs.restore_walk import restore_walk
-    from gaitopt.store import write_whole
-
-    words = what or [*USUAL_WALK_FIGURES, ANIMATION]
-    check_words(words, (*WALK_FIGURES, ANIMATION))
-    walk, written = restore_walk(run), list[Path]()
-    for word in words:
-        if word == ANIMATION:
-            written.append(folder / f"{ANIMATION}.html")
-            write_whole(written[-1], animation_page(motion_of_walk(walk), walk.trajectory.message))
-        else:
-            written += save(WALK_FIGURES[word](walk), folder / word, formats)
-    return written
-
-
-def _plot_branch(run: Path, what: list[str] | None, formats: "Sequence[str]", folder: Path) -> list[Path]:
-    from gaitopt.cli.branches import stored_branch
-    from gaitopt.figures.catalogue import BRANCH_FIGURES, branch_figure, usual_branch_figures
-    from gaitopt.figures.style import save
-
-    check_words(what or [], BRANCH_FIGURES)
-    problem, parameter, records = stored_branch(str(run))
-    words = what or usual_branch_figures(records)
-    drawn = [save(branch_figure(word, problem.name, parameter, records), folder / word, formats) for word in words]
-    return [path for paths in drawn for path in paths]

@@ -5,19 +5,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.options import DebugOption, JsonOption, OutOption, QuietOption, SetOption
+from gaitopt.cli.branches import SPECIAL, special_records
+from gaitopt.cli.endings import NOT_A_GAIT
+from gaitopt.cli.options import OutOption, SetOption
+from gaitopt.cli.runs import gait_of, report
+from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.values import key_value
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from gaitopt.problem import Problem
     from gaitopt.proof import Proof
 
-NOT_PROVED = 4
 CERTIFICATE_FILE = "proof.json"
-
-SPECIAL = "@special."
 
 TargetArgument = Annotated[
     str,
@@ -36,101 +37,80 @@ CheckOption = Annotated[bool, typer.Option("--check", help="Verify a certificate
 
 
 def prove(
+    terminal: Terminal,
     run: TargetArgument,
     check: CheckOption = False,
     width: WidthOption = None,
     changes: SetOption = None,
     output: OutOption = None,
-    json: JsonOption = False,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
 ) -> int:
     """Prove that a gait exists, and what it does.
 
     Ball arithmetic encloses the orbit, its mode sequence and its multipliers; the certificate is kept with the run.
     Of a special point it proves the family around it, and that what defines it changes its sign.
     """
-    from gaitopt.cli.console import narration
-
-    console = narration(quiet=quiet)
     if check:
         if changes or output is not None:
             raise typer.BadParameter("--check reads a certificate and nothing else; leave out --set and -o")
-        return _report(_checked(Path(run)), Path(run), json=json)
+        return _report(_checked(Path(run)), Path(run), terminal)
     if SPECIAL in run:
         if changes:
             raise typer.BadParameter("--set changes a problem, but a branch is what it is; leave it out")
-        return _prove_special(run, width, output, console, json=json)
+        return _prove_special(run, width, output, terminal)
     if width is not None:
         raise typer.BadParameter("--width is that of the bracket of a special point, RUN@special.K")
-    return _prove(run, changes, output, console, json=json)
+    return _prove(run, changes, output, terminal)
 
 
-def _prove(run: str, changes: list[str] | None, output: Path | None, console: "Console", *, json: bool) -> int:
-    from gaitopt.cli.runs import gait_of
-    from gaitopt.cli.solve import report
+def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt.library.stored import save
     from gaitopt.proof import prove as prove_gait
 
     changes, intervals = _intervals(changes)
-    gait, folder, fresh = gait_of(run, changes, output, console)
+    gait, folder, fresh = gait_of(run, changes, output, terminal)
     if not gait.converged:
-        return report(gait, None, json=json)
+        return report(gait, None, terminal)
     if fresh:
         save(gait, folder)
-    console.print(f"proving {gait.problem.name}: ten seconds to some minutes")
-    proof = prove_gait(gait, intervals, progress=console.print)
-    return _kept(proof, folder / CERTIFICATE_FILE, json=json)
+    terminal.say(f"proving {gait.problem.name}: ten seconds to some minutes")
+    return _keep(prove_gait(gait, intervals, progress=terminal.say), folder / CERTIFICATE_FILE, terminal)
 
 
-def _prove_special(target: str, width: float | None, output: Path | None, console: "Console", *, json: bool) -> int:
+def _prove_special(target: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt import solve
-    from gaitopt.cli.solve import report
     from gaitopt.proof import BRACKETED, prove_special
     from gaitopt.search.distinct import closed
 
     run, _, number = target.rpartition(SPECIAL)
-    problem, parameter, special = _special_point(run, number)
+    problem, parameter, records = special_records(run)
+    if not number.isdecimal() or int(number) >= len(records):
+        raise UnknownNameError(f"{run} has no special point {number!r}; it has {len(records)}, from 0")
+    special = records[int(number)]
     kind = special["type"]
     if kind not in BRACKETED or not special["gait"]:
         raise UnknownNameError(f"{target} is of type {kind}; {', '.join(BRACKETED)} can be proved")
     gait = solve(closed(problem, special["gait"]).replace({parameter: special["value"]}))
     if not gait.converged:
-        return report(gait, None, json=json)
-    console.print(f"proving {kind} of {gait.problem.name} near {parameter} = {special['value']:.9g}: some minutes")
-    proof = prove_special(gait, parameter, kind, width, progress=console.print)
+        return report(gait, None, terminal)
+    terminal.say(f"proving {kind} of {gait.problem.name} near {parameter} = {special['value']:.9g}: some minutes")
+    proof = prove_special(gait, parameter, kind, width, progress=terminal.say)
     folder = output or Path(run)
     folder.mkdir(parents=True, exist_ok=True)
-    return _kept(proof, folder / f"special-{number}-{CERTIFICATE_FILE}", json=json)
+    return _keep(proof, folder / f"special-{number}-{CERTIFICATE_FILE}", terminal)
 
 
-def _special_point(run: str, number: str) -> "tuple[Problem, str, dict[str, Any]]":
-    """Problem, parameter and record of a special point of a branch."""
-    from gaitopt.cli.branches import holds_branch, stored_branch
-
-    if not holds_branch(run):
-        raise StorageError(f"{run} holds no branch; `gaitopt continue` writes one")
-    problem, parameter, records = stored_branch(run)
-    specials = {str(k): record for k, record in enumerate(r for r in records if r.get("record") == "special")}
-    if number not in specials:
-        raise UnknownNameError(f"{run} has no special point {number!r}; it has {len(specials)}, from 0")
-    return problem, parameter, specials[number]
-
-
-def _kept(proof: "Proof", file: Path, *, json: bool) -> int:
+def _keep(proof: "Proof", file: Path, terminal: Terminal) -> int:
     """Keep the certificate and report."""
-    from gaitopt.store import json_text
-    from gaitopt.store.files import write_whole
+    from gaitopt.store import json_text, write_whole
 
     write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
-    return _report(proof, file, json=json)
+    return _report(proof, file, terminal)
 
 
 def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, str]]:
     """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
     from flint import ctx
 
-    from gaitopt.cli.options import key_value
     from gaitopt.proof import INTERVAL, PRECISION, ball
 
     pairs = [key_value(text, "--set") for text in changes or ()]
@@ -156,15 +136,9 @@ def _checked(file: Path) -> "Proof":
         raise StorageError(f"{file} is no certificate of a proof ({error!r})") from error
 
 
-def _report(proof: "Proof", file: Path, *, json: bool) -> int:
-    from gaitopt.cli.console import print_json, results
-
-    record = {**proof.to_record(), "certificate": str(file)}
-    if json:
-        print_json(record)
-    else:
-        _print(results(), record)
-    return 0 if proof.proved else NOT_PROVED
+def _report(proof: "Proof", file: Path, terminal: Terminal) -> int:
+    terminal.show({**proof.to_record(), "certificate": str(file)}, _print, "certificate")
+    return 0 if proof.proved else NOT_A_GAIT
 
 
 def _print(console: "Console", record: dict[str, Any]) -> None:
@@ -183,4 +157,3 @@ def _print(console: "Console", record: dict[str, Any]) -> None:
     section(console, "bounds", ("quantity", "from", "to"), rows, numbers=(1, 2))
     parts = ((str(k + 1), *m["re"], *m["im"]) for k, m in enumerate(record["multipliers"]))
     section(console, "multipliers", ("", "re from", "to", "im from", "to"), parts, numbers=(1, 2, 3, 4))
-    console.print(f"certificate: {record['certificate']}", soft_wrap=True)

@@ -5,9 +5,11 @@ from typing import Annotated
 
 import typer
 
-from gaitopt.cli.options import DebugOption, QuietOption, SetOption
-from gaitopt.cli.plot import RunArguments
-from gaitopt.cli.solve import NOT_A_GAIT
+from gaitopt.cli.branches import holds_branch, holds_walk, stored_branch
+from gaitopt.cli.endings import NOT_A_GAIT
+from gaitopt.cli.options import RunArguments, SetOption
+from gaitopt.cli.runs import gaits_of
+from gaitopt.cli.terminal import Terminal
 
 REPORT = "report.html"
 COMPARISON = "comparison.html"
@@ -18,23 +20,14 @@ FileOption = Annotated[
 ]
 
 
-def report(
-    runs: RunArguments,
-    changes: SetOption = None,
-    output: FileOption = None,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
-) -> int:
+def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, output: FileOption = None) -> int:
     """Write a page about a gait, a walk or a branch, or about several gaits side by side.
 
     The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
     otherwise.
     """
-    from gaitopt.cli.branches import holds_branch, holds_walk, stored_branch
-    from gaitopt.cli.console import narration, results
-    from gaitopt.cli.gaits import stored_gaits
     from gaitopt.pages import branch_report, comparison_report, walk_report
-    from gaitopt.runs.restore_walk import restore_walk
+    from gaitopt.runs.restore import restore_walk
     from gaitopt.store import adding, check_writable, write_whole
 
     if output is not None and (not output.name or output.is_dir()):
@@ -46,7 +39,7 @@ def report(
     elif len(runs) == 1 and holds_walk(runs[0]):
         page, folder = walk_report(restore_walk(Path(runs[0]))), Path(runs[0])
     else:
-        gaits, folders = stored_gaits(runs, changes, narration(quiet=quiet))
+        gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
         page, folder = comparison_report(gaits), folders[0]
@@ -54,5 +47,5 @@ def report(
     with adding(folder, path.parent) as written:
         write_whole(path, page)
         written.append(path)
-    results().print(str(path), soft_wrap=True)
+    terminal.print_paths([path])
     return 0

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gaitopt.cli.options import DebugOption, QuietOption
+from gaitopt.cli.terminal import Terminal
 
 PaperArgument = Annotated[str, typer.Argument(metavar="PAPER", help="gamus-or-2013.")]
 OnlyOption = Annotated[
@@ -17,29 +17,19 @@ FolderOption = Annotated[
 ]
 
 
-def reproduce(
-    paper: PaperArgument,
-    only: OnlyOption = None,
-    output: FolderOption = None,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
-) -> int:
+def reproduce(terminal: Terminal, paper: PaperArgument, only: OnlyOption = None, output: FolderOption = None) -> int:
     """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
 
-    Gaits and families are taken from the run folders in results/, or computed and kept there.
+    Gaits and families are taken from the run folders in results/, or computed, on all cores, and kept there.
     """
-    from gaitopt.cli.console import narration, results
-    from gaitopt.cli.signals import interruptible
-    from gaitopt.library.progress import job_progress
     from gaitopt.paper import Archive, check_names
     from gaitopt.paper import reproduce as write
     from gaitopt.store.run import RESULTS
+    from gaitopt.workers.jobs import Workers
 
     check_names(paper, only or ())
-    console = narration(quiet=quiet)
-    with interruptible() as interrupted, job_progress(console, "parts") as progress:
-        archive = Archive(narrate=lambda words: console.print(words, soft_wrap=True), should_stop=interrupted)
-        written = write(archive, output or RESULTS / paper, only or (), progress)
-    for path in written:
-        results().print(str(path), soft_wrap=True)
+    with terminal.working("parts") as (progress, interrupted):
+        archive = Archive(narrate=terminal.say, should_stop=interrupted)
+        written = write(archive, output or RESULTS / paper, only or (), progress, Workers())
+    terminal.print_paths(written)
     return 0

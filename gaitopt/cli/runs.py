@@ -5,11 +5,14 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from gaitopt.cli.options import overrides
+from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
+from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.values import overrides
 from gaitopt.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from collections.abc import Mapping, Sequence
+    from typing import Any
 
     from gaitopt.gait import Gait
     from gaitopt.problem import Problem
@@ -17,15 +20,15 @@ if TYPE_CHECKING:
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
-def load(problem: str, changes: list[str] | None, console: "Console | None" = None) -> "Problem":
+def load(problem: str, changes: list[str] | None, terminal: Terminal | None = None) -> "Problem":
     """The problem of a name or a file, with the ``--set`` options applied; what is unusual about it is remarked."""
     from gaitopt.problem import load_problem
 
     stated = load_problem(problem)
     changed = stated.replace(overrides(changes), label="--set ") if changes else stated
-    if console is not None:
+    if terminal is not None:
         for remark in changed.remarks:
-            console.print(f"warning: {remark}", soft_wrap=True)
+            terminal.say(f"warning: {remark}")
     return changed
 
 
@@ -53,32 +56,96 @@ def is_folder(run: str) -> bool:
 
 
 def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
-    """The gait in a run folder, and the folder.
-
-    Raises
-    ------
-    typer.BadParameter
-        If ``--set`` is given as well: a run is what it is.
-    """
+    """The gait in a run folder, and the folder; with ``--set`` that is an error, as a run is what it is."""
     from gaitopt.runs.restore import restore_gait
-    from gaitopt.store import read_run
+    from gaitopt.runs.within import refuse_other_results
+    from gaitopt.store import GAIT_FILE
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {run} is a finished run; give its problem instead")
-    return restore_gait(read_run(Path(run))), Path(run)
+    folder = Path(run)
+    if not (folder / GAIT_FILE).is_file():
+        refuse_other_results(folder)
+    return restore_gait(folder), folder
 
 
-def gait_of(run: str, changes: list[str] | None, output: Path | None, console: "Console") -> "tuple[Gait, Path, bool]":
+def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> "tuple[Gait, Path, bool]":
     """A gait, its run folder, and whether it was solved just now (and is verified, but not stored)."""
-    from gaitopt.cli.solve import solve_verified
     from gaitopt.store import check_folder, is_complete, run_folder
 
     if is_folder(run):
         return (*stored_gait(run, changes), False)
-    problem = load(run, changes, console)
+    problem = load(run, changes, terminal)
     folder = output or run_folder(problem)
     check_folder(folder, problem)
     if is_complete(folder):
-        console.print(f"taken from {folder}", soft_wrap=True)
+        terminal.say(f"taken from {folder}")
         return (*stored_gait(str(folder), None), False)
-    return solve_verified(problem, console), folder, True
+    return solve_verified(problem, terminal), folder, True
+
+
+def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal) -> "tuple[list[Gait], list[Path]]":
+    """Gaits and their run folders; what was solved just now is stored, and a failed attempt is reported."""
+    from gaitopt.library.stored import save
+
+    gaits, folders = list["Gait"](), list[Path]()
+    for run in runs:
+        gait, folder, fresh = gait_of(run, changes, None, terminal)
+        if not gait.converged:
+            report(gait, None, terminal)
+        elif fresh:
+            save(gait, folder)
+        gaits.append(gait)
+        folders.append(folder)
+    return gaits, folders
+
+
+def solve_verified(problem: "Problem", terminal: Terminal) -> "Gait":
+    """The gait of a problem with its verification, or the failed attempt."""
+    from gaitopt.search import own
+
+    with terminal.solving(problem.name) as (progress, interrupted):
+        gait = own.solve_as_own(problem, progress=progress, should_stop=interrupted)
+    return verified(gait, terminal)
+
+
+def verified(gait: "Gait", terminal: Terminal) -> "Gait":
+    """A gait with its verification; a failed attempt as it is."""
+    from gaitopt import study
+
+    if not gait.converged:
+        return gait
+    if gait.message != "solved":
+        terminal.say(gait.message)
+    terminal.say("verifying by forward simulation")
+    return gait.verified(study.verify(gait).to_record())
+
+
+def report(
+    gait: "Gait",
+    folder: Path | None,
+    terminal: Terminal,
+    *,
+    store: bool = False,
+    about: "Mapping[str, Any] | None" = None,
+) -> int:
+    """Print a gait (and what else is known about it) or its failure, store it if ``store``; returns the exit code."""
+    from gaitopt.library.print_gait import print_gait
+    from gaitopt.library.stored import save
+
+    def print_attempt(console: "Any", record: "Mapping[str, Any]") -> None:
+        if gait.converged:
+            print_gait(console, record)
+            return
+        console.print(f"{gait.problem.name}: {gait.status}: {gait.message}")
+        console.print(f"`gaitopt explain {gait.problem.name}` says more")
+
+    record = {**gait.to_record(), "run": None if folder is None else str(folder), **(about or {})}
+    try:
+        if store and folder is not None:
+            save(gait, folder)
+    finally:  # what was computed is printed even where it cannot be kept
+        terminal.show(record, print_attempt, *(["run"] if gait.converged and folder is not None else []))
+    if not gait.converged:
+        return NOT_A_GAIT
+    return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED

@@ -59,7 +59,7 @@ def listening() -> Iterator[Ending]:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Remember a Ctrl-C, and give the question whether there was one.
+    """Remember a Ctrl-C, give a function that says whether there was one, and end the block with it.
 
     CasADi swallows the KeyboardInterrupt and returns as if nothing had happened, or turns it into an error of its own,
     so a flag is kept beside it.
@@ -81,3 +81,5 @@ def interruptible() -> Iterator[Callable[[], bool]]:
         raise
     finally:
         signal.signal(signal.SIGINT, before)
+    if pressed.is_set():
+        raise KeyboardInterrupt

@@ -15,17 +15,16 @@ from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey, MonitorValue
-from gaitopt.families.repetition import halved_cycle
 from gaitopt.families.segment import Point, Segment, segment_through
-from gaitopt.families.successors import successors
-from gaitopt.mechanics import MARGINS, Cycle, HybridSystem, ModeSequence
-from gaitopt.nlp.rollout import after_impact, roll_out
+from gaitopt.families.successors import halved_cycle, successors
+from gaitopt.mechanics import MARGINS, Cycle, Dynamics, HybridSystem, ModeSequence
+from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.verify import confirm
 
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
-"""Distances past the event at which a successor is looked for, in scales of the parameter."""
+"""Distances past the event at which a successor is tried, in scales of the parameter."""
 FIRST_STEPS = 5.0
 """First step on a new branch, in distances from the event: its new phase is short and changes fast."""
 ACTIVE = 1e-5
@@ -43,7 +42,7 @@ NEARBY = 0.3
 class Change:
     """The successor of a mode sequence, or why there is none.
 
-    ``length`` is a first arclength step on it; ``at`` is the gait at the event where the successor knows it better.
+    ``length`` is a first arclength step on it; ``at`` is the gait at the event as located on the successor.
     """
 
     segment: Segment | None
@@ -62,13 +61,14 @@ def find_change(segment: Segment, event: Location) -> Change:
     for side in (ahead, -ahead):
         for cycle in candidates:
             for distance in DISTANCES:
-                found = _attempt(segment, event.point, cycle, side * distance * segment.metric.span)
-                if found is not None and _is_continuous(segment, event.point, *found, side * distance):
+                offset = side * distance * segment.metric.span
+                successor = _attempt(segment, event.point, cycle, offset)
+                if successor is not None and _is_continuous(segment, event.point, *successor, offset):
                     vanished = len(cycle.phases) < len(segment.cycle.phases)
-                    at = _seen_from_behind(*found, event) if vanished else None
+                    at = _seen_from_behind(*successor, event) if vanished else None
                     length = FIRST_STEPS * distance
-                    return Change(segment=found[0], point=found[1], reason=words, length=length, at=at)
-    if segment.transcription.system.friction_drops(event.point.gait.p) and candidates:
+                    return Change(segment=successor[0], point=successor[1], reason=words, length=length, at=at)
+    if event.point.gait.dynamics.friction_drops and candidates:
         words = f"{words}, and the return map jumps: static friction is above kinetic friction"
     tried = " or ".join(map(str, candidates)) or "none"
     return Change(segment=None, point=None, reason=f"{words}; no mode sequence goes on from here (tried {tried})")
@@ -85,9 +85,9 @@ def alternatives(segment: Segment, point: Point, known: Sequence[Cycle]) -> Iter
     for cycle in candidates:
         offsets = (side * distance * segment.metric.span for distance in DISTANCES for side in (1.0, -1.0))
         attempts = (_attempt(segment, point, cycle, offset) for offset in offsets)
-        found = next((attempt for attempt in attempts if attempt is not None), None)
-        if found is not None and halved_cycle(found[1].gait) is None:
-            yield found
+        successor = next((attempt for attempt in attempts if attempt is not None), None)
+        if successor is not None and halved_cycle(successor[1].gait) is None:
+            yield successor
 
 
 def in_turn(first: Cycle, second: Cycle) -> Cycle:
@@ -97,19 +97,19 @@ def in_turn(first: Cycle, second: Cycle) -> Cycle:
     return Cycle((*before, joint, *after, ModeSequence(last_of_second.phases, last_of_first.impact)))
 
 
-def _is_continuous(segment: Segment, point: Point, successor: Segment, found: Point, offset: float) -> bool:
+def _is_continuous(segment: Segment, point: Point, successor: Segment, far: Point, offset: float) -> bool:
     """Whether a successor comes closer to the gait at the event as the parameter does.
 
     Where friction drops at the onset of slip, the return map may jump at an event; a gait beyond the jump is none of
     this family, however near it lies.
     """
-    if not point.gait.system.friction_drops(point.gait.p):
+    if not point.gait.dynamics.friction_drops:
         return True
-    closer = _attempt(segment, point, successor.cycle, offset * CLOSER * segment.metric.span)
+    closer = _attempt(segment, point, successor.cycle, offset * CLOSER)
     if closer is None:
         return False
-    near, far = (segment.metric.apart(s.gait.state, point.gait.state) for s in (closer[1], found))
-    return bool(near < max(APPROACH * far, SAME))
+    distances = [segment.metric.apart(other.gait.state, point.gait.state) for other in (closer[1], far)]
+    return bool(distances[0] < max(APPROACH * distances[1], SAME))
 
 
 def _active(point: Point, located: MonitorKey | None = None) -> list[tuple[MonitorKey, MonitorValue]]:
@@ -124,23 +124,22 @@ def _active(point: Point, located: MonitorKey | None = None) -> list[tuple[Monit
 def _attempt(segment: Segment, point: Point, cycle: Cycle, offset: float) -> tuple[Segment, Point] | None:
     """The successor at a distance past the event, if it holds there."""
     value = point.value + offset
-    p = segment.p.copy()
-    p[point.gait.system.parameters.index(segment.parameter)] = value
-    states = _start_states(segment, point, cycle, offset, p)
+    dynamics = Dynamics(point.gait.system, segment.p).at({segment.parameter: value})
+    states = _start_states(segment, point, cycle, offset, dynamics)
     try:
         problem = with_cycle(segment.problem, point.gait.system, cycle, states[0])
     except ProblemError:  # the state contradicts the impact
         return None
-    system, period = point.gait.system, float(point.curve_point.at.w[-1 - segment.transcription.n_phases : -1].sum())
-    rolled = roll_out(system, p, cycle, states, longest=(1 + NEARBY) * period)
+    period = float(point.curve_point.at.w[-1 - segment.transcription.n_phases : -1].sum())
+    rolled = roll_out(dynamics, cycle, states, longest=(1 + NEARBY) * period)
     period *= len(cycle.steps) / len(segment.cycle.steps)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
-    successor, w = segment_through(problem, system, segment.parameter, segment.metric, rolled, p)
-    found = successor.start(w, _forward(point, states[0], offset, w.size))
-    if found is None or not _holds(successor, found, point):
+    successor, w = segment_through(problem, dynamics, segment.parameter, segment.metric, rolled)
+    first = successor.start(w, _forward(point, states[0], offset, w.size))
+    if first is None or successor.metric.apart(first.gait.state, point.gait.state) >= NEARBY or not holds(first):
         return None
-    return successor, found
+    return successor, first
 
 
 def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point | None:
@@ -155,33 +154,33 @@ def _seen_from_behind(segment: Segment, point: Point, event: Location) -> Point 
     if behind is None:
         return None
     lost = [name for name in behind.monitors if behind.monitor(name) <= 0 < point.monitor(name)]
-    found = [locate(segment, point, behind, length, partial(Point.monitor, name=name), name) for name in lost]
-    nearest = min(found, key=lambda location: abs(location.length), default=None)
+    zeros = [locate(segment, point, behind, length, partial(Point.monitor, name=name), name) for name in lost]
+    nearest = min(zeros, key=lambda location: abs(location.length), default=None)
     return nearest.point if nearest is not None and nearest.status == "converged" else None
 
 
 def with_cycle(problem: Problem, system: HybridSystem, cycle: Cycle, state: Array) -> Problem:
-    """A problem with other modes, and the state after impact from which it is looked for as its guess."""
+    """A problem with other modes, and a state after impact as its guess."""
     names = system.walker.section_names(slipping=cycle.impact.slips)
     guess = {f"gait.guess.state.{name}": float(state[system.state_names.index(name)]) for name in names}
     return problem.replace({**{f"gait.{key}": value for key, value in cycle_data(cycle).items()}, **guess})
 
 
-def _start_states(segment: Segment, point: Point, cycle: Cycle, offset: float, p: Array) -> Array:
+def _start_states(segment: Segment, point: Point, cycle: Cycle, offset: float, dynamics: Dynamics) -> Array:
     """States after the impacts before the steps of the successor, (k, n_z): along the old branch, through new impacts.
 
     Of a cycle with another number of steps it is the first one alone.
     """
-    system, slope = point.gait.system, point.curve_point.tangent[-1]
+    slope = point.curve_point.tangent[-1]
     w = point.curve_point.at.w + point.curve_point.tangent * (offset / slope if slope else 0.0)
-    nodes, ends = segment.transcription.unpack(w)[0], segment.transcription.layout.impact_nodes
+    nodes, ends = segment.transcription.unpack(w).nodes, segment.transcription.layout.impact_nodes
     count = len(cycle.steps) if len(cycle.steps) == len(segment.cycle.steps) else 1
     states = []
     for step in range(count):
         impact = cycle.impacts[step - 1]
         state = nodes[:, (ends[step - 1] + 1) % nodes.shape[1]]
         if impact is not segment.cycle.impacts[step - 1]:
-            state = after_impact(system, p, impact, nodes[:, ends[step - 1]])
+            state = dynamics.after_impact(impact, nodes[:, ends[step - 1]])
             if impact.sticks:
                 state[-1] = 0.0
         states.append(state)
@@ -194,11 +193,6 @@ def _forward(point: Point, state: Array, offset: float, n_w: int) -> Array:
     forward[: state.size] = state - point.gait.state
     forward[-1] = offset
     return forward
-
-
-def _holds(successor: Segment, found: Point, point: Point) -> bool:
-    """The gait is next to the one at the event, all its monitors hold, and the simulator walks it."""
-    return successor.metric.apart(found.gait.state, point.gait.state) < NEARBY and holds(found)
 
 
 def holds(point: Point) -> bool:

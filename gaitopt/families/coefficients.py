@@ -9,7 +9,7 @@ import numpy as np
 
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Gait
-from gaitopt.mechanics import CoulombFriction, Friction, HybridSystem, StaticKineticFriction
+from gaitopt.mechanics import CoulombFriction, Dynamics, Friction, HybridSystem, StaticKineticFriction
 from gaitopt.problem import FrictionCoefficients
 
 
@@ -25,7 +25,7 @@ def with_friction(gait: Gait, parameter: str) -> Gait:
         return gait
     friction = gait.problem.friction
     if isinstance(friction, float):
-        value = float(gait.system.static_friction(gait.p))
+        value = gait.dynamics.static_friction
         if parameter not in StaticKineticFriction().parameters:
             return gait
         return _restated(gait, FrictionCoefficients(static=value, kinetic=value), StaticKineticFriction())
@@ -39,7 +39,7 @@ def with_friction(gait: Gait, parameter: str) -> Gait:
 
 def coefficient_bounds(gait: Gait, parameter: str) -> tuple[float, float]:
     """Range of a parameter that the other coefficient of friction leaves, static being at least kinetic."""
-    known = dict(zip(gait.system.parameters, map(float, gait.p), strict=True))
+    known = gait.dynamics.parameters
     if parameter == "friction.static":
         return known["friction.kinetic"], np.inf
     return -np.inf, known["friction.static"] if parameter == "friction.kinetic" else np.inf
@@ -48,5 +48,5 @@ def coefficient_bounds(gait: Gait, parameter: str) -> tuple[float, float]:
 def _restated(gait: Gait, coefficients: float | FrictionCoefficients, law: Friction) -> Gait:
     problem = replace(gait.problem, friction=coefficients)
     system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, law)
-    known = dict(zip(gait.system.parameters, map(float, gait.p), strict=True))
-    return replace(gait, problem=problem, system=system, p=system.values({**problem.parameters, **known}))
+    p = system.values({**problem.parameters, **gait.dynamics.parameters})
+    return replace(gait, problem=problem, dynamics=Dynamics(system, p))

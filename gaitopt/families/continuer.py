@@ -5,21 +5,21 @@ say what it is, and where the mode sequence ends there, go on with one that the 
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.families.bifurcations import TestFunction, bifurcations_between, is_bifurcation
 from gaitopt.families.change import Change, find_change
-from gaitopt.families.limits import Limits
 from gaitopt.families.locate import Location
-from gaitopt.families.position import Position
-from gaitopt.families.repetition import halved_cycle
+from gaitopt.families.position import FIRST_LENGTH, Position
 from gaitopt.families.rescue import rescue
-from gaitopt.families.segment import Point, Segment
+from gaitopt.families.segment import Point
+from gaitopt.families.successors import halved_cycle
 from gaitopt.families.vanishing import FADING, REASON, VANISHED, stride, vanishing_value
 from gaitopt.gait import TERMINAL, BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import MARGINS
@@ -28,11 +28,9 @@ from gaitopt.study.verify import confirm
 
 Record = BranchPoint | SpecialPoint
 
-FIRST_LENGTH = 0.005
-"""Arclength of the first step; the range of the parameter has length one."""
 ASIDE = 1e-3
-"""Arclength from a branch point at which tangents are taken: rounding does not reach so far, and curvature hardly
-counts there."""
+"""Arclength from a branch point at which tangents are taken: far enough for rounding, near
+enough for curvature to be negligible."""
 HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
 
 
@@ -41,29 +39,13 @@ class Continuer:
 
     Parameters
     ----------
-    segment, point : the branch to start on, and its first gait.
-    limits : where to stop.
-    number, index, length : of the first point, and ``count`` the points before it; others than zero when a branch is
-        taken up again.
+    position : where to start; ``count`` are the points before it, others than zero when a branch is taken up again.
     numbers : of the branches to come.
     should_stop : polled before every point; the walk then ends without a special point.
     """
 
-    def __init__(
-        self,
-        segment: Segment,
-        point: Point,
-        limits: Limits,
-        *,
-        numbers: Iterator[int],
-        number: int = 0,
-        index: int = 0,
-        length: float = FIRST_LENGTH,
-        count: int = 0,
-        should_stop: Callable[[], bool] | None = None,
-    ) -> None:
-        self._state = Position(segment, point, number, index, min(length, limits.largest_length), limits)
-        self._limits, self._numbers, self._should_stop = limits, numbers, should_stop
+    def __init__(self, position: Position, numbers: Iterator[int], *, count: int = 0, should_stop: Stop = None) -> None:
+        self._state, self._limits, self._numbers, self._should_stop = position, position.limits, numbers, should_stop
         self._count, self._began = count, time.monotonic()
 
     def records(self, *, with_first: bool = True) -> Iterator[Record]:
@@ -72,9 +54,10 @@ class Continuer:
             yield from self._emit()
         ended = False
         while not ended and not (self._should_stop is not None and self._should_stop()):
-            reason = self._bound_reached() or self._limit_reached()
+            reached = self._limits.reached(self._state.point.value) if self._state.index else None
+            reason = reached or self._limits.exhausted(self._count, time.monotonic() - self._began)
             if reason is not None:
-                yield self._special("end", self._state.point, reason=reason)
+                yield replace(self._special("end", self._state.point, reason=reason), bound=reached is not None)
                 return
             for record in self._advance():
                 yield record
@@ -93,13 +76,13 @@ class Continuer:
                 reason = "neither Newton's method nor IPOPT finds a gait further on"
                 yield self._special("end", state.point, "guess", reason)
                 return
-            self._state = Position(*rescued, state.number, state.index + 1, FIRST_LENGTH, self._limits)
+            self._state = Position(*rescued, state.number, self._limits, index=state.index + 1)
             yield from self._emit()
             return
         length, point, event = following
         if event is not None:
             point, length = event.point, event.length
-        bound = self._bound_crossed(point)
+        bound = self._limits.crossed(state.point.value, point.value)
         if bound is not None:
             reached = state.segment.at_parameter(state.point, bound)
             point, event = (point if reached is None else reached), None
@@ -120,21 +103,20 @@ class Continuer:
             (self._state.locate(partial(Point.test, name=name), length, point), kind, name)
             for kind, name in kinds.items()
         ]
-        for name, function in self._limits.events.items():
+        events = self._limits.request.events
+        for name, function in events.items():
             if function(self._state.point.gait) * function(point.gait) < 0:
                 watched = partial(_value, function)
                 located.append((self._state.locate(watched, length, point), name, ""))
         for location, kind, name in sorted(located, key=lambda entry: entry[0].length):
             gait = location.point.gait
-            if kind in self._limits.events:
-                special = self._special(kind, location.point, location.status)
-                yield replace(special, gait=gait.verified(confirm(gait).to_record()))
-            elif is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED:
-                special = self._special(kind, location.point, location.status)
-                special = replace(special, gait=gait.verified(confirm(gait).to_record()))
-                if kind == "branch_point":
-                    special = replace(special, tangent=self._tangent_through(location))
-                yield self._halved(special) if name == "slope" else special
+            if kind not in events and not (is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED):
+                continue
+            special = self._special(kind, location.point, location.status)
+            special = replace(special, gait=gait.verified(confirm(gait).to_record()))
+            if kind == "branch_point":
+                special = replace(special, tangent=self._tangent_through(location))
+            yield self._halved(special) if name == "slope" else special
 
     def _tangent_through(self, location: Location) -> Array | None:
         """Tangent at a branch point, where that of its gait is undetermined: the mean of those on both sides."""
@@ -154,12 +136,6 @@ class Continuer:
         if half is None:
             return special
         return replace(special, type="end", reason=HALVED, before=special.gait.problem.cycle, after=half)
-
-    def _bound_crossed(self, point: Point) -> float | None:
-        lower, upper = self._limits.lower, self._limits.upper
-        if point.value >= upper > self._state.point.value:
-            return upper
-        return lower if point.value <= lower < self._state.point.value else None
 
     def _change(self, event: Location) -> Iterator[Record]:
         """The end of a mode sequence: a special point, and the branch that goes on from it if there is one."""
@@ -181,7 +157,7 @@ class Continuer:
         number = next(self._numbers)
         yield self._joint(event, change, number)
         length = min(FIRST_LENGTH, change.length)
-        self._state = Position(change.segment, change.point, number, 0, length, self._limits)
+        self._state = Position(change.segment, change.point, number, self._limits, length=length)
         yield from self._emit()
 
     def _joint(self, event: Location, change: Change, number: int) -> SpecialPoint:
@@ -203,7 +179,7 @@ class Continuer:
     def _emit(self) -> Iterator[Record]:
         """The present point; confirmed by the simulator when it is its turn."""
         state, gait = self._state, self._state.point.gait
-        every = self._limits.verify_every
+        every = self._limits.request.verify_every
         if every and self._count % every == 0:
             check = confirm(gait)
             gait = gait.verified(check.to_record())
@@ -234,7 +210,7 @@ class Continuer:
             if event is not None:
                 vanished = stride(event.point.gait) < VANISHED
                 return self._special("vanishing", event.point, event.status, REASON) if vanished else end
-            if self._bound_crossed(point) is not None:
+            if self._limits.crossed(state.point.value, point.value) is not None:
                 return end
             before, last = last, point
             self._move(point)
@@ -252,22 +228,6 @@ class Continuer:
             gait=point.gait,
             tangent=self._state.segment.curve.entries(point.curve_point.tangent),
         )
-
-    def _bound_reached(self) -> str | None:
-        """Why the walk ends here, if its last point lies at a bound; also where it was cut short just then."""
-        state, lower, upper = self._state, self._limits.lower, self._limits.upper
-        if state.index == 0 or lower < state.point.value < upper:
-            return None
-        bound = lower if state.point.value <= lower else upper
-        return f"reached {state.segment.parameter} = {bound:.12g}"
-
-    def _limit_reached(self) -> str | None:
-        if self._count >= self._limits.max_points:
-            return f"{self._limits.max_points} points, as many as were allowed"
-        elapsed = time.monotonic() - self._began
-        if self._limits.max_seconds is not None and elapsed > self._limits.max_seconds:
-            return f"out of time after {elapsed:.0f} s"
-        return None
 
 
 def _value(function: TestFunction, point: Point) -> float:

@@ -1,9 +1,8 @@
-"""Where the walk along a family stops, and what it looks for on the way."""
+"""Where a walk along a family stops."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from gaitopt.families.bifurcations import TestFunction
+from gaitopt.families.request import Request
 
 LARGEST_LENGTH = 0.025
 """Arclength is scaled so that the range of the parameter has length one: at least forty points for it."""
@@ -11,24 +10,28 @@ LARGEST_LENGTH = 0.025
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Where to stop, and what to look for.
+    """A request, and the range of the parameter in which one of its walks stays."""
 
-    Attributes
-    ----------
-    lower, upper : range of the parameter.
-    events : functions of a gait whose zeros are special points of that name.
-    max_points : number of points of all branches together.
-    max_seconds : wall time, None without a limit.
-    verify_every : every so many points, and every special point, is confirmed by the simulator; 0 for never.
-    follow : how many times in turn the other branches of special points are still followed, see ``Request``.
-    largest_length : longest arclength step; the range of the parameter has length one.
-    """
-
+    request: Request
     lower: float
     upper: float
-    events: Mapping[str, TestFunction] = field(default_factory=dict)
-    max_points: int = 2000
-    max_seconds: float | None = None
-    verify_every: int = 10
-    follow: Mapping[str, int] = field(default_factory=dict)
-    largest_length: float = LARGEST_LENGTH
+
+    def crossed(self, before: float, after: float) -> float | None:
+        """The bound that a step of the parameter reaches or passes."""
+        if after >= self.upper > before:
+            return self.upper
+        return self.lower if after <= self.lower < before else None
+
+    def reached(self, value: float) -> str | None:
+        """Why a walk ends at a value, if that is a bound."""
+        if self.lower < value < self.upper:
+            return None
+        return f"reached {self.request.parameter} = {self.lower if value <= self.lower else self.upper:.12g}"
+
+    def exhausted(self, points: int, seconds: float) -> str | None:
+        """Why a walk of so many points ends after so long, if it does."""
+        if points >= self.request.max_points:
+            return f"{self.request.max_points} points, as many as were allowed"
+        if self.request.max_seconds is not None and seconds > self.request.max_seconds:
+            return f"out of time after {seconds:.0f} s"
+        return None

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from scipy.optimize import brentq
-
 from gaitopt.families.monitors import MonitorKey
 from gaitopt.families.segment import Point, Segment
+from gaitopt.iteration import bracketed_root
 
 LENGTH_TOLERANCE = 1e-13
 """In arclength; the parameter is then right to more than ten digits of its range."""
@@ -54,7 +53,7 @@ def locate(
         return watched(seen[at])
 
     try:
-        root = float(brentq(value, 0.0, length, xtol=LENGTH_TOLERANCE, rtol=1e-14))
+        root = bracketed_root(value, 0.0, length, LENGTH_TOLERANCE)
     except _LostError:
         return Location(length=length, point=after, status="guess", name=name)
     value(root)

@@ -7,11 +7,13 @@ from functools import partial
 import numpy as np
 
 from gaitopt.errors import ProblemError
-from gaitopt.families.limits import Limits
+from gaitopt.families.limits import LARGEST_LENGTH, Limits
 from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey
 from gaitopt.families.segment import Point, Segment
 
+FIRST_LENGTH = 0.005
+"""Arclength of the first step; the range of the parameter has length one."""
 SMALLEST_LENGTH = 1e-9
 FEW_ITERATIONS, MANY_ITERATIONS = 5, 8
 """Newton iterations at which a step length grows, and shrinks."""
@@ -29,17 +31,18 @@ class Position:
     Attributes
     ----------
     segment, point : the branch, and the gait on it.
-    number, index : of the branch, and of the gait on it.
+    number : of the branch.
+    limits : of the parameter.
+    index : of the gait on its branch.
     length : arclength of the next step.
-    limits : of the parameter and of the step.
     """
 
     segment: Segment
     point: Point
     number: int
-    index: int
-    length: float
     limits: Limits
+    index: int = 0
+    length: float = FIRST_LENGTH
 
     def next(self) -> tuple[float, Point, Location | None] | None:
         """The next gait, its arclength and the first event on the way.
@@ -95,7 +98,7 @@ class Position:
         if point.curve_point.iterations > MANY_ITERATIONS:
             return length / 2
         growth = GROWTH if point.curve_point.iterations <= FEW_ITERATIONS else 1.0
-        return min(growth * length, self.limits.largest_length)
+        return min(growth * length, LARGEST_LENGTH)
 
     def _first_event(self, point: Point, length: float) -> Location | None:
         """The first place on the step at which a monitor falls to zero."""

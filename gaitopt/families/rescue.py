@@ -9,7 +9,7 @@ from gaitopt.nlp import solve_gait
 from gaitopt.nlp.rollout import roll_out
 
 DISTANCES = (1e-4, 1e-3, 1e-2)
-"""Distances from the last point at which a gait is looked for, in scales of the parameter."""
+"""Distances from the last point at which IPOPT is tried, in scales of the parameter."""
 
 
 def rescue(segment: Segment, point: Point) -> tuple[Segment, Point] | None:
@@ -25,8 +25,8 @@ def rescue(segment: Segment, point: Point) -> tuple[Segment, Point] | None:
         if not gait.steps or segment.metric.apart(gait.state, point.gait.state) > NEARBY:
             continue
         durations = [duration for _, duration in gait.phases]
-        rolled = roll_out(system, gait.p, segment.cycle, gait.state, durations)
-        further, w = segment_through(segment.problem, system, segment.parameter, segment.metric, rolled, gait.p)
+        rolled = roll_out(gait.dynamics, segment.cycle, gait.state, durations)
+        further, w = segment_through(segment.problem, gait.dynamics, segment.parameter, segment.metric, rolled)
         forward = np.zeros(w.size)
         forward[-1] = ahead
         rescued = further.start(w, forward)

@@ -11,14 +11,15 @@ from gaitopt.arrays import Array
 from gaitopt.families.bifurcations import test_functions
 from gaitopt.families.monitors import MonitorKey, MonitorValue, monitor_values
 from gaitopt.gait import Gait
-from gaitopt.mechanics import Cycle, HybridSystem
+from gaitopt.mechanics import Cycle, Dynamics
 from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.newton import Linearisation, linearise
 from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
-from gaitopt.nlp.transcription import Transcription, transcribe
+from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
 
@@ -39,10 +40,10 @@ class Metric:
     span: float
 
     @staticmethod
-    def of(gait: Gait, period: float, span: float) -> "Metric":
+    def of(gait: Gait, span: float) -> "Metric":
         """The metric of the family that begins with ``gait``."""
-        unit = gait.system.state_scales(gait.system.scales(gait.p))
-        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=period, span=span)
+        unit = gait.dynamics.state_units
+        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=gait.period, span=span)
 
     def scales(self, section: NDArray[np.intp], n_phases: int) -> Array:
         """Of section coordinates, durations and parameter; shape (n_xi + n_phases + 1,)."""
@@ -55,7 +56,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a segment with its gait; what is watched is computed when it is asked for.
+    """A point of a segment with its gait; monitors and test functions are computed on first use.
 
     Attributes
     ----------
@@ -156,7 +157,7 @@ class Segment:
 
     def in_order(self, point: Point) -> bool:
         """Whether no switch has passed a breakpoint of the control; a phase that has vanished is another matter."""
-        durations = self.transcription.unpack(point.curve_point.at.w)[1]
+        durations = self.transcription.unpack(point.curve_point.at.w).durations
         breakpoints = self.transcription.system.control.breakpoints
         return bool(durations.min() <= 0) or self.transcription.layout.in_order(durations, breakpoints)
 
@@ -164,9 +165,9 @@ class Segment:
         """The same branch with arcs in the order that a point's durations ask for; no mode has changed."""
         old = self.transcription
         nodes, durations, freed = old.unpack(point.curve_point.at.w)
-        p = old.full_parameters(self.p, freed)
-        rolled = roll_out(old.system, p, self.cycle, nodes[:, 0], durations)
-        segment, w = segment_through(self.problem, old.system, self.parameter, self.metric, rolled, p)
+        dynamics = old.dynamics(self.p, freed)
+        rolled = roll_out(dynamics, self.cycle, nodes[:, 0], durations)
+        segment, w = segment_through(self.problem, dynamics, self.parameter, self.metric, rolled)
         first = segment.start(w, resized(point.curve_point.tangent, old, segment.transcription))
         return None if first is None or not segment.in_order(first) else (segment, first)
 
@@ -180,7 +181,7 @@ class Segment:
         self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
 
     def assembled(self, w: Array) -> Gait:
-        """The gait at ``w`` as it is, without Newton's method, which fails at a branch point."""
+        """The gait at ``w`` without Newton's method, which fails at a branch point."""
         return self._gait(linearise(self.transcription, w, self.p), 0)
 
     def _point(self, curve_point: CurvePoint) -> Point:
@@ -199,20 +200,19 @@ class Segment:
 
 def segment_through(
     problem: Problem,
-    system: HybridSystem,
+    dynamics: Dynamics,
     parameter: str,
     metric: Metric,
     rolled: Rollout,
-    p: Array,
     intervals: Sequence[int] = (),
 ) -> tuple[Segment, Array]:
-    """A branch through a rolled out motion at parameters ``p``, and the unknowns w of that motion."""
+    """A branch through a rolled out motion of ``dynamics``, and the unknowns w of that motion."""
     durations = np.array(rolled.durations)
-    plan = layout(problem.cycle, durations, system.control.breakpoints)
+    plan = layout(problem.cycle, durations, dynamics.system.control.breakpoints)
     plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
-    transcription = transcribe(system, plan, (parameter,))
-    w = transcription.pack(rolled.nodes(plan), durations, (p[system.parameters.index(parameter)],))
-    return Segment(problem, parameter, transcription, p, metric), w
+    transcription = transcribe(dynamics.system, plan, (parameter,))
+    w = transcription.pack(rolled.nodes(plan), durations, (dynamics.parameter(parameter),))
+    return Segment(problem, parameter, transcription, dynamics.p, metric), w
 
 
 def resized(tangent: Array, old: Transcription, new: Transcription) -> Array:

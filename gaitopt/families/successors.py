@@ -15,6 +15,7 @@ They are proposals, the most plausible first; solving and simulating decides.
 from collections.abc import Iterable, Iterator
 
 from gaitopt.families.monitors import MonitorKey, MonitorValue
+from gaitopt.gait import Gait
 from gaitopt.mechanics import IMPACT_MARGINS, MARGINS, Cycle, Mode, ModeSequence
 
 EDGE = 0.02
@@ -36,6 +37,12 @@ def successors(cycle: Cycle, active: Iterable[tuple[MonitorKey, MonitorValue]]) 
             candidates[edited] = None
     candidates.pop(cycle, None)
     return list(candidates)
+
+
+def halved_cycle(gait: Gait) -> Cycle | None:
+    """The first half of a cycle that consists of the same steps twice; None of any other."""
+    half, odd = divmod(len(gait.steps), 2)
+    return None if odd or half % gait.repeats_after else Cycle(gait.problem.cycle.steps[:half])
 
 
 def _edits(cycle: Cycle, name: MonitorKey, where: float) -> Iterator[Steps]:

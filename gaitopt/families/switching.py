@@ -1,4 +1,4 @@
-"""Other branches through a special point: where a family gains a second one, its first gaits are found.
+"""Other branches through a special point: the first gaits of a family that begins there.
 
     period doubling  the cycle twice over; at a multiplier -1 the second branch through it has unlike halves
     branch point     the second curve of solutions; both of its halves
@@ -63,19 +63,13 @@ def motion_of(gait: Gait, times: int = 1) -> Rollout:
     """The motion of a gait, ``times`` over; every step from its own state, so that errors do not grow."""
     durations = [duration for _, duration in gait.phases]
     states = np.array([step.arcs[0].states[0] for step in gait.steps])
-    rolled = roll_out(gait.system, gait.p, gait.problem.cycle, states, durations)
+    rolled = roll_out(gait.dynamics, gait.problem.cycle, states, durations)
     return Rollout(durations=rolled.durations * times, motions=rolled.motions * times)
 
 
 def started(gait: Gait, parameter: str, metric: Metric, ahead: float) -> Beginning:
-    """The branch of a gait, and its first point with the tangent in the direction ``ahead`` of the parameter.
-
-    Raises
-    ------
-    SolveError
-        If Newton's method fails at it.
-    """
-    segment, w = segment_through(gait.problem, gait.system, parameter, metric, motion_of(gait), gait.p)
+    """The branch of a gait, and its first point with the tangent in the direction ``ahead`` of the parameter."""
+    segment, w = segment_through(gait.problem, gait.dynamics, parameter, metric, motion_of(gait))
     forward = np.zeros(w.size)
     forward[-1] = ahead
     return segment, first_point(segment, w, forward)
@@ -104,13 +98,13 @@ def _doubled(special: SpecialPoint, gait: Gait, parameter: str, metric: Metric) 
     section, durations, slope = tangent[: -n - 1], tangent[-n - 1 : -1], tangent[-1:]
     along = np.concatenate([section, durations, durations, slope])
     problem = with_cycle(gait.problem, gait.system, Cycle(gait.problem.cycle.steps * 2), gait.state)
-    doubled, w = segment_through(problem, gait.system, parameter, metric, motion_of(gait, 2), gait.p)
+    doubled, w = segment_through(problem, gait.dynamics, parameter, metric, motion_of(gait, 2))
     yield from _halves(doubled, w, along, signs=(1.0,))
 
 
 def _crossing(special: SpecialPoint, gait: Gait, parameter: str, metric: Metric) -> Iterator[Beginning]:
     """Both halves of the curve of solutions that crosses the known one."""
-    segment, w = segment_through(gait.problem, gait.system, parameter, metric, motion_of(gait), gait.p)
+    segment, w = segment_through(gait.problem, gait.dynamics, parameter, metric, motion_of(gait))
     if special.tangent is None:
         raise ProblemError("the direction of the known branch is needed to leave it at a branch point")
     yield from _halves(segment, w, special.tangent / segment.curve.scales, signs=(1.0, -1.0))

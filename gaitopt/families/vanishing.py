@@ -29,7 +29,7 @@ def stride(gait: Gait) -> float:
     apart = [
         abs(step.impact.step_length - step.arcs[-1].states[-1, x]) for step in gait.steps if step.impact is not None
     ]
-    return float(max(apart)) / gait.system.scales(gait.p).length
+    return float(max(apart)) / gait.dynamics.scales.length
 
 
 def vanishing_value(before: Point, last: Point) -> float:

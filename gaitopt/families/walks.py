@@ -5,11 +5,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
+from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families.coefficients import coefficient_bounds
-from gaitopt.families.continuer import FIRST_LENGTH, Continuer
-from gaitopt.families.limits import Limits
-from gaitopt.families.records import restored_point, restored_special
+from gaitopt.families.continuer import Continuer
+from gaitopt.families.limits import LARGEST_LENGTH, Limits
+from gaitopt.families.position import Position
+from gaitopt.families.records import recorded_point, recorded_special
 from gaitopt.families.request import FOLLOWS, Request
 from gaitopt.families.segment import Metric
 from gaitopt.families.switching import Beginning, beginnings, started
@@ -25,53 +29,38 @@ class Walk:
     Attributes
     ----------
     gait : the gait from which everything began; its parameters are those of the family.
-    parameter : dotted key.
     metric, limits : what arclength is measured with, and where to stop.
     begin : finds the first gait.
     number : of its first branch, None if no number is reserved for it.
     """
 
     gait: Gait
-    parameter: str
     metric: Metric
     limits: Limits
     begin: Callable[[], Beginning]
     number: int | None = None
 
-    def continuer(
-        self, done: Sequence[Record], numbers: Iterator[int], should_stop: Callable[[], bool] | None
-    ) -> Continuer:
+    @property
+    def parameter(self) -> str:
+        """Dotted key of the parameter of the family."""
+        return self.limits.request.parameter
+
+    def continuer(self, done: Sequence[Record], numbers: Iterator[int], should_stop: Stop) -> Continuer:
         """The walk from its first gait, or from the last point that is ``done``."""
         points = [record for record in done if record["record"] == "point"]
-        if not points:
+        if points:
+            last = points[-1]
+            segment, point = recorded_point(self.gait, self.parameter, self.metric, last)
+            length = min(last["length"], LARGEST_LENGTH)
+            position = Position(segment, point, last["branch"], self.limits, index=last["index"], length=length)
+        else:
             segment, point = self.begin()
-            number = next(numbers) if self.number is None else self.number
-            return Continuer(
-                segment,
-                point,
-                self.limits,
-                numbers=numbers,
-                number=number,
-                length=FIRST_LENGTH,
-                should_stop=should_stop,
-            )
-        last = points[-1]
-        segment, point = restored_point(self.gait, self.parameter, self.metric, last)
-        return Continuer(
-            segment,
-            point,
-            self.limits,
-            numbers=numbers,
-            number=last["branch"],
-            index=last["index"],
-            length=last["length"],
-            count=len(points),
-            should_stop=should_stop,
-        )
+            position = Position(segment, point, next(numbers) if self.number is None else self.number, self.limits)
+        return Continuer(position, numbers, count=len(points), should_stop=should_stop)
 
     def branches(self, special: SpecialPoint, numbers: Iterator[int]) -> tuple[SpecialPoint, list["Walk"]]:
         """A special point with the numbers of its other branches, if they are to be followed, and the walks on them."""
-        if not self.limits.follow.get(FOLLOWS.get(special.type, ""), 0):
+        if not self.limits.request.follow.get(FOLLOWS.get(special.type, ""), 0):
             return special, []
         try:
             begun = self._beginnings(special)
@@ -94,7 +83,7 @@ class Walk:
         ]
 
     def _restored_beginning(self, record: Record, index: int) -> Beginning:
-        return self._beginnings(restored_special(self.gait, self.parameter, record))[index]
+        return self._beginnings(recorded_special(self.gait, self.parameter, record))[index]
 
     def _beginnings(self, special: SpecialPoint) -> list[Beginning]:
         """The first gaits of the other branches through a special point, as far as they are within the limits."""
@@ -102,9 +91,9 @@ class Walk:
         return [(segment, point) for segment, point in begun if self.limits.lower < point.value < self.limits.upper]
 
     def _branch(self, kind: str, number: int, begin: Callable[[], Beginning]) -> "Walk":
-        follow = self.limits.follow
-        left = {**follow, FOLLOWS[kind]: follow[FOLLOWS[kind]] - 1}
-        return replace(self, begin=begin, number=number, limits=replace(self.limits, follow=left))
+        request, times = self.limits.request, FOLLOWS[kind]
+        once_less = replace(request, follow={**request.follow, times: request.follow[times] - 1})
+        return replace(self, begin=begin, number=number, limits=replace(self.limits, request=once_less))
 
 
 def first_walks(start: Gait | SpecialPoint, gait: Gait, request: Request) -> list[Walk]:
@@ -112,29 +101,18 @@ def first_walks(start: Gait | SpecialPoint, gait: Gait, request: Request) -> lis
 
     ``gait`` is that of ``start``, restated for the parameter.
     """
-    value = float(gait.p[gait.system.parameters.index(request.parameter)])
-    spans = [abs(to - value) for to in request.to]
+    value = gait.dynamics.parameter(request.parameter)
     if isinstance(start, SpecialPoint):
-        metric = Metric.of(gait, gait.period, max(spans))
-        found = beginnings(replace(start, gait=gait), request.parameter, metric)
+        metric = Metric.of(gait, max(abs(to - value) for to in request.to))
         limits = _limits(gait, request, request.to)
-        walks: list[tuple[Metric, Limits, Callable[[], Beginning]]] = [
-            (metric, limits, partial(_given, beginning)) for beginning in found
-        ]
-    else:
-        metrics = [Metric.of(gait, gait.period, span) for span in spans]
-        walks = [
-            (
-                metric,
-                _limits(gait, request, (to,)),
-                partial(started, gait, request.parameter, metric, 1.0 if to > value else -1.0),
-            )
-            for to, metric in zip(request.to, metrics, strict=True)
-        ]
-    return [
-        Walk(gait=gait, parameter=request.parameter, metric=metric, limits=limits, begin=begin)
-        for metric, limits, begin in walks
-    ]
+        begun = beginnings(replace(start, gait=gait), request.parameter, metric)
+        return [Walk(gait=gait, metric=metric, limits=limits, begin=partial(_given, own)) for own in begun]
+    walks = []
+    for to in request.to:
+        metric = Metric.of(gait, abs(to - value))
+        begin = partial(started, gait, request.parameter, metric, float(np.sign(to - value)))
+        walks.append(Walk(gait=gait, metric=metric, limits=_limits(gait, request, (to,)), begin=begin))
+    return walks
 
 
 def _given(beginning: Beginning) -> Beginning:
@@ -143,18 +121,14 @@ def _given(beginning: Beginning) -> Beginning:
 
 def _limits(gait: Gait, request: Request, targets: Sequence[float]) -> Limits:
     """Bounds at the targets, and as far on the other side unless the request has bounds of its own."""
-    value = float(gait.p[gait.system.parameters.index(request.parameter)])
+    value = gait.dynamics.parameter(request.parameter)
     least, largest = coefficient_bounds(gait, request.parameter)
     span = max(abs(to - value) for to in targets)
     lower = value - span if request.lower is None else request.lower
     upper = value + span if request.upper is None else request.upper
     below, above = ([to for to in targets if side * (to - value) > 0] for side in (-1, 1))
     return Limits(
+        request=request,
         lower=max(min(below, default=lower), least),
         upper=min(max(above, default=upper), largest),
-        events=request.events,
-        max_points=request.max_points,
-        max_seconds=request.max_seconds,
-        verify_every=request.verify_every,
-        follow=request.follow,
     )

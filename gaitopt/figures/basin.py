@@ -19,41 +19,47 @@ from gaitopt.simulation.batch.steps import ENDINGS
 FAILURES = ("#ffffff", "#d9d9d9", "#bdbdbd", "#f0e0d0", "#969696", "#e5dbe5", "#d5e0d5", "#c8c0b0")
 """Shades of the ways to fail, in the order of how often they occur; pale, so that the gaits stand out."""
 
+LINE_HEIGHT = 1.6
+"""Of a figure over one coordinate [inch]."""
+
 
 def basin(result: Basin) -> Figure:
-    """The plane of a grid over two coordinates, coloured by where each state goes; fixed points as crosses.
+    """The grid over one or two coordinates, coloured by where each state goes; fixed points as crosses.
 
     Raises
     ------
     ValueError
-        If the grid is not over two coordinates.
+        If the grid is over more coordinates.
     """
-    if len(result.grid.axes) != 2:
-        raise ValueError(f"a picture needs a grid over two coordinates, not {len(result.grid.axes)}")
-    first, second = result.grid.axes
+    if len(result.grid.axes) > 2:
+        raise ValueError(f"a picture needs a grid over one or two coordinates, not {len(result.grid.axes)}")
+    first, *second = result.grid.axes
     classes, handles = _classes(result)
     colours = [handle.get_markerfacecolor() for handle in handles]
-    figure, (axes,) = panels(height=4.6)
+    figure, (axes,) = panels(height=4.6 if second else LINE_HEIGHT)
+    rows = shown(second[0]) if second else np.array([-1.0, 1.0])
+    cells = classes.T if second else np.vstack([classes, classes])
     with mpl.rc_context(STYLE):
         axes.pcolormesh(
-            shown(first), shown(second), classes.T, shading="nearest", rasterized=True,
+            shown(first), rows, cells, shading="nearest", rasterized=True,
             cmap=ListedColormap(colours), norm=BoundaryNorm(np.arange(len(colours) + 1) - 0.5, len(colours)),
         )  # fmt: skip
     names = result.problem.walker.section_names(slipping=True)
     for gait in result.attractors:
-        point = [_in_unit(axis, gait.state[names.index(axis.key)]) for axis in result.grid.axes]
-        axes.plot(*point, "+", color="white", markersize=12, markeredgewidth=3.5)
-        axes.plot(*point, "+", color="black", markersize=11, markeredgewidth=1.4)
+        values = [(axis, gait.state[names.index(axis.key)]) for axis in result.grid.axes]
+        point = [np.degrees(value) if axis.unit == "deg" else value for axis, value in values]
+        place = point if second else (*point, 0.0)
+        axes.plot(*place, "+", color="white", markersize=12, markeredgewidth=3.5)
+        axes.plot(*place, "+", color="black", markersize=11, markeredgewidth=1.4)
     axes.set_xlabel(_axis_label(first))
-    axes.set_ylabel(_axis_label(second))
+    if second:
+        axes.set_ylabel(_axis_label(second[0]))
+    else:
+        axes.set_yticks([])
     axes.grid(visible=False)
     fixed = [entry("gait", marker="+", linestyle="", color="black")] if result.attractors else []
     legend_below(figure, [*handles, *fixed])
     return figure
-
-
-def _in_unit(axis: Axis, value: float) -> float:
-    return float(np.degrees(value)) if axis.unit == "deg" else float(value)
 
 
 def _axis_label(axis: Axis) -> str:

@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from gaitopt.figures.labels import label
-from gaitopt.figures.style import COLOURS, HEIGHT, NEUTRAL, entry, legend_below, panels
-from gaitopt.mechanics.modes import Mode, in_words
+from gaitopt.figures.labels import Parameter, label
+from gaitopt.figures.style import COLOURS, MORE_COLOURS, NEUTRAL, entry, legend_below, panels
+from gaitopt.gait import TERMINAL
+from gaitopt.mechanics.cycle import Cycle, mode_words
 
 Record = Mapping[str, Any]
 
@@ -37,15 +38,15 @@ SPECIAL = {
     "end": ("branch ends", "|"),
 }
 """Words and marker of every type of special point."""
-LINE = 0.22
-"""Height of a legend's line [inch]."""
 BIFURCATIONS = ("fold", "branch_point", "period_doubling", "neimark_sacker")
 """Special points that carry the value of the parameter."""
 OF_EACH_STEP = ("period", "step_length")
 """Scalars that are drawn for every step of a cycle: at a period doubling the curve splits."""
 
 
-def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quantity: str = "spectral_radius") -> Figure:
+def over_parameter(
+    curves: Mapping[str, Sequence[Record]], parameter: Parameter, quantity: str = "spectral_radius"
+) -> Figure:
     """A scalar over the continued parameter: stable gaits as thick lines, unstable ones as thin dots.
 
     Of cycles of several steps, the period and the length of every step are drawn.
@@ -53,35 +54,33 @@ def over_parameter(curves: Mapping[str, Sequence[Record]], parameter: str, quant
     Parameters
     ----------
     curves : records of one or several continuations by the name that the legend gives them.
-    parameter : dotted key that was continued.
+    parameter : that was continued.
     quantity : key of a scalar in the records.
     """
     figure, (axes,) = panels()
+    curves = {name: parameter.shown(records) for name, records in curves.items()}
     handles, present = dict[str, Line2D](), set[str]()
     for (name, records), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         points = _points(records, quantity)
-        specials = [record for record in records if record["record"] == "special" and not _is_bound(record)]
+        specials = [_bounded(record, quantity) for record in records if record["record"] == "special"]
+        specials = [record for record in specials if not is_bound(record)]
         named = _sequences(points) if len(curves) == 1 else {}
-        for number, branch in groupby(sorted(points, key=_order), key=lambda point: point["branch"]):
+        points.sort(key=lambda point: (point["branch"], point["index"]))
+        for number, branch in groupby(points, key=lambda point: point["branch"]):
             words, own_colour = named.get(number, (name, colour))
             _draw(axes, joined(list(branch), specials, quantity), quantity, own_colour)
             if len(curves) > 1 or len(named) > 1:
                 handles[words] = entry(words, color=own_colour)
         present |= _mark(axes, specials, points, quantity, colour if len(curves) > 1 else NEUTRAL)
+    drawn = [point for records in curves.values() for point in _points(records, quantity)]
     if quantity == "spectral_radius":
         axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
-        if (
-            max((point[quantity] for records in curves.values() for point in _points(records, quantity)), default=0)
-            > LOG
-        ):
+        if any(point[quantity] > LOG for point in drawn):
             axes.set_yscale("log")
-    axes.set_xlabel(str(label(parameter)))
+    axes.set_xlabel(str(parameter.label))
     written = label(quantity)
-    split = any(
-        len(_heights(point, quantity)) > 1 for records in curves.values() for point in _points(records, quantity)
-    )
+    split = any(len(_heights(point, quantity)) > 1 for point in drawn)
     axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
-    figure.set_figheight(HEIGHT + LINE * len(handles))
     legend_below(figure, [*handles.values(), *_legend(present)])
     return figure
 
@@ -110,23 +109,27 @@ def _place(line: Sequence[Record], value: float) -> int:
     return len(line) if not detours or beyond <= min(detours) else int(np.argmin(detours)) + 1
 
 
-def _is_bound(special: Record) -> bool:
+def _bounded(special: Record, quantity: str) -> Record:
+    """A special point; where a family ends, multipliers may grow without bound, and the last gait's height is shown."""
+    return {**special, "gait": {}} if quantity == "spectral_radius" and special["type"] in TERMINAL else special
+
+
+def is_bound(special: Record) -> bool:
     """Whether a branch ends at a bound of its request."""
-    return special["type"] == "end" and special.get("reason", "").startswith("reached ")
+    return bool(special.get("bound"))
 
 
 def _sequences(points: Sequence[Record]) -> dict[int, tuple[str, str]]:
     """Mode sequence in words and colour of every branch; equal sequences share both."""
     words = {point["branch"]: _words(point) for point in points}
-    colours = dict(zip(dict.fromkeys(words.values()), cycle(COLOURS), strict=False))
+    colours = dict(zip(dict.fromkeys(words.values()), cycle((*COLOURS, *MORE_COLOURS)), strict=False))
     return {number: (sequence, colours[sequence]) for number, sequence in words.items()}
 
 
 def _words(point: Record) -> str:
-    steps = point.get("steps", (point,))
-    modes = [in_words(map(Mode.from_record, step["phases"])).replace("_", " ") for step in steps]
-    sequences = [f"{own}; impact {step['impact'].replace('_', ' ')}" for own, step in zip(modes, steps, strict=True)]
-    return " | ".join(sequences)
+    steps = Cycle.from_record(point).steps
+    words = [f"{mode_words(step.phases)}; impact {step.impact}".replace("_", " ") for step in steps]
+    return f"{len(words)} times {words[0]}" if len(words) > 1 and len(set(words)) == 1 else " | ".join(words)
 
 
 def is_stable(point: Record) -> bool:
@@ -150,10 +153,6 @@ def _same_length(heights: Sequence[list[float]]) -> NDArray[np.float64]:
     """One row per gait; where a doubled family begins, the cycle of its origin counts twice."""
     most = max(map(len, heights))
     return np.array([own * (most // len(own)) for own in heights])
-
-
-def _order(point: Record) -> tuple[int, int]:
-    return point["branch"], point["index"]
 
 
 def _draw(axes: Axes, branch: Sequence[Record], quantity: str, colour: str) -> None:

@@ -1,19 +1,29 @@
 """Every figure by its name."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from matplotlib.figure import Figure
 
+from gaitopt.figures.animation import animation_page
+from gaitopt.figures.basin import basin
 from gaitopt.figures.branches import over_parameter
 from gaitopt.figures.comparison import node_points, simulated, two_roads
 from gaitopt.figures.force import foot_slip, force_ratio, torques
+from gaitopt.figures.front import front_figure
+from gaitopt.figures.labels import parameter_of
 from gaitopt.figures.motion import motion_of, motion_of_walk
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.stability import multiplier_paths, multiplier_plane
+from gaitopt.figures.sweep import sweep
 from gaitopt.figures.walk import section_states
 from gaitopt.gait import Gait
-from gaitopt.problem import SCALARS
+from gaitopt.problem import SCALARS, Problem
+from gaitopt.runs.basin_tiles import Basin
+from gaitopt.runs.front import Front, front_file
+from gaitopt.runs.sweep_table import Sweep
 from gaitopt.study.simulate import Walk
 
 Record = Mapping[str, Any]
@@ -22,6 +32,26 @@ Record = Mapping[str, Any]
 def _roads(gaits: Sequence[Gait]) -> Figure:
     (gait,) = gaits
     return two_roads(motion_of(gait), simulated(gait), node_points(gait))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """The figures of a result.
+
+    Attributes
+    ----------
+    draw : draws the one with a name.
+    names : of all.
+    usual : of those that show something of this result; the first is the one that stands for it.
+    stem : of their files, where that is not the name of the figure.
+    animation : gives the page of the moving walker, where one moves.
+    """
+
+    draw: Callable[[str], Figure]
+    names: tuple[str, ...]
+    usual: tuple[str, ...]
+    stem: str = ""
+    animation: Callable[[], str] | None = None
 
 
 GAIT_FIGURES: Mapping[str, Callable[[Sequence[Gait]], Figure]] = {
@@ -42,11 +72,9 @@ WALK_FIGURES: Mapping[str, Callable[[Walk], Figure]] = {
     "torques": lambda walk: torques([motion_of_walk(walk)]),
 }
 """Figures of a simulated walk."""
-USUAL_WALK_FIGURES = ("section", "portrait")
-
 BRANCH_FIGURES = ("multipliers", *SCALARS, "friction")
 """Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
-USUAL_BRANCH_FIGURES = ("multipliers", "spectral_radius", "speed", "cost_of_transport")
+USUAL_BRANCH_FIGURES = ("spectral_radius", "multipliers", "speed", "cost_of_transport")
 CYCLE_FIGURES = ("step_length",)
 """What is drawn besides where cycles have several steps."""
 
@@ -69,8 +97,66 @@ def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
     return (*usual, *(CYCLE_FIGURES if any("steps" in record for record in records) else ()))
 
 
-def branch_figure(word: str, name: str, parameter: str, records: Sequence[Record]) -> Figure:
-    """The figure of a branch by its name, one of ``BRANCH_FIGURES``."""
+def branch_figure(word: str, problem: Problem, parameter: str, records: Sequence[Record]) -> Figure:
+    """The figure of a branch of a problem's gaits by its name, one of ``BRANCH_FIGURES``."""
+    shown = parameter_of(problem, parameter)
     if word == "multipliers":
-        return multiplier_paths(records, parameter)
-    return over_parameter({name: records}, parameter, word)
+        return multiplier_paths(records, shown)
+    return over_parameter({problem.name: records}, shown, word)
+
+
+def gait_figures(gaits: Sequence[Gait]) -> Figures:
+    """Of one or several gaits in one picture."""
+    return Figures(
+        draw=lambda name: GAIT_FIGURES[name](gaits),
+        names=tuple(GAIT_FIGURES),
+        usual=tuple(informative(gaits)),
+        animation=partial(_gait_page, gaits[0]) if len(gaits) == 1 else None,
+    )
+
+
+def _gait_page(gait: Gait) -> str:
+    return animation_page(motion_of(gait), gait.problem.about)
+
+
+def walk_figures(walk: Walk) -> Figures:
+    """Of a simulated walk."""
+    return Figures(
+        draw=lambda name: WALK_FIGURES[name](walk),
+        names=tuple(WALK_FIGURES),
+        usual=("section", "portrait"),
+        animation=lambda: animation_page(motion_of_walk(walk), walk.trajectory.message),
+    )
+
+
+def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) -> Figures:
+    """Of the records of a branch of a problem's gaits."""
+    usual = usual_branch_figures(records)
+    return Figures(
+        draw=lambda name: branch_figure(name, problem, parameter, records), names=BRANCH_FIGURES, usual=usual
+    )
+
+
+def sweep_figures(result: Sweep) -> Figures:
+    """Of a sweep over one or two parameters: any scalar."""
+    searched = result.problem.is_open
+    return Figures(
+        draw=lambda scalar: sweep(result.grid, result.records, scalar, searched=searched),
+        names=tuple(SCALARS),
+        usual=("spectral_radius",),
+    )
+
+
+def basin_figures(result: Basin) -> Figures:
+    """Of a basin over one or two coordinates."""
+    return Figures(draw=lambda _: basin(result), names=("basin",), usual=("basin",))
+
+
+def front_figures(front: Front) -> Figures:
+    """Of a front."""
+    return Figures(
+        draw=lambda _: front_figure(front.problem, front.key, front.to_records()),
+        names=("front",),
+        usual=("front",),
+        stem=front_file(front.key).removesuffix(".json"),
+    )

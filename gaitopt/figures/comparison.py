@@ -12,7 +12,7 @@ from gaitopt.arrays import Array
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.motion import Motion, position_label, running, time_label
 from gaitopt.figures.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels
-from gaitopt.gait import Arc, Gait, Step, curves
+from gaitopt.gait import Gait, Step, curves
 from gaitopt.simulation import Simulator
 
 NODES_SHOWN = 20
@@ -23,7 +23,7 @@ ROUNDING = 1e-17
 
 def simulated(gait: Gait) -> tuple[Step, ...]:
     """The steps that the forward simulator walks from the gait's state, choosing its modes by itself."""
-    return Simulator(gait.system, gait.p).run(gait.state, steps=len(gait.steps), dense=True).steps
+    return Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
 
 
 def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array] | None = None) -> Figure:
@@ -39,7 +39,7 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
     figure, (upper, lower) = panels(2, heights=[3, 2], height=5.4)
     times, states = thinned(*(points_of(motion.steps) if nodes is None else nodes))
     handles: list[Line2D] = []
-    for name, colour in zip(motion.system.walker.shape, COLOURS, strict=False):
+    for name, colour in zip(positions_of(motion), COLOURS, strict=False):
         column = motion.state_index(name)
         for began, step in running(walked):
             for arc in step.arcs:
@@ -53,6 +53,11 @@ def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array]
     return figure
 
 
+def positions_of(motion: Motion) -> tuple[str, ...]:
+    """The shape coordinates, and the height of a foot that flies."""
+    return tuple(name for name in motion.dynamics.system.state_names if name in (*motion.walker.shape, "y"))
+
+
 def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[Array, Array]]:
     """Times since the start and differences of the states on each arc, compared at equal fractions of it."""
     pairs = zip(running(ours), theirs, strict=False)
@@ -60,12 +65,14 @@ def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[
     for began, mine, other in arcs:
         if mine.mode is not other.mode or mine.duration <= 0:
             return
-        yield began + mine.times, mine.states - _at(other, 2 * (mine.times - mine.start) / mine.duration - 1)
+        fractions = 2 * (mine.times - mine.start) / mine.duration - 1
+        states = chebyshev.chebval(fractions, curves.coefficients(other.states)).T
+        yield began + mine.times, mine.states - np.asarray(states, dtype=np.float64)
 
 
 def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Line2D]:
     """Angles' and rates' differences along arcs that both methods have."""
-    rate = motion.state_index(f"d{motion.system.walker.shape[0]}")
+    rate = motion.state_index(f"d{motion.walker.shape[0]}")
     kinds = {"positions": (slice(0, rate), "-"), "velocities": (slice(rate, None), ":")}
     entries = []
     for words, (columns, line) in kinds.items():
@@ -78,10 +85,6 @@ def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Lin
     return entries
 
 
-def _at(arc: Arc, fractions: Array) -> Array:
-    return np.asarray(chebyshev.chebval(fractions, curves.coefficients(arc.states)).T, dtype=np.float64)
-
-
 def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
     """Times since the start of the first step (n,) and states (n, n_z) at all points of some steps."""
     arcs = [(began, arc) for began, step in running(steps) for arc in step.arcs]
@@ -89,9 +92,9 @@ def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
 
 
 def thinned(times: Array, states: Array) -> tuple[Array, Array]:
-    """Some twenty of many points, evenly among them."""
-    every = max(1, len(times) // NODES_SHOWN)
-    return times[::every], states[::every]
+    """At most twenty of many points, evenly among them, the first and the last with them."""
+    shown = np.unique(np.linspace(0, len(times) - 1, min(len(times), NODES_SHOWN)).round().astype(int))
+    return times[shown], states[shown]
 
 
 def node_points(gait: Gait) -> tuple[Array, Array] | None:

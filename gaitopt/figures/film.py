@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion, running
 from gaitopt.figures.packing import pack
 from gaitopt.figures.skeleton import Skeleton, skeleton, slope
@@ -28,30 +27,31 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
     """A cycle or a walk as a JSON-able object, in SI units; ``walker.js`` and the report read it.
 
     Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot, ``contact``
-    the one on which the ground acts; all x are counted from where the foot stood at the start of the cycle, and
-    ``origin`` is where it stood at the start of its own step. ``path`` are times and places between which the picture
-    follows the walker.
+    the one on which the ground acts; all x are counted from where the foot stood at the start of its step, which is
+    ``origin`` in the cycle. ``path`` are times and places between which the picture follows the walker.
     """
     cycle = list(_running(motion, frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))))
     arcs = [part.arc for part in cycle]
     sides = [part.arc.side for part in cycle for _ in part.arc.times]
-    drawing = skeleton(motion, np.vstack([_moved(part, motion) for part in cycle]), sides)
+    drawing = skeleton(motion, np.vstack([arc.states for arc in arcs]), sides)
     path = _path(motion)
-    impulses = [step.impact.stick_impulse.tolist() for step in motion.steps if step.impact is not None]
+    impacts = [step.impact for step in motion.steps if step.impact is not None]
+    impulses = [impact.stick_impulse.tolist() for impact in impacts]
     return {
         "name": motion.name,
         "slope": slope(motion),
         "friction": motion.friction,
-        "weight": float(motion.system.weight(motion.p)),
-        "period": motion.period,
+        "weight": float(motion.dynamics.system.weight(motion.dynamics.p)),
+        "period": _short(motion.period),
         "steps": len(motion.steps),
         "repeats": REPEATS if motion.periodic else 1,
         "step_length": path[-1][1],
         "path": path,
+        "impacts": [str(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
-        "shape": list(motion.system.walker.shape),
-        "lengths": bool(motion.system.walker.lengths),
-        "actuators": list(motion.system.walker.actuators),
+        "shape": list(motion.walker.shape),
+        "lengths": bool(motion.walker.lengths),
+        "actuators": list(motion.walker.actuators),
         "phases": _phases(cycle),
         "legs": drawing.legs,
         "ties": drawing.ties,
@@ -68,7 +68,7 @@ def _path(motion: Motion) -> list[list[float]]:
         pace = places[-1] / times[-1] if times[-1] else 0.0
         times.append(times[-1] + step.period)
         places.append(places[-1] + (step.impact.step_length if step.impact is not None else pace * step.period))
-    return [list(pair) for pair in zip(times, places, strict=True)]
+    return [[_short(time), _short(place)] for time, place in zip(times, places, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,28 +103,26 @@ def _resolved(arc: Arc, most: int) -> Arc:
     return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
 
 
-def _moved(part: _Part, motion: Motion) -> Array:
-    """States of an arc with x counted from the start of the cycle."""
-    states = part.arc.states.copy()
-    states[:, motion.state_index("x")] += part.origin
-    return states
-
-
 def _phases(cycle: list[_Part]) -> list[dict[str, Any]]:
     """Mode, times, step and first and last frame of every arc."""
     ends = np.cumsum([len(part.arc.times) for part in cycle])
     return [
         {
             "mode": str(part.arc.mode.contact),
-            "start": part.began + part.arc.start,
-            "end": part.began + part.arc.end,
+            "start": _short(part.began + part.arc.start),
+            "end": _short(part.began + part.arc.end),
             "step": part.step,
-            "origin": part.origin,
+            "origin": _short(part.origin),
             "first": int(end - len(part.arc.times)),
             "last": int(end - 1),
         }
         for part, end in zip(cycle, ends, strict=True)
     ]
+
+
+def _short(value: float) -> float:
+    """As many digits as a page can show."""
+    return float(f"{value:.7g}")
 
 
 def _columns(motion: Motion, arcs: list[Arc], drawing: Skeleton) -> dict[str, Any]:
@@ -133,9 +131,9 @@ def _columns(motion: Motion, arcs: list[Arc], drawing: Skeleton) -> dict[str, An
     torque = np.vstack([o.torque for o in observed])
     states = np.vstack([arc.states for arc in arcs])
     columns = {"f_t": force[:, 0], "f_n": force[:, 1]}
-    for name in motion.system.walker.shape:
+    for name in motion.walker.shape:
         columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
-    columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.system.walker.actuators)}
+    columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.walker.actuators)}
     for k in range(drawing.points.shape[1]):
         columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}
     return columns

@@ -36,21 +36,27 @@ CONE_ROOM = 1.35
 def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     """Force ratio over time or over a shape coordinate, the impulse ratio of eq. (9) as a cross at its end.
 
+    Of walkers that fly the normal force is drawn below.
+
     Parameters
     ----------
     against : ``time``, or the name of a shape coordinate.
     """
-    figure, (axes,) = panels()
+    flying = against == "time" and any(motion.walker.flies for motion in motions)
+    figure, (axes, *normal) = panels(2, heights=[3, 2], height=5.4) if flying else panels()
     handles: list[Line2D | Patch] = []
     for motion, colour in zip(motions, cycle(COLOURS), strict=False):
         handles.append(entry(motion.name, color=colour))
         _draw_ratio(axes, motion, against, colour)
-    axes.set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
+        for below in normal:
+            _draw_normal_force(below, motion, colour)
+    figure.axes[-1].set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
     axes.set_ylabel("force ratio σ = $f_t/f_n$")
     handles.extend(_cones(axes, motions))
     modes = [mode for motion in motions for mode in motion.modes]
-    cross = entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8)
-    legend_below(figure, [*handles, *mode_legend(modes), cross])
+    crosses = [line for line in axes.lines if line.get_marker() == "x"][:1]
+    words = [entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8) for _ in crosses]
+    legend_below(figure, [*handles, *mode_legend(modes), *words])
     return figure
 
 
@@ -78,7 +84,7 @@ def torques(motions: Sequence[Motion]) -> Figure:
     colours = cycle(COLOURS)
     handles: list[Line2D | Patch] = []
     for motion in motions:
-        for k, name in enumerate(motion.system.walker.actuators):
+        for k, name in enumerate(motion.walker.actuators):
             prefix = f"{motion.name}: " if len(motions) > 1 else ""
             colour = next(colours)
             handles.append(entry(f"{prefix}{name}", color=colour))
@@ -121,6 +127,15 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
             continue
         tangential, normal = step.impact.stick_impulse
         axes.plot(ends[last], tangential / normal, "x", color=colour, markeredgewidth=1.8, markersize=7, clip_on=False)
+
+
+def _draw_normal_force(axes: Axes, motion: Motion, colour: str) -> None:
+    """Normal force over time, in units of the weight."""
+    weight = float(motion.dynamics.system.weight(motion.dynamics.p))
+    for began, arc in smooth(motion.steps):
+        force = motion.observe(arc).force[:, 1] / weight
+        axes.plot(began + arc.times, force, color=colour, linestyle=dashes(arc.mode))
+    axes.set_ylabel("normal force / weight\n$f_n/(m g)$")
 
 
 def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:

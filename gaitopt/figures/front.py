@@ -1,10 +1,10 @@
 """Pareto fronts: what one aim costs in terms of another."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
-from textwrap import shorten
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -14,8 +14,6 @@ from gaitopt.figures.style import COLOURS, NEUTRAL, entry, legend_below, panels
 from gaitopt.problem import Problem
 
 FAILURES = ("#d55e00", "#cc79a7", "#4d4d4d")
-LONGEST_REASON = 80
-"""Characters of a reason in the legend."""
 ON_FRONT, BEATEN = "o", "s"
 """Markers."""
 
@@ -35,16 +33,12 @@ def front_figure(problem: Problem, key: str, points: Sequence[Mapping[str, Any]]
     scalar = next(iter(problem.objective)) if len(problem.objective) == 1 else "objective"
     first = bounded if drawn and bounded in drawn[0] else "value"
     second = scalar if drawn and scalar in drawn[0] else "objective"
-    figure = pareto_front({problem.name: drawn}, first, second, varied=bounded)
     failed = [point for point in points if point["objective"] is None]
-    _mark_failures(figure, failed)
-    return figure
+    return pareto_front({problem.name: drawn}, first, second, varied=bounded, failed=failed)
 
 
-def _mark_failures(figure: Figure, failed: Sequence[Mapping[str, Any]]) -> None:
-    """Ticks at the foot of the axes where there is no design, one colour per reason; the legend names it."""
-    axes = figure.axes[0]
-    handles = list(figure.legends[0].legend_handles)
+def _mark_failures(axes: Axes, failed: Sequence[Mapping[str, Any]]) -> Iterator[Line2D]:
+    """Ticks at the foot of the axes where there is no design, one colour per reason; the legend's entries name it."""
     for status, colour in zip(dict.fromkeys(point["status"] for point in failed), FAILURES, strict=False):
         own = [point for point in failed if point["status"] == status]
         places = [point["value"] for point in own]
@@ -53,15 +47,16 @@ def _mark_failures(figure: Figure, failed: Sequence[Mapping[str, Any]]) -> None:
             transform=axes.get_xaxis_transform(), clip_on=False,
         )  # fmt: skip
         words = f"{status.replace('_', ' ')}: {own[0]['message']}"
-        handles.append(entry(shorten(words, LONGEST_REASON), marker="|", linestyle="", color=colour, markersize=10))
-    if failed:
-        figure.legends[0].remove()
-        figure.legends.clear()
-        legend_below(figure, handles)
+        yield entry(words, marker="|", linestyle="", color=colour, markersize=10)
 
 
 def pareto_front(
-    fronts: Mapping[str, Sequence[Mapping[str, Any]]], first: str, second: str, *, varied: str = "value"
+    fronts: Mapping[str, Sequence[Mapping[str, Any]]],
+    first: str,
+    second: str,
+    *,
+    varied: str = "value",
+    failed: Sequence[Mapping[str, Any]] = (),
 ) -> Figure:
     """Gaits of one or several fronts in the plane of two scalars; unstable gaits are hollow, beaten ones off the line.
 
@@ -70,6 +65,7 @@ def pareto_front(
     fronts : records of gaits by the name that the legend gives them; those with ``pareto`` false are beaten.
     first, second : keys of the scalars, on the horizontal and the vertical axis.
     varied : dotted key of what ``value`` stands for in the records.
+    failed : records of requests without a design.
     """
     figure, (axes,) = panels()
     handles, looks = list[Line2D](), set[tuple[bool, bool]]()
@@ -89,6 +85,7 @@ def pareto_front(
         face, words = (NEUTRAL, "stable") if stable else ("white", "unstable")
         marker, more = (BEATEN, ", beaten by another") if beaten else (ON_FRONT, "")
         handles.append(entry(words + more, marker=marker, linestyle="", markerfacecolor=face))
+    handles += _mark_failures(axes, failed)
     axes.set_xlabel(str(label(varied if first == "value" else first)))
     axes.set_ylabel(str(label(second)))
     legend_below(figure, handles)

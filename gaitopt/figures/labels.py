@@ -1,8 +1,13 @@
 """How quantities and states are written on axes and pages: the words of their table, with symbols."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from math import degrees
+from typing import Any
 
+from gaitopt.problem import Problem
 from gaitopt.problem.scalars import FRICTION_LABELS, SCALARS, label_of, unit_of
+from gaitopt.problem.source import parse_source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,6 +19,33 @@ class Label:
 
     def __str__(self) -> str:
         return f"{self.words} [{self.unit}]" if self.unit else self.words
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """The parameter of a branch as figures and pages show it: in degrees where the problem's file gives degrees."""
+
+    key: str
+    in_degrees: bool = False
+
+    @property
+    def label(self) -> Label:
+        """Its label with the unit in which it is shown."""
+        return replace(label(self.key), unit="°") if self.in_degrees else label(self.key)
+
+    def shown(self, records: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+        """Points and special points with their ``value`` in this unit."""
+        if not self.in_degrees:
+            return list(records)
+        return [{**r, "value": degrees(r["value"])} if r.get("value") is not None else r for r in records]
+
+
+def parameter_of(problem: Problem, key: str) -> Parameter:
+    """How the continued parameter of a problem is shown."""
+    value: Any = parse_source(problem.text, problem.name).data if problem.text else None
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return Parameter(key=key, in_degrees=isinstance(value, str) and value.rstrip().endswith("deg"))
 
 
 SYMBOLS = {"spectral_radius": "|λ|", "friction": "μ"}
@@ -28,7 +60,9 @@ def symbol(state: str) -> str:
     stem = name.rstrip("0123456789")
     greek = {"theta": "θ", "phi": "φ", "psi": "ψ", "alpha": "α"}.get(stem, stem)
     written = greek + name[len(stem) :].translate(_SUBSCRIPTS)
-    return (written[0] + "\u0307" + written[1:]) if rate and len(greek) == 1 else ("d" + written if rate else written)
+    if not rate:
+        return written
+    return written[0] + "\u0307" + written[1:] if len(greek) == 1 else f"rate of {written}"
 
 
 def label(key: str) -> Label:

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from gaitopt.arrays import Array
+from gaitopt.families.records import POINTS, recorded_steps
 from gaitopt.figures.labels import Label, label
 from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
-from gaitopt.mechanics import HybridSystem, Mode
-from gaitopt.runs.recorded import POINTS, recorded_steps
+from gaitopt.mechanics import Dynamics, Mode, Walker
 from gaitopt.study.simulate import Walk
 
 SMOOTH = 120
@@ -26,17 +25,20 @@ class Motion:
     Attributes
     ----------
     name : what legends call it.
-    system : the hybrid system that moves.
-    p : ndarray, shape (n_p,) - its parameters.
+    dynamics : the hybrid system that moves, at its parameters.
     steps : each with arcs at Chebyshev points, and the impact at their end; the last one of a walk may have none.
     periodic : whether it repeats itself.
     """
 
     name: str
-    system: HybridSystem
-    p: Array
+    dynamics: Dynamics
     steps: tuple[Step, ...]
     periodic: bool = True
+
+    @property
+    def walker(self) -> type[Walker]:
+        """What moves."""
+        return self.dynamics.system.walker
 
     @property
     def modes(self) -> list[Mode]:
@@ -51,24 +53,24 @@ class Motion:
     @property
     def friction(self) -> float:
         """Coefficient of static friction, the edge of the cone."""
-        return float(self.system.static_friction(self.p))
+        return self.dynamics.static_friction
 
     def parameter(self, key: str) -> float:
         """Value of the parameter with this dotted key."""
-        return float(self.p[self.system.parameters.index(key)])
+        return self.dynamics.parameter(key)
 
     def state_index(self, name: str) -> int:
         """Column of a state in ``Arc.states``."""
-        return self.system.state_names.index(name)
+        return self.dynamics.system.state_names.index(name)
 
     def observe(self, arc: Arc) -> Observation:
         """Forces, torques and swing foot along an arc of this motion."""
-        return observe(self.system, self.p, arc)
+        return observe(self.dynamics, arc)
 
 
 def motion_of(gait: Gait, name: str = "") -> Motion:
     """The steps of a converged gait."""
-    return Motion(name=name or gait.problem.name, system=gait.system, p=gait.p, steps=gait.motion)
+    return Motion(name=name or gait.problem.name, dynamics=gait.dynamics, steps=gait.motion)
 
 
 def motion_of_walk(walk: Walk) -> Motion:
@@ -82,24 +84,22 @@ def motion_of_walk(walk: Walk) -> Motion:
     if not walk.trajectory.steps:
         raise ValueError(f"{walk.problem.name}: the walk ended before it began: {walk.trajectory.message}")
     steps = walk.trajectory.steps
-    return Motion(name=walk.problem.name, system=walk.system, p=walk.p, steps=steps, periodic=False)
+    return Motion(name=walk.problem.name, dynamics=walk.dynamics, steps=steps, periodic=False)
 
 
-def motion_from_record(
-    system: HybridSystem, p: Array, record: Mapping[str, Any], name: str = "", points: int = POINTS
-) -> Motion:
+def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str = "", points: int = POINTS) -> Motion:
     """The steps that a JSON record describes by a state after impact, their modes and durations.
 
     The motion is integrated from the state, so that a record needs to hold no more than that.
 
     Parameters
     ----------
-    p : ndarray, shape (n_p,) - parameters for which the record holds.
+    dynamics : at the parameters for which the record holds.
     record : a gait or a point of a branch, with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : Chebyshev points of every phase.
     """
-    steps = recorded_steps(system, p, record, points)
-    return Motion(name=name or str(record["problem"]), system=system, p=p, steps=steps)
+    steps = recorded_steps(dynamics, record, points)
+    return Motion(name=name or str(record["problem"]), dynamics=dynamics, steps=steps)
 
 
 def resampled(arc: Arc, count: int) -> Arc:
@@ -131,5 +131,5 @@ def time_label(motions: Sequence[Motion]) -> str:
 
 def position_label(motions: Sequence[Motion]) -> str:
     """Label of an axis with shape coordinates: angles, and lengths where a walker has them."""
-    lengths = any(motion.system.walker.lengths for motion in motions)
+    lengths = any(motion.walker.lengths for motion in motions)
     return "angle [rad], length [m]" if lengths else "angle [rad]"

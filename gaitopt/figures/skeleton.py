@@ -53,24 +53,25 @@ def skeleton(motion: Motion, states: Array, sides: Sequence[int] = (0,)) -> Skel
     ----------
     sides : which leg stands at each of them, see ``Walker.side``; one for all will do.
     """
-    walker = motion.system.walker
+    walker = motion.walker
     positions, masses, _, lines = _mechanism(walker)
-    p = motion.p[: len(walker.model_fields)]
+    p = motion.dynamics.p[: len(walker.model_fields)]
     standing = np.array([walker.standing(p, side) for side in sides]).T
-    points = np.asarray(positions(states[:, : motion.system.n_shape + 1].T, standing)).T.reshape(len(states), -1, 2)
+    q = states[:, : motion.dynamics.system.n_shape + 1].T
+    points = np.asarray(positions(q, standing)).T.reshape(len(states), -1, 2)
     mass = np.asarray(masses(p)).ravel()
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
     if lines:
         contact = points.shape[1] - 1
         return Skeleton(points=points, legs=_strokes(lines, 2 + mass.size), discs=discs, contact=contact)
-    draw = _DRAWINGS.get(walker, _rigid_parts)
+    draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
     return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), motion)
 
 
 def slope(motion: Motion) -> float:
     """Slope of the ground [rad], downhill along x, from the direction of gravity."""
-    _, _, gravity, _ = _mechanism(motion.system.walker)
-    along, normal = np.asarray(gravity(motion.p[: len(motion.system.walker.model_fields)])).ravel()
+    _, _, gravity, _ = _mechanism(motion.walker)
+    along, normal = np.asarray(gravity(motion.dynamics.p[: len(motion.walker.model_fields)])).ravel()
     return float(np.arctan2(along, -normal))
 
 
@@ -81,7 +82,7 @@ def _strokes(lines: tuple[int, ...], first: int) -> tuple[tuple[int, int], ...]:
 
 
 def _compass(bare: Skeleton, motion: Motion) -> Skeleton:
-    """Bodies are leg, hip, leg: both legs end in the hip."""
+    """Bodies are leg, hip, leg, also of the walkers that derive from the compass: both legs end in the hip."""
     return Skeleton(points=bare.points, legs=((0, 3), (3, 1)), discs=bare.discs)
 
 

@@ -7,6 +7,7 @@ that no window system and no global state is involved.
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -19,6 +20,8 @@ from gaitopt.mechanics import Mode
 from gaitopt.store import write_whole
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
+MORE_COLOURS = ("#332288", "#999933", "#882255", "#44aa99", "#cc6677", "#117733", "#aa4499")
+"""Where those are not enough: of P. Tol's muted scheme, https://personal.sron.nl/~pault/."""
 MODE_COLOURS = {
     Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9", Mode.FLIGHT: "#9bd1b3",
 }  # fmt: skip
@@ -31,6 +34,8 @@ JUMP: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 
 LEGEND_CHARACTERS, LEGEND_LINE = 96, 9
 """Characters that fit side by side under a figure, and how many of them a sample line and its gap take."""
+LEGEND_ROWS, LEGEND_ROW = 3, 0.2
+"""Rows of a legend for which a figure has room, and height of each further one [inch]."""
 WIDTH, HEIGHT = 6.0, 4.0
 """Size of a figure with one panel [inch]."""
 STYLE: Any = {
@@ -67,20 +72,19 @@ def panels(
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) -> list[Path]:
-    """Write a figure in several formats; the same figure gives the same bytes.
-
-    Raises
-    ------
-    StorageError
-        If a file cannot be written; none is left half-written.
-    """
+    """Write a figure in several formats; the same figure gives the same bytes."""
     paths = [stem.with_name(f"{stem.name}.{extension}") for extension in formats]
     for path, extension in zip(paths, formats, strict=True):
-        drawn = BytesIO()
-        with mpl.rc_context(STYLE):
-            figure.savefig(drawn, format=extension, metadata=_NO_DATE[extension])
-        write_whole(path, drawn.getvalue())
+        write_whole(path, drawn(figure, extension))
     return paths
+
+
+def drawn(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -> bytes:
+    """A figure as a file of some format."""
+    content = BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(content, format=extension, metadata=_NO_DATE[extension], dpi=dpi)
+    return content.getvalue()
 
 
 def dashes(mode: Mode) -> Any:
@@ -106,8 +110,13 @@ def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
 
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
-    """A legend under the axes, where it covers nothing, in as many columns as fit."""
-    longest = max(len(str(handle.get_label())) for handle in handles)
+    """A legend under the axes, in as many columns as fit; long entries are wrapped, and the figure grows with it."""
+    for handle in handles:
+        handle.set_label(fill(str(handle.get_label()), LEGEND_CHARACTERS - LEGEND_LINE))
+    lines = [str(handle.get_label()).split("\n") for handle in handles]
+    longest = max(len(line) for own in lines for line in own)
     columns = max(1, min(len(handles), LEGEND_CHARACTERS // (longest + LEGEND_LINE)))
+    rows = -(-sum(map(len, lines)) // columns)
+    figure.set_figheight(figure.get_figheight() + LEGEND_ROW * max(0, rows - LEGEND_ROWS))
     with mpl.rc_context(STYLE):
         figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)

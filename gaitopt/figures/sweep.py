@@ -1,7 +1,6 @@
 """Sweeps: a scalar of the gait over one parameter as a curve, over two as a heat map."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -11,12 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.arrays import Array
-from gaitopt.figures.labels import label
+from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
+from gaitopt.gait import Status
 from gaitopt.runs.grid import Axis, Grid
 
-MISSING, FAILED = "#e4e4e4", "#4d4d4d"
-"""Where there is no gait: of the cell, and of the cross in it."""
+MISSING, FAILED = "#e4e4e4", ("#4d4d4d", "#882255", "#117733")
+"""Where there is no gait: of the cell, and of the crosses in it, one for every reason."""
 FOOT, MARGIN = 0.03, 0.02
 """Height of the crosses of a curve in the axes, and room beside the requested range."""
 LOST = "#d55e00"
@@ -48,14 +48,13 @@ def sweep(grid: Grid, records: Sequence[Mapping[str, Any]], scalar: str, *, sear
     values = np.array([_value(record, scalar) for record in records]).reshape(grid.shape)
     figure, (axes,) = panels(height=4.6 if len(grid.axes) == 2 else 4.0)
     with mpl.rc_context(STYLE):
+        handles = []
         if len(grid.axes) == 1:
-            handles = _curve(axes, shown(grid.axes[0]), values, scalar)
+            _curve(axes, shown(grid.axes[0]), values, scalar)
         else:
             radii = np.array([_value(record, "spectral_radius") for record in records]).reshape(grid.shape)
-            handles = _heat_map(figure, axes, grid, values, radii, scalar)
-        if np.isnan(values).any():
-            words = "no gait" if searched else "not with these phases"
-            handles.append(entry(words, marker="x", linestyle="", color=FAILED, markeredgewidth=1.5))
+            handles += _heat_map(figure, axes, grid, values, radii, scalar)
+        handles += _crosses(axes, grid, records, searched=searched)
         if handles:
             legend_below(figure, handles)
         axes.set_xlabel(axis_label(grid.axes[0]))
@@ -70,21 +69,37 @@ def shown(axis: Axis) -> Array:
 
 def axis_label(axis: Axis) -> str:
     """Name and unit of an axis, in degrees where it was given so."""
-    return str(replace(label(axis.key), unit="°") if axis.unit == "deg" else label(axis.key))
+    return str(Parameter(key=axis.key, in_degrees=axis.unit == "deg").label)
 
 
-def _curve(axes: Axes, first: Array, values: Array, scalar: str) -> list[Line2D]:
+def _crosses(axes: Axes, grid: Grid, records: Sequence[Mapping[str, Any]], *, searched: bool) -> Iterator[Line2D]:
+    """Mark where there is no gait, one colour per reason; the legend's entries."""
+    places = np.array([[float(v) for v in point] for point in grid.points(np.arange(grid.size))])
+    places = np.where([axis.unit == "deg" for axis in grid.axes], np.degrees(places), places)
+    flat = len(grid.axes) == 1
+    failed = [(record["status"], place) for record, place in zip(records, places, strict=True) if not _solved(record)]
+    for status, colour in zip(dict.fromkeys(status for status, _ in failed), FAILED, strict=False):
+        x = [place[0] for own, place in failed if own == status]
+        y = [FOOT if flat else place[1] for own, place in failed if own == status]
+        look: Any = {"marker": "x", "linestyle": "", "color": colour, "markeredgewidth": 1.5}
+        height = axes.get_xaxis_transform() if flat else axes.transData
+        axes.plot(x, y, **look, markersize=6 if flat else 4, transform=height)
+        yield entry(_reason(status, searched=searched), **look)
+
+
+def _reason(status: str, *, searched: bool) -> str:
+    """What a cross means: a sequence that was stated says nothing about other phases."""
+    if status != Status.INFEASIBLE:
+        return status.replace("_", " ")
+    return "no gait" if searched else "not with these phases"
+
+
+def _curve(axes: Axes, first: Array, values: Array, scalar: str) -> None:
     axes.plot(first, values, ".-", color=COLOURS[0], linewidth=1.2)
     if scalar == "spectral_radius":
         axes.axhline(BOUNDARY, color=NEUTRAL, linewidth=0.8)
-    failed = first[np.isnan(values)]
-    axes.plot(
-        failed, np.full(failed.size, FOOT), "x", color=FAILED, markeredgewidth=1.5,
-        transform=axes.get_xaxis_transform(),
-    )  # fmt: skip
     margin = MARGIN * np.ptp(first)
     axes.set_xlim(first.min() - margin, first.max() + margin)
-    return []
 
 
 def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, radii: Array, scalar: str) -> list[Line2D]:
@@ -98,13 +113,12 @@ def _heat_map(figure: Figure, axes: Axes, grid: Grid, values: Array, radii: Arra
     beyond = (bool((values < low).any()), bool((values > high).any()))
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
     figure.colorbar(drawn, ax=axes, label=str(label(scalar)), extend=extend)
-    failed = np.argwhere(np.isnan(values))
-    axes.plot(first[failed[:, 0]], second[failed[:, 1]], "x", color=FAILED, markeredgewidth=1.2, markersize=4)
     known = radii[np.isfinite(radii)]
     if min(radii.shape) < 2 or not known.size or not known.min() < BOUNDARY < known.max():
         return []
-    axes.contour(first, second, np.ma.masked_invalid(radii.T), levels=[BOUNDARY], colors=LOST, linewidths=2)
-    return [entry("spectral radius 1: stability lost", color=LOST, linewidth=2)]
+    line = axes.contour(first, second, np.ma.masked_invalid(radii.T), levels=[BOUNDARY], colors=LOST, linewidths=2)
+    drawn_at_all = any(np.size(path.vertices) for path in line.get_paths())  # not where its neighbours have no gait
+    return [entry("spectral radius 1: stability lost", color=LOST, linewidth=2)] if drawn_at_all else []
 
 
 def _limits(values: Array) -> tuple[float, float]:
@@ -118,6 +132,10 @@ def _limits(values: Array) -> tuple[float, float]:
     return float(max(known.min(), 2 * low - high)), float(min(known.max(), 2 * high - low))
 
 
+def _solved(record: Mapping[str, Any]) -> bool:
+    return bool(record["status"] == Status.CONVERGED)
+
+
 def _value(record: Mapping[str, Any], scalar: str) -> float:
-    value = record.get(scalar) if record["status"] == "converged" else None
+    value = record.get(scalar) if _solved(record) else None
     return float("nan") if value is None else float(value)

@@ -29,7 +29,7 @@ def section_states(walk: Walk) -> Figure:
         if walk.trajectory.ending is not Ending.COMPLETED:
             panel.axvline(len(states) - 0.5, color=FAILED, linestyle="--")
         panel.set_ylabel(f"{symbol(name)} [{state_unit(name)}]")
-        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1].set_xlabel("steps since the start")
     figure.align_ylabels(axes)
     legend_below(figure, _legend(walk))

@@ -75,6 +75,7 @@ class SpecialPoint(ReadOnlyArrays):
     reason : in words.
     before, after : cycles of modes on both sides of a change.
     next : numbers of the branches that go on from here.
+    bound : whether the family itself goes on: it ends at a bound of what was to be continued.
     gait : the gait at this point, or None where there is none.
     tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None where it is
         not known.
@@ -88,6 +89,7 @@ class SpecialPoint(ReadOnlyArrays):
     before: Cycle | None = None
     after: Cycle | None = None
     next: tuple[int, ...] = ()
+    bound: bool = False
     gait: Gait | None = None
     tangent: Array | None = None
 
@@ -100,6 +102,7 @@ class SpecialPoint(ReadOnlyArrays):
         gait = {} if self.gait is None else self.gait.to_record()
         record = {"record": "special", "branch": self.branch, "type": self.type, "value": self.value}
         record |= {"status": self.status, "reason": self.reason, "next": list(self.next)}
+        record |= {"bound": True} if self.bound else {}
         for key, cycle in (("from", self.before), ("to", self.after)):
             if cycle is not None:
                 record[key] = cycle_data(cycle)
@@ -116,7 +119,7 @@ class Branch(Reported):
     Attributes
     ----------
     parameter : dotted key of the parameter.
-    points, specials : everything that was found.
+    points, specials : in the order of the continuation.
     """
 
     parameter: str
@@ -227,7 +230,7 @@ def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def branch_rows(records: Iterable[Mapping[str, Any]], header: Sequence[str]) -> Iterator[list[Any]]:
-    """Rows of that table: points and special points in the order in which they were found."""
+    """Rows of that table: points and special points in the order of the continuation."""
     for record in records:
         gait = record if record["record"] == "point" else {**record["gait"], **record}
         phases = " ".join(Mode.from_record(phase) for phase in gait.get("phases", ()))

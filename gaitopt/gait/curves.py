@@ -123,9 +123,9 @@ def _double_changes(values: Array, c: Array, fine: Array) -> Array:
     cells = np.flatnonzero(toward[:-1] & ~toward[1:] & ((fine[:-1] < 0) == (fine[1:] < 0)))
     if cells.size == 0:
         return np.zeros(0)
-    slope = _derivative(c)
+    slope = derivative(c)
     bottom = _newton(slope, s[cells], s[cells + 1])
-    depth, bend = evaluate(c, bottom), evaluate(_derivative(slope), bottom)
+    depth, bend = evaluate(c, bottom), evaluate(derivative(slope), bottom)
     through = (depth < 0) != (fine[cells] < 0)
     cells, bottom, half = cells[through], bottom[through], np.sqrt(2 * np.abs(depth / bend)[through])
     left = _newton(c, s[cells], bottom, bottom - half)
@@ -135,13 +135,19 @@ def _double_changes(values: Array, c: Array, fine: Array) -> Array:
 
 def slopes(values: Array, s: Array) -> Array:
     """Derivatives of the curve in s, at points s in [-1, 1]; shape of s."""
-    return evaluate(_derivative(coefficients(values)), s)
+    return evaluate(derivative(coefficients(values)), s)
 
 
 def critical(values: Array) -> Array:
     """Points in (-1, 1) where the curve has extrema, ascending."""
-    c = _derivative(coefficients(values))
+    c = derivative(coefficients(values))
     return roots(evaluate(np.append(c, 0.0), points(values.shape[0])))
+
+
+def minima(values: Array) -> Array:
+    """Points in (-1, 1) where the curve has minima, ascending."""
+    at, bend = critical(values), derivative(derivative(coefficients(values)))
+    return at[evaluate(bend, at) > 0]
 
 
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
@@ -155,7 +161,7 @@ def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
         heights = np.concatenate([evaluate(c, s[:1]), heights[inside]])
     best = int(np.argmax(heights))
     if 0 < best < s.size - 1:
-        at = _newton(_derivative(c), s[best - 1 : best], s[best + 1 : best + 2])
+        at = _newton(derivative(c), s[best - 1 : best], s[best + 1 : best + 2])
         height = evaluate(c, at)
         if height[0] > heights[best]:
             return float(at[0]), float(height[0])
@@ -164,7 +170,7 @@ def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
 
 def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) -> Array:
     """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is put back on its edge."""
-    slope = _derivative(c)
+    slope = derivative(c)
     s = (lower + upper) / 2 if start is None else np.clip(start, lower, upper)
     for _ in range(NEWTON_STEPS):
         rate = evaluate(slope, s)
@@ -173,5 +179,6 @@ def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) ->
     return s
 
 
-def _derivative(c: Array) -> Array:
+def derivative(c: Array) -> Array:
+    """Chebyshev coefficients of the derivative, one fewer than those ``c`` of the curve."""
     return np.asarray(_differentiation(c.size) @ c)

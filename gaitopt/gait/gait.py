@@ -15,7 +15,7 @@ from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
 from gaitopt.gait.table import motion_frame, motion_set
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode
 from gaitopt.problem import Problem
 
 if TYPE_CHECKING:
@@ -62,8 +62,7 @@ class Gait(Moving, ReadOnlyArrays):
     Attributes
     ----------
     problem : the one that was solved.
-    system : the hybrid system that was solved.
-    p : ndarray, shape (n_p,) - parameter vector; freed parameters have their solved values.
+    dynamics : the hybrid system that was solved at its parameters; freed ones have their solved values.
     status, message : how the solver ended, in words.
     steps : the steps of the cycle with arcs at Chebyshev points; empty after a failure.
     shooting : the nodes, or None after a failure.
@@ -76,8 +75,7 @@ class Gait(Moving, ReadOnlyArrays):
     """
 
     problem: Problem
-    system: HybridSystem
-    p: Array
+    dynamics: Dynamics
     status: Status
     message: str
     steps: tuple[Step, ...] = ()
@@ -95,6 +93,16 @@ class Gait(Moving, ReadOnlyArrays):
         radius = self.spectral_radius
         stable = "" if radius is None else f", radius {radius:.4g} ({'stable' if radius < 1 else 'unstable'})"
         return f"<Gait {self.problem.name}: {self.problem.cycle}, period {self.period:.6g} s{stable}, {self.status}>"
+
+    @property
+    def system(self) -> HybridSystem:
+        """The hybrid system that was solved."""
+        return self.dynamics.system
+
+    @property
+    def p(self) -> Array:
+        """Parameter vector, shape (n_p,); see ``Dynamics``."""
+        return self.dynamics.p
 
     @property
     def converged(self) -> bool:
@@ -146,7 +154,7 @@ class Gait(Moving, ReadOnlyArrays):
         if n <= sides:
             return n
         steps = self.problem.cycle.steps
-        unit = self.system.state_scales(self.system.scales(self.p))
+        unit = self.dynamics.state_units
         states = np.array([step.arcs[0].states[0] for step in self.steps]) / unit
 
         def repeats(k: int) -> bool:
@@ -166,7 +174,7 @@ class Gait(Moving, ReadOnlyArrays):
         if name.startswith("state."):
             return float(self.state[self.system.state_names.index(name.removeprefix("state."))])
         if name in self.system.parameters:
-            return float(self.p[self.system.parameters.index(name)])
+            return self.dynamics.parameter(name)
         value = self.spectral_radius if name == "spectral_radius" else self.measures[name]
         return float("nan") if value is None else value
 
@@ -192,15 +200,15 @@ class Gait(Moving, ReadOnlyArrays):
 
     def to_frame(self) -> "DataFrame":
         """One cycle as a pandas data frame: the columns of ``trajectory.csv``, units in ``attrs["units"]``."""
-        return motion_frame(self.system, self.p, self.steps, problem=self.problem.name)
+        return motion_frame(self.dynamics, self.steps, problem=self.problem.name)
 
     def to_xarray(self) -> "Dataset":
         """The same as an xarray dataset over ``sample``, with units as attributes."""
-        return motion_set(self.system, self.p, self.steps, problem=self.problem.name)
+        return motion_set(self.dynamics, self.steps, problem=self.problem.name)
 
     def _friction_record(self) -> float | Mapping[str, float]:
         """The coefficient, or all numbers of the friction law by name where there are several."""
-        values = dict(zip(self.system.parameters, map(float, self.p), strict=True))
+        values = self.dynamics.parameters
         numbers = {key.removeprefix("friction."): values[key] for key in self.system.friction.parameters}
         return numbers.get("friction", numbers)
 

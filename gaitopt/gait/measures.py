@@ -11,7 +11,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import HybridSystem, Scales
+from gaitopt.mechanics import Dynamics, HybridSystem, Scales
 from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.problem.scalars import SCALARS
 
@@ -23,7 +23,7 @@ ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9
 """Length of a step, in leg lengths, below which there is none."""
 WITHOUT_FORCE = 1e-9
-"""Part of the largest contact force below which there is none: nothing but the spring of a massless leg gets there."""
+"""Part of the largest contact force below which it counts as zero, as the force of a massless leg's spring may be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,16 +48,16 @@ class Observation:
     loss: Array
 
 
-def observe(system: HybridSystem, p: Array, arc: Arc) -> Observation:
+def observe(dynamics: Dynamics, arc: Arc) -> Observation:
     """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
-    observation = buffered_map(system.observation(arc.mode), arc.times.size)
-    own = system.walker.standing(p, arc.side)
-    outputs = observation(arc.times[:, None], arc.states, own, system.data(arc.segment))
+    observation = buffered_map(dynamics.system.observation(arc.mode), arc.times.size)
+    own, data = dynamics.standing(arc.side).p, dynamics.system.data(arc.segment)
+    outputs = observation(arc.times[:, None], arc.states, own, data)
     force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
     return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0])
 
 
-def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, float | None]:
+def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None]:
     """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
 
     ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``,
@@ -74,16 +74,17 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
     Gamus & Or (2013), eq. (22) for the cost of transport.
     """
     impacts = [step.final_impact for step in steps]
-    by_step = [[(arc, observe(system, p, arc)) for arc in step.arcs] for step in steps]
+    by_step = [[(arc, observe(dynamics, arc)) for arc in step.arcs] for step in steps]
     observed = [pair for pairs in by_step for pair in pairs]
+    driven = [(arc.duration, o.power, o.torque) for arc, o in observed if o.torque.any()]
     pushed = sum(impact.push_work for impact in impacts)
-    work = pushed + sum(curves.integral(o.power.sum(axis=1), a.duration) for a, o in observed)
+    work = pushed + sum(curves.integral(power.sum(axis=1), duration) for duration, power, _ in driven)
     absolute = abs(pushed) + sum(
-        curves.absolute_integral(column, a.duration) for a, o in observed for column in o.power.T
+        curves.absolute_integral(column, duration) for duration, power, _ in driven for column in power.T
     )
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
-    moves = abs(length) > ON_THE_SPOT * system.scales(p).length
-    weighted_length = float(system.weight(p)) * length
+    moves = abs(length) > ON_THE_SPOT * dynamics.scales.length
+    weighted_length = float(dynamics.system.weight(dynamics.p)) * length
     sticking = [friction_ratio(o.force) for a, o in observed if a.mode.sticks]
     return {
         "period": period,
@@ -93,9 +94,9 @@ def measure(system: HybridSystem, p: Array, steps: Sequence[Step]) -> dict[str, 
         "damping_loss": sum(curves.integral(o.loss, a.duration) for a, o in observed),
         "cost_of_transport": work / weighted_length if moves else None,
         "absolute_cost_of_transport": absolute / weighted_length if moves else None,
-        "torque_squared": sum(curves.integral((o.torque**2).sum(axis=1), a.duration) for a, o in observed),
-        "peak_torque": max((_peak(column) for _, o in observed for column in o.torque.T), default=0.0),
-        "slip_distance": sum(_slip(system, a) for a, _ in observed),
+        "torque_squared": sum(curves.integral((torque**2).sum(axis=1), duration) for duration, _, torque in driven),
+        "peak_torque": max((_peak(column) for _, _, torque in driven for column in torque.T), default=0.0),
+        "slip_distance": sum(_slip(dynamics.system, a) for a, _ in observed),
         "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in by_step),
         "required_friction": max((_peak(ratio) for ratio in sticking), default=None),
         "impulse_ratio": max((r for r in (impact.impulse_ratio for impact in impacts) if r is not None), default=None),

@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from gaitopt.arrays import Array
 
@@ -17,7 +16,12 @@ def floquet_multipliers(return_map: Array) -> NDArray[np.complex128]:
 
 
 def multiplier_distance(first: NDArray[np.complex128], second: NDArray[np.complex128]) -> float:
-    """Largest distance between two sets of multipliers, each paired with its closest partner."""
+    """Largest distance between two sets of multipliers, paired so that the sum of distances is the least."""
     distances = np.abs(first[:, None] - second[None, :])
+    closest = distances.argmin(axis=1) if distances.size else np.arange(0)
+    if len({*closest.tolist()}) == closest.size:  # nobody's closest partner is also another's
+        return float(distances.min(axis=1, initial=np.inf).max(initial=0.0))
+    from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import, and is seldom needed
+
     rows, columns = linear_sum_assignment(distances)
     return float(distances[rows, columns].max(initial=0.0))

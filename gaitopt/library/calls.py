@@ -1,35 +1,20 @@
-"""Long calls as the library offers them: with progress, and with work that is kept on the disk and taken up again.
+"""Solve, continue, find, as the library offers them: with progress.
 
 ``progress`` is shown on a terminal and in a notebook; False hides it, and a function is called instead.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 
-from gaitopt.errors import ProblemError
-from gaitopt.families.family import continuation as follow_gait
-from gaitopt.gait import Branch, Gait, SpecialPoint
+from gaitopt.callbacks import Stop
+from gaitopt.families import Request, follow_family
+from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.gait.attractor import Attractor
-from gaitopt.library.progress import Counter, Follower, following, job_progress, library_console, solver_progress
+from gaitopt.library.progress import Counter, Follower, job_progress, shown, solver_progress, value_progress
 from gaitopt.problem import Problem
-from gaitopt.runs import multistart as starts_run
-from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
-from gaitopt.runs.basin_tiles import Basin
-from gaitopt.runs.front import Front, design_front
-from gaitopt.runs.grid import Grid, axis_of
-from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
-from gaitopt.runs.sweep_table import Sweep
 from gaitopt.search.distinct import Gaits
-from gaitopt.search.find import STARTS
-from gaitopt.search.find import find as find_gaits
+from gaitopt.search.find import STARTS, SearchPlan, in_memory, opened, search
 from gaitopt.search.solve import solve as solve_any
-from gaitopt.store import run_folder
-from gaitopt.workers.jobs import make_workers
-
-Over = Mapping[str, tuple[float | str, float | str, int]]
-"""Lower and upper end and number of values of each dotted key; angles may be texts such as ``"2 deg"``."""
-Stop = Callable[[], bool] | None
+from gaitopt.workers.jobs import Workers
 
 
 def solve(
@@ -58,9 +43,7 @@ def solve(
         If the reference of a PD law is not a gait.
     """
     name = problem.problem.name if isinstance(problem, Attractor) else problem.name
-    if callable(progress):
-        return solve_any(problem, start=start, progress=progress, should_stop=should_stop)
-    with solver_progress(library_console(shown=progress), f"solving {name}") as show:
+    with shown(progress, solver_progress, f"solving {name}") as show:
         return solve_any(problem, start=start, progress=show, should_stop=should_stop)
 
 
@@ -113,30 +96,27 @@ def continuation(
     SolveError
         If ``start`` is a failed attempt, or no other branch is found at it.
     """
-
-    def follow(show: Callable[[int, float], None]) -> Branch:
-        return follow_gait(
-            start,
-            parameter,
-            to,
-            lower=lower,
-            upper=upper,
-            events=events,
-            max_points=max_points,
-            max_seconds=max_seconds,
-            verify_every=verify_every,
-            doublings=doublings,
-            branch_points=branch_points,
-            mode_changes=mode_changes,
-            progress=show,
-            should_stop=should_stop,
-        )
-
-    if callable(progress):
-        return follow(progress)
-    console = library_console(shown=progress)
-    with following(console, "continuing", lambda count, value: f"{count} gaits, {parameter} = {value:.6g}") as show:
-        return follow(show)
+    request = Request(
+        parameter=parameter,
+        to=(float(to),) if isinstance(to, int | float) else tuple(map(float, to)),
+        lower=lower,
+        upper=upper,
+        events=events or {},
+        max_points=max_points,
+        max_seconds=max_seconds,
+        verify_every=verify_every,
+        follow={"doublings": doublings, "branch_points": branch_points, "mode_changes": mode_changes},
+    )
+    records = list[BranchPoint | SpecialPoint]()
+    with shown(progress, value_progress, "continuing", parameter) as show:
+        for record in follow_family(start, request, should_stop=should_stop):
+            records.append(record)
+            show(len(records), record.value)
+    return Branch(
+        parameter=parameter,
+        points=tuple(record for record in records if isinstance(record, BranchPoint)),
+        specials=tuple(record for record in records if isinstance(record, SpecialPoint)),
+    )
 
 
 def find(
@@ -149,7 +129,7 @@ def find(
     progress: Counter = True,
     should_stop: Stop = None,
 ) -> Gaits:
-    """All gaits at a problem's parameters that two searches lead to, whatever their mode sequence.
+    """All gaits at a problem's parameters that two searches lead to, of any mode sequence.
 
     Parameters
     ----------
@@ -171,153 +151,6 @@ def find(
     UnknownNameError
         If ``within`` names something that is no section coordinate.
     """
-    with _counting(progress, "parts of the search") as show:
-        return find_gaits(
-            problem, starts=starts, seed=seed, within=within, workers=workers, progress=show, should_stop=should_stop
-        )
-
-
-def sweep(
-    problem: Problem,
-    over: Over,
-    *,
-    warm: bool = False,
-    workers: int | None = None,
-    output: str | Path | None = None,
-    progress: Counter = True,
-) -> Sweep:
-    """Solve and verify a problem over a grid of its parameters.
-
-    What is solved is kept in the run folder and never solved again; a call that was interrupted goes on where it was.
-
-    Parameters
-    ----------
-    over : lower end, upper end and number of values by dotted key: ``{"friction": (0.1, 0.3, 20)}``.
-    warm : start from the neighbour's gait, and from the guess where that fails.
-    workers : processes; by default one per core.
-    output : the run folder, by default ``results/NAME-HASH``.
-    progress : whether to show it, or a function of the number of points done and their total.
-
-    Raises
-    ------
-    UnknownNameError
-        If the grid is over something that is not a parameter.
-    ProblemError
-        If a range is empty, or a point of the grid is no valid problem.
-    StorageError
-        If the folder cannot be written, or the grid does not fit.
-    """
-    plan = SweepPlan(problem=problem, grid=_grid(over), warm=warm, folder=_folder(problem, output))
-    check_sweep(plan)
-    with _counting(progress, "jobs") as show:
-        records = run_sweep(plan, make_workers(workers, None), progress=show)
-    return Sweep(problem=problem, grid=plan.grid, records=records)
-
-
-def basin(
-    start: Gait | Problem,
-    over: Over,
-    *,
-    steps: int = 100,
-    engine: str = "auto",
-    workers: int | None = None,
-    output: str | Path | None = None,
-    progress: Counter = True,
-) -> Basin:
-    """Walk from every state of a grid until it settles on a gait or fails.
-
-    Parameters
-    ----------
-    start : gait, or problem with a guess, whose state gives the coordinates that the grid does not vary.
-    over : lower end, upper end and number of values by coordinate: ``{"theta1": ("-12 deg", "-6 deg", 50)}``.
-    steps : steps after which a state is undecided.
-    engine : ``auto``, ``scipy`` or ``heyoka``.
-    workers, output, progress : as for ``sweep``.
-
-    Raises
-    ------
-    UnknownNameError, ProblemError, StorageError
-        As for ``sweep``.
-    """
-    problem = start.problem if isinstance(start, Gait) else start
-    folder = _folder(problem, output)
-    plan = BasinPlan(start=start, grid=_grid(over), max_steps=steps, engine=engine, folder=folder)
-    check_basin(plan)
-    with _counting(progress, "tiles") as show:
-        return walk_basin(plan, make_workers(workers, None), progress=show)
-
-
-def front(problem: Problem, over: Over, *, output: str | Path | None = None, progress: Counter = True) -> Front:
-    """Design along one number of a problem, in both directions, and mark the Pareto front.
-
-    Parameters
-    ----------
-    problem : a design with an objective.
-    over : one key with its range, for instance ``{"constraints.speed.min": (0.3, 0.5, 9)}``.
-    output, progress : as for ``sweep``.
-
-    Raises
-    ------
-    ProblemError
-        If the problem has no objective, a value is wrong for it, or there is more than one key.
-    StorageError
-        As for ``sweep``.
-    """
-    axes = _grid(over).axes
-    if len(axes) != 1:
-        raise ProblemError("a front runs along one key")
-    with _counting(progress, "designs") as show:
-        points = design_front(problem, axes[0], _folder(problem, output), progress=show)
-    return Front(problem=problem, key=axes[0].key, points=tuple(points))
-
-
-def multistart(
-    problem: Problem,
-    starts: int,
-    *,
-    seed: int = 0,
-    spread: float = 0.3,
-    workers: int | None = None,
-    output: str | Path | None = None,
-    progress: Counter = True,
-) -> list[starts_run.Optimum]:
-    """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
-
-    Parameters
-    ----------
-    problem : a design, or a problem without unknowns (then its distinct gaits are found).
-    seed : of the samples.
-    spread : how far a sample goes: coordinates and freed numbers by this part of themselves, control points of a curve
-        by this part of the curve's range, all within their bounds.
-    workers, output, progress : as for ``sweep``.
-
-    Raises
-    ------
-    StorageError
-        As for ``sweep``.
-    """
-    folder, jobs_at = _folder(problem, output), make_workers(workers, None)
-    with _counting(progress, "starts") as show:
-        return starts_run.multistart(problem, starts, folder, seed=seed, spread=spread, workers=jobs_at, progress=show)
-
-
-def _grid(over: Over) -> Grid:
-    try:
-        return Grid(tuple(axis_of(key, *span) for key, span in over.items()))
-    except (TypeError, ValueError) as error:
-        raise ProblemError(
-            f"over: {error}; write {{KEY: (LO, HI, N)}}, for instance {{'friction': (0.1, 0.3, 20)}}"
-        ) from error
-
-
-def _folder(problem: Problem, output: str | Path | None) -> Path:
-    return run_folder(problem) if output is None else Path(output)
-
-
-@contextmanager
-def _counting(progress: Counter, what: str) -> Iterator[Callable[[int, int], None]]:
-    if callable(progress):
-        yield progress
-        return
-    with job_progress(library_console(shown=progress), what) as show:
-        yield show
+    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
+    with shown(progress, job_progress, "parts of the search") as show:
+        return search(plan, in_memory(Workers(count=workers), show, should_stop), should_stop=should_stop)

@@ -8,27 +8,27 @@ from base64 import b64encode
 from collections.abc import Sequence
 from functools import singledispatch
 from html import escape
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitopt.display import Page
-from gaitopt.figures.animation import animation_page
-from gaitopt.figures.basin import basin as basin_figure
-from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, WALK_FIGURES, branch_figure
-from gaitopt.figures.front import front_figure
-from gaitopt.figures.motion import motion_of, motion_of_walk
-from gaitopt.figures.style import STYLE
-from gaitopt.figures.sweep import sweep as sweep_figure
+from gaitopt.figures.catalogue import (
+    Figures,
+    basin_figures,
+    branch_figures,
+    front_figures,
+    gait_figures,
+    sweep_figures,
+    walk_figures,
+)
+from gaitopt.figures.style import drawn
 from gaitopt.gait import Branch, Gait
 from gaitopt.library.printed import printed
 from gaitopt.library.stored import load_run, save
 from gaitopt.pages import branch_report, comparison_report, walk_report
-from gaitopt.problem import SCALARS
 from gaitopt.runs.basin_tiles import Basin
 from gaitopt.runs.front import Front
 from gaitopt.runs.sweep_table import Sweep
@@ -65,55 +65,43 @@ def plot(result: Any, what: str | None = None) -> Axes:
     return max(figure.axes, key=lambda axes: axes.get_position().width * axes.get_position().height)
 
 
-@singledispatch
 def draw(result: Any, what: str | None = None) -> Figure:
     """The figure that ``plot`` shows."""
+    figures = figures_of(result)
+    if what is not None and what not in figures.names:
+        raise ValueError(f"there is no figure {what!r}; choose from {', '.join(figures.names)}")
+    return figures.draw(what or figures.usual[0])
+
+
+@singledispatch
+def figures_of(result: Any) -> Figures:
+    """The figures of a result."""
     gaits = list(result) if isinstance(result, Sequence) else []
     if not gaits or not all(isinstance(gait, Gait) for gait in gaits):
         raise TypeError(f"a {type(result).__name__} has no figures")
-    return GAIT_FIGURES[_known(what, "portrait", tuple(GAIT_FIGURES))]([_converged(gait) for gait in gaits])
+    return gait_figures([_converged(gait) for gait in gaits])
 
 
-@draw.register
-def _(result: Gait, what: str | None = None) -> Figure:
-    return draw([result], what)
-
-
-@draw.register
-def _(result: Walk, what: str | None = None) -> Figure:
-    return WALK_FIGURES[_known(what, "section", tuple(WALK_FIGURES))](result)
-
-
-@draw.register
-def _(result: Branch, what: str | None = None) -> Figure:
-    word = _known(what, "spectral_radius", BRANCH_FIGURES)
+@figures_of.register
+def _(result: Branch) -> Figures:
     if not result.points:
         raise ValueError("a branch without points has no figures")
-    return branch_figure(word, result.points[0].gait.problem.name, result.parameter, result.to_records())
+    return branch_figures(result.points[0].gait.problem, result.parameter, result.to_records())
 
 
-@draw.register
-def _(result: Sweep, what: str | None = None) -> Figure:
-    scalar = _known(what, "spectral_radius", tuple(SCALARS))
-    return sweep_figure(result.grid, result.records, scalar, searched=result.problem.is_open)
-
-
-@draw.register
-def _(result: Basin, what: str | None = None) -> Figure:
-    _known(what, "basin", ("basin",))
-    return basin_figure(result)
-
-
-@draw.register
-def _(result: Front, what: str | None = None) -> Figure:
-    _known(what, "front", ("front",))
-    return front_figure(result.problem, result.key, result.to_records())
+figures_of.register(Gait, lambda gait: gait_figures([_converged(gait)]))
+figures_of.register(Walk, walk_figures)
+figures_of.register(Sweep, sweep_figures)
+figures_of.register(Basin, basin_figures)
+figures_of.register(Front, front_figures)
 
 
 def animate(result: Gait | Walk) -> Page:
     """The moving walker as a page: a gait repeats itself, a walk is shown from its start to its end."""
-    motion = motion_of_walk(result) if isinstance(result, Walk) else motion_of(_converged(result))
-    return Page(f"animation of {result.problem.name}", animation_page(motion, result.problem.about))
+    page = figures_of(result).animation
+    if page is None:
+        raise TypeError(f"a {type(result).__name__} does not move")
+    return Page(f"animation of {result.problem.name}", page())
 
 
 def report(*results: Any) -> Page:
@@ -133,7 +121,8 @@ def report(*results: Any) -> Page:
 def html(result: Any) -> str:
     """The table that the command line prints and a small picture, for a notebook."""
     try:
-        picture = _picture(draw(result))
+        code = b64encode(drawn(draw(result), "png", SMALL)).decode()
+        picture = f'<img alt="" src="data:image/png;base64,{code}">'
     except (TypeError, ValueError):  # has none
         picture = ""
     title = escape(repr(result).strip("<>"))
@@ -146,27 +135,10 @@ def write_page(text: str, path: Path) -> Path:
     return path
 
 
-def _known(what: str | None, usual: str, known: Sequence[str]) -> str:
-    if what is not None and what not in known:
-        raise ValueError(f"there is no figure {what!r}; choose from {', '.join(known)}")
-    return what or usual
-
-
 def _converged(gait: Gait) -> Gait:
     if not gait.steps:
         raise ValueError(f"{gait.problem.name} is {gait.status}: there is no gait to draw")
     return gait
-
-
-def _picture(figure: Figure) -> str:
-    return f'<img alt="" src="data:image/png;base64,{b64encode(_png(figure, SMALL)).decode()}">'
-
-
-def _png(figure: Figure, resolution: float) -> bytes:
-    drawn = BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(drawn, format="png", dpi=resolution)
-    return drawn.getvalue()
 
 
 def _show(figure: Figure) -> None:
@@ -175,4 +147,4 @@ def _show(figure: Figure) -> None:
     if shell is not None and getattr(shell, "kernel", None) is not None:
         from IPython.display import display
 
-        display({"image/png": _png(figure, 100)}, raw=True)
+        display({"image/png": drawn(figure, "png", 100)}, raw=True)

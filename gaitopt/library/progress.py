@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
 
 from rich.console import Console
@@ -25,13 +25,25 @@ Counter = bool | Callable[[int, int], None]
 """``progress`` of a call with countable parts: show it or not, or call a function with parts done and their total."""
 Follower = bool | Callable[[int, float], None]
 """``progress`` of a solution or a continuation: show it or not, or call a function with a number and a value."""
+Teller = bool | Callable[[str], None]
+"""``progress`` of a call that reports in words: show them or not, or call a function with them."""
 
 
-def library_console(*, shown: bool) -> Console:
-    """The console of a library call: standard error of a terminal or a notebook's output; silent elsewhere."""
+@contextmanager
+def shown(
+    progress: bool | Callable[..., None], bar: Callable[..., AbstractContextManager[Callable[..., None]]], *words: str
+) -> Iterator[Callable[..., None]]:
+    """The callback that ``progress`` of a library call stands for: itself, or that of a bar described in words.
+
+    A bar is shown on standard error of a terminal or in a notebook's output, and nowhere else.
+    """
+    if callable(progress):
+        yield progress
+        return
     console = Console(stderr=True)
-    console.quiet = not (shown and _is_live(console))
-    return console
+    console.quiet = not (progress and _is_live(console))
+    with bar(console, *words) as show:
+        yield show
 
 
 def _is_live(console: Console) -> bool:
@@ -64,14 +76,19 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
 
 
 @contextmanager
-def following(
-    console: Console, what: str, words: Callable[[int, float], str]
-) -> Iterator[Callable[[int, float], None]]:
-    """Give a callback whose numbers are shown in words beside a clock."""
+def value_progress(console: Console, what: str, parameter: str) -> Iterator[Callable[[int, float], None]]:
+    """Give a callback that shows a number of gaits and the value of a parameter beside a clock."""
+    with word_progress(console, what) as say:
+        yield lambda n, value: say(f"{n} gaits, {parameter} = {value:.6g}")
+
+
+@contextmanager
+def word_progress(console: Console, what: str) -> Iterator[Callable[[str], None]]:
+    """Give a callback that shows its words beside a clock."""
     columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
         bar = progress.add_task(what, total=None)
-        yield lambda count, value: progress.update(bar, description=f"{what}  {words(count, value)}")
+        yield lambda words: progress.update(bar, description=f"{what}  {words}")
 
 
 @contextmanager
@@ -88,28 +105,16 @@ def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], N
             bar = progress.add_task(what, total=None)
             yield lambda done, total: progress.update(bar, completed=done, total=total)
         return
-    clock = _Clock()
+    began = last = time.monotonic()
+    first: int | None = None
 
     def show(done: int, total: int) -> None:
-        words = clock.look(done, total)
-        if words:
-            console.print(f"  {what}: {done} of {total}{words}")
+        nonlocal last, first
+        now, first = time.monotonic(), done - 1 if first is None else first
+        if now - last < LINE_EVERY and done < total:
+            return
+        last, left = now, (now - began) / max(done - first, 1) * (total - done)
+        words = f"about {left:.0f} s left" if done < total else f"{now - began:.0f} s"
+        console.print(f"  {what}: {done} of {total}, {words}")
 
     yield show
-
-
-class _Clock:
-    """When to print a line, and how long it will still take at the pace so far."""
-
-    def __init__(self) -> None:
-        self._began = self._last = time.monotonic()
-        self._first: int | None = None
-
-    def look(self, done: int, total: int) -> str:
-        now = time.monotonic()
-        self._first = done - 1 if self._first is None else self._first
-        if now - self._last < LINE_EVERY and done < total:
-            return ""
-        self._last = now
-        left = (now - self._began) / max(done - self._first, 1) * (total - done)
-        return f", about {left:.0f} s left" if done < total else f", {now - self._began:.0f} s"

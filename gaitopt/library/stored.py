@@ -3,20 +3,20 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from gaitopt.arrays import Array
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Branch, Gait, Step
 from gaitopt.gait.table import trajectory_header, trajectory_rows
-from gaitopt.mechanics import HybridSystem
+from gaitopt.mechanics import Dynamics
 from gaitopt.runs.basin_tiles import BASIN_FILE, Basin, read_basin
-from gaitopt.runs.restore import restore_gait
+from gaitopt.runs.front import Front, front_file, read_fronts
+from gaitopt.runs.restore import restore_gait, restore_walk
 from gaitopt.runs.restore_branch import restore_branch
-from gaitopt.runs.restore_walk import restore_walk
 from gaitopt.runs.sweep_table import SWEEP_FILE, Sweep, read_sweep
-from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, read_run, run_folder, write_run, write_walk
+from gaitopt.runs.within import refuse_other_results
+from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, run_folder, write_run, write_walk
 from gaitopt.study.simulate import Walk
 
-Result = Gait | Branch | Walk | Sweep | Basin
+Result = Gait | Branch | Walk | Sweep | Basin | Front
 
 
 def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
@@ -35,16 +35,16 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
     """
     folder = run_folder(result.problem) if path is None else Path(path)
     if isinstance(result, Walk):
-        table = motion_table(result.system, result.p, result.trajectory.steps)
+        table = motion_table(result.dynamics, result.trajectory.steps)
         return write_walk(folder, problem=result.problem, walk=result.to_record(), trajectory=table)
     if not result.steps:
         raise SolveError(f"{result.problem.name} is {result.status}: only a gait is stored")
-    table = motion_table(result.system, result.p, result.steps)
+    table = motion_table(result.dynamics, result.steps)
     return write_run(folder, problem=result.problem, gait=result.to_record(), trajectory=table)
 
 
 def load_run(path: str | Path) -> Result:
-    """Read what a run folder holds: a branch, a gait, a walk, or the sweep or basin in a folder of its own.
+    """Read what a run folder holds: a branch, a gait, a walk, a front, or the sweep or basin in a folder of its own.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def load_run(path: str | Path) -> Result:
     folder = Path(path)
     readers: dict[str, Callable[[Path], Result]] = {
         BRANCH_FILE: restore_branch,
-        GAIT_FILE: lambda run: restore_gait(read_run(run)),
+        GAIT_FILE: restore_gait,
         WALK_FILE: restore_walk,
         SWEEP_FILE: read_sweep,
         BASIN_FILE: read_basin,
@@ -62,9 +62,12 @@ def load_run(path: str | Path) -> Result:
     for name, reader in readers.items():
         if (folder / name).is_file():
             return reader(folder)
+    if len(list(folder.glob(front_file("*")))) == 1:
+        return read_fronts(folder)[0]
+    refuse_other_results(folder)
     raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(readers)})")
 
 
-def motion_table(system: HybridSystem, p: Array, steps: Iterable[Step]) -> Table:
+def motion_table(dynamics: Dynamics, steps: Iterable[Step]) -> Table:
     """The table of a motion that a run folder holds."""
-    return Table(header=trajectory_header(system), rows=trajectory_rows(system, p, steps))
+    return Table(header=trajectory_header(dynamics.system), rows=trajectory_rows(dynamics, steps))

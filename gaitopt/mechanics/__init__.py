@@ -12,6 +12,8 @@ from gaitopt.mechanics.control import (
     Reference,
     control_points,
 )
+from gaitopt.mechanics.cycle import Cycle, ModeSequence
+from gaitopt.mechanics.dynamics import Dynamics
 from gaitopt.mechanics.friction import CoulombFriction, Friction, StaticKineticFriction
 from gaitopt.mechanics.margins import (
     IMPACT_MARGINS,
@@ -24,10 +26,12 @@ from gaitopt.mechanics.margins import (
     margin_scales,
     margin_unit,
 )
-from gaitopt.mechanics.modes import CONTACTS, Cycle, ImpactLaw, Mode, ModeSequence
+from gaitopt.mechanics.mechanism import Body, Damper, Mechanism
+from gaitopt.mechanics.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.mechanics.registry import find_walker, refused_walkers, registered_walkers
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.system import HybridSystem
-from gaitopt.mechanics.walker import Body, Damper, Mechanism, Walker, find_walker, refused_walkers, registered_walkers
+from gaitopt.mechanics.walker import Walker
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
@@ -46,6 +50,7 @@ __all__ = [
     "CoulombFriction",
     "Cycle",
     "Damper",
+    "Dynamics",
     "Friction",
     "HybridSystem",
     "ImpactLaw",

@@ -39,6 +39,11 @@ class BufferedFunction:
             buffer.set_res(k, vector.data)
         self._buffer = buffer  # keeps alive what ``evaluate`` works on
 
+    @property
+    def failed(self) -> bool:
+        """Whether the last call had no result."""
+        return bool(self._buffer.ret())
+
     def __call__(self, *values: Any) -> tuple[Array, ...]:
         """The outputs, each of shape (n,), at ``values``; valid until the next call."""
         for vector, value in zip(self.inputs, values, strict=True):
@@ -80,13 +85,13 @@ class BufferedMap:
 
 @lru_cache(maxsize=256)
 def buffered(function: Function) -> BufferedFunction:
-    """The buffers of a function that is itself kept, made once."""
+    """The buffers of a function, created on first use and kept with it."""
     return BufferedFunction(function)
 
 
 @lru_cache(maxsize=256)
 def buffered_map(function: Function, count: int) -> BufferedMap:
-    """The map of a function that is itself kept, made once."""
+    """The map of a function, created on first use and kept with it."""
     return BufferedMap(function, count)
 
 

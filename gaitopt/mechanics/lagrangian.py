@@ -6,14 +6,15 @@ with W the Jacobian of the stance foot. As (x, y) are coordinates, W' f only add
 For a walker whose foot stays on the ground all is stated there: y = dy = 0.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
 
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics.walker import Mechanism, Walker
+from gaitopt.mechanics.mechanism import Mechanism
+from gaitopt.mechanics.walker import Walker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,13 +90,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     mechanism = walker.mechanism(coordinates, parameter_namespace(walker, p))
     check_structure(walker, mechanism, q[-2:])
 
-    kinetic, potential = SX(0), SX(mechanism.potential)
-    for body in mechanism.bodies:
-        velocity = jtimes(body.position, q, dq)
-        kinetic += body.mass * dot(velocity, velocity) / 2
-        kinetic += body.inertia * jtimes(SX(body.angle), q, dq) ** 2 / 2
-        potential -= body.mass * dot(mechanism.gravity, body.position)
-
+    kinetic, potential = _energies(mechanism, q, dq)
     M = hessian(kinetic, dq)[0]
     momentum = gradient(kinetic, dq)
     dissipation = sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0))
@@ -128,16 +123,32 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
         gravity=norm_2(mechanism.gravity),
         length=mmax(straight),
-        mechanism=replace(
-            mechanism,
-            swing_foot=grounded(mechanism.swing_foot),
-            touchdown=grounded(SX(mechanism.touchdown)),
-            upright=grounded(SX(mechanism.upright)),
-            relabel=grounded(SX(mechanism.relabel)),
-            stops={name: grounded(SX(gap)) for name, gap in mechanism.stops.items()},
-            potential_while={state: grounded(SX(energy)) for state, energy in mechanism.potential_while.items()},
-            push=None if mechanism.push is None else grounded(mechanism.push),
-        ),
+        mechanism=_mapped(mechanism, grounded),
+    )
+
+
+def _energies(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX]:
+    """Kinetic and potential energy."""
+    kinetic, potential = SX(0), SX(mechanism.potential)
+    for body in mechanism.bodies:
+        velocity = jtimes(body.position, q, dq)
+        kinetic += body.mass * dot(velocity, velocity) / 2
+        kinetic += body.inertia * jtimes(SX(body.angle), q, dq) ** 2 / 2
+        potential -= body.mass * dot(mechanism.gravity, body.position)
+    return kinetic, potential
+
+
+def _mapped(mechanism: Mechanism, function: Callable[[SX], SX]) -> Mechanism:
+    """The mechanism with a function applied to what the modes are stated by."""
+    return replace(
+        mechanism,
+        swing_foot=function(mechanism.swing_foot),
+        touchdown=function(SX(mechanism.touchdown)),
+        upright=function(SX(mechanism.upright)),
+        relabel=function(SX(mechanism.relabel)),
+        stops={name: function(SX(gap)) for name, gap in mechanism.stops.items()},
+        potential_while={state: function(SX(energy)) for state, energy in mechanism.potential_while.items()},
+        push=None if mechanism.push is None else function(mechanism.push),
     )
 
 

@@ -5,6 +5,7 @@ The expressions of the margins are those of ``HybridSystem``; everything else th
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -188,7 +189,7 @@ STOP = Margin(
     absent="the stop does not lock, or the switch is not thrown",
     rises=True,
 )
-"""The gap of a joint stop, or the margin of a switch, whatever its name."""
+"""The gap of a joint stop, or the margin of a switch, under any name."""
 
 
 def margin(name: str) -> Margin:
@@ -196,6 +197,7 @@ def margin(name: str) -> Margin:
     return MARGINS.get(name, STOP)
 
 
+@lru_cache(maxsize=256)
 def margin_names(mode: Mode) -> tuple[str, ...]:
     """Names of the margins of a mode, in the order of ``HybridSystem.margins``; stops and switches by their names."""
     if mode.flies:

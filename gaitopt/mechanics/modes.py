@@ -6,12 +6,9 @@ of which a mode says which factor of each pair is zero; in flight there is no fo
 """
 
 import re
-from bisect import bisect_right
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from enum import StrEnum
 from functools import lru_cache
-from itertools import accumulate, pairwise
 from typing import Any, ClassVar
 
 from pydantic_core import PydanticKnownError, core_schema
@@ -40,6 +37,9 @@ class Mode(str):
     free: tuple[str, ...]
     locked: tuple[str, ...]
     off: tuple[str, ...]
+    _direction: int
+    _sticks: bool
+    _flies: bool
 
     def __new__(cls, text: str) -> "Mode":
         """The mode with this text.
@@ -56,6 +56,7 @@ class Mode(str):
                 raise ValueError(f"{text!r} is no mode: a foot can {', '.join(_DIRECTIONS)}")
             mode = super().__new__(cls, text)
             mode.contact = Mode(contact) if stops else mode
+            mode._direction, mode._sticks, mode._flies = _DIRECTIONS[contact], contact == "stick", contact == "flight"
             mode.stops = states
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == own) for own in STATES
@@ -66,7 +67,7 @@ class Mode(str):
     @classmethod
     def of(cls, contact: str, stops: Mapping[str, str]) -> "Mode":
         """What a foot does, with the state of every stop and switch."""
-        return cls(", ".join([contact.partition(",")[0], *(f"{name} {state}" for name, state in stops.items())]))
+        return _of(contact, *stops.items())
 
     @staticmethod
     def slip(direction: float) -> "Mode":
@@ -87,8 +88,10 @@ class Mode(str):
         return {"anyOf": [word, stops]}
 
     @classmethod
-    def from_record(cls, record: Mapping[str, Any]) -> "Mode":
-        """The mode of a phase in JSON."""
+    def from_record(cls, record: str | Mapping[str, Any]) -> "Mode":
+        """The mode of a phase in JSON, or the mode with this text."""
+        if isinstance(record, str):
+            return cls(record)
         return cls.of(record["mode"], {name: state for name, state in record.items() if state in STATES})
 
     @property
@@ -109,22 +112,22 @@ class Mode(str):
     @property
     def direction(self) -> int:
         """Sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight."""
-        return _DIRECTIONS[self.contact]
+        return self._direction
 
     @property
     def sticks(self) -> bool:
         """Whether the foot is held by friction."""
-        return self.contact is Mode.STICK
+        return self._sticks
 
     @property
     def flies(self) -> bool:
         """Whether no foot touches the ground."""
-        return self.contact is Mode.FLIGHT
+        return self._flies
 
     @property
     def slips(self) -> bool:
         """Whether the foot slips."""
-        return self.direction != 0
+        return self._direction != 0
 
     def with_contact(self, contact: "Mode") -> "Mode":
         """Another contact with the same states of the stops."""
@@ -138,6 +141,12 @@ class Mode(str):
         """Whether ``contact`` (a foot on the ground), or a state such as ``knee free``, is part of it."""
         name, _, value = state.partition(" ")
         return self.stops.get(name) == value if value else not self.flies
+
+
+@lru_cache(maxsize=256)
+def _of(contact: str, *stops: tuple[str, str]) -> Mode:
+    """The decisions of one simulated step put a dozen modes together."""
+    return Mode(", ".join([contact.partition(",")[0], *(f"{name} {state}" for name, state in stops)]))
 
 
 def _read(data: object) -> Mode:
@@ -166,154 +175,3 @@ class ImpactLaw(StrEnum):
 
     COULOMB = "coulomb"
     FRICTIONLESS = "frictionless"
-
-
-def in_words(phases: Iterable[Mode]) -> str:
-    """Modes in order; stops are named where they change: ``stick (knee free), stick (knee locked), slip_backward``."""
-    words, stops = list[str](), Mode.STICK.stops
-    for mode in phases:
-        named = ", ".join(f"{name} {state}" for name, state in mode.stops.items())
-        words.append(str(mode.contact) if mode.stops == stops else f"{mode.contact} ({named})")
-        stops = mode.stops
-    return ", ".join(words)
-
-
-@dataclass(frozen=True, slots=True)
-class ModeSequence:
-    """The phases of one step in order, and the impact that ends it.
-
-    Raises
-    ------
-    ValueError
-        If there is no phase, or if two neighbours are equal.
-    """
-
-    phases: tuple[Mode, ...]
-    impact: Mode
-
-    def __post_init__(self) -> None:
-        if not self.phases:
-            raise ValueError("a step needs at least one phase: stick, slip_forward, slip_backward or flight")
-        for k, (first, second) in enumerate(pairwise(self.phases), start=1):
-            if first is second:
-                raise ValueError(f"phases {k} and {k + 1} are both {first}: merge them into one")
-            if first.flies and not second.flies:
-                raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
-
-    def __str__(self) -> str:
-        return f"{in_words(self.phases)}; {self.impact}"
-
-
-@dataclass(frozen=True, slots=True)
-class Cycle:
-    """The steps after which a gait repeats itself; phases are counted through all of them.
-
-    Raises
-    ------
-    ValueError
-        If there is no step, or if a slipping impact is not followed by the same slip.
-    """
-
-    steps: tuple[ModeSequence, ...]
-
-    def __post_init__(self) -> None:
-        if not self.steps:
-            raise ValueError("a cycle needs at least one step")
-        for phase in self.first_phases:
-            impact, first = self.impact_before(phase), self.phases[phase]
-            if impact is not None and impact.slips and first.contact is not impact.contact:
-                raise ValueError(
-                    f"after an impact with {impact} the foot is already slipping: "
-                    f"the first phase must be {impact}, not {first}"
-                )
-
-    @classmethod
-    def of_one_step(cls, phases: tuple[Mode, ...], impact: Mode) -> "Cycle":
-        """The cycle of a gait that repeats itself after every step."""
-        return cls((ModeSequence(phases, impact),))
-
-    @property
-    def phases(self) -> tuple[Mode, ...]:
-        """Modes of all phases in order."""
-        return _phases(self.steps)
-
-    @property
-    def impacts(self) -> tuple[Mode, ...]:
-        """What the colliding foot does just after the impact of each step."""
-        return tuple(step.impact for step in self.steps)
-
-    @property
-    def impact(self) -> Mode:
-        """The impact that ends the cycle."""
-        return self.steps[-1].impact
-
-    @property
-    def first_phases(self) -> tuple[int, ...]:
-        """Index of the first phase of every step."""
-        return _first_phases(self.steps)
-
-    def step_of(self, phase: int) -> int:
-        """Index of the step to which a phase belongs."""
-        return bisect_right(self.first_phases, phase) - 1
-
-    def after(self, phase: int) -> Mode | None:
-        """Mode of the phase that follows within the step; None where the step ends with its impact."""
-        following = phase + 1
-        return None if following == len(self.phases) or following in self.first_phases else self.phases[following]
-
-    def reset_after(self, phase: int) -> Mode | None:
-        """The impact with which a phase ends: of the foot, or of a stop that locks; None where nothing jumps."""
-        after = self.after(phase)
-        if after is None:
-            return self.steps[self.step_of(phase)].impact
-        return after if after.locked != self.phases[phase].locked else None
-
-    def impact_before(self, phase: int) -> Mode | None:
-        """The impact with which a phase begins, that of the last step before the first; None where nothing jumps."""
-        return self.reset_after((phase - 1) % len(self.phases))
-
-    @property
-    def resets(self) -> tuple[tuple[int, Mode], ...]:
-        """Every phase that an impact ends, with that impact."""
-        return _resets(self)
-
-    def phase_words(self, phase: int) -> str:
-        """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
-        step = self.step_of(phase)
-        words = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase]})"
-        return words if len(self.steps) == 1 else f"step {step + 1}, {words}"
-
-    def onset_order(self, phase: int, *, jump: bool = False) -> int:
-        """Order of the zero that the slip velocity has where a slip phase starts.
-
-        0 where the foot slips already, 1 where it leaves rest with an acceleration (just after a sticking impact, or
-        in a reversal), 2 at the edge of the friction cone after a stick, where velocity and acceleration are zero;
-        1 there as well where friction drops at the onset of slip (``jump``).
-        """
-        impact = self.impact_before(phase)
-        if impact is not None:
-            return int(impact.sticks)
-        return 2 if self.phases[phase - 1].sticks and not jump else 1
-
-    def starts_from_rest(self, phase: int) -> bool:
-        """Whether a slip phase starts from rest at a force beyond the friction cone: after an impact, or reversed."""
-        return self.phases[phase].slips and self.onset_order(phase) == 1
-
-    def __str__(self) -> str:
-        return " | ".join(map(str, self.steps))
-
-
-@lru_cache(maxsize=256)
-def _phases(steps: tuple[ModeSequence, ...]) -> tuple[Mode, ...]:
-    return tuple(mode for step in steps for mode in step.phases)
-
-
-@lru_cache(maxsize=256)
-def _first_phases(steps: tuple[ModeSequence, ...]) -> tuple[int, ...]:
-    return tuple(accumulate((len(step.phases) for step in steps[:-1]), initial=0))
-
-
-@lru_cache(maxsize=256)
-def _resets(cycle: Cycle) -> tuple[tuple[int, Mode], ...]:
-    pairs = ((phase, cycle.reset_after(phase)) for phase in range(len(cycle.phases)))
-    return tuple((phase, reset) for phase, reset in pairs if reset is not None)

@@ -6,9 +6,13 @@ l leg length,      sqrt(l/g) time,      m g weight,      m g l torque and energy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, model_validator
 
 from gaitopt.mechanics.scales import Scales
 
+Checked = TypeVar("Checked", bound=BaseModel)
 UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "one": ("", lambda s: 1.0),
     "length": (" l", lambda s: s.length),
@@ -87,3 +91,15 @@ def _words(span: Interval, unit: str) -> str:
     if math.isinf(span[1]):
         return f"at least {least}"
     return f"from {least} to {most}"
+
+
+def shorter(part: str, whole: str) -> Any:
+    """A validator of a model for its class body: one length is less than another, both fields in m."""
+
+    def check(model: Checked) -> Checked:
+        length, limit = getattr(model, part), getattr(model, whole)
+        if length >= limit:
+            raise ValueError(f"{part} = {length:g} m must be less than {whole} = {limit:g} m")
+        return model
+
+    return model_validator(mode="after")(check)

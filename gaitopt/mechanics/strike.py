@@ -8,7 +8,7 @@
 with J the derivative of the gaps of all stops that are locked from now on, and L their impulses. As the gaps do not
 depend on where the foot is, what the stops do to a foot that is held is an impulse F_0, and with the apparent mass C of
 the foot of a walker with locked stops F = F_0 + C (v_t_plus - v_t_minus, 0)'. The swing foot is in the air. With F = 0
-the stance foot is taken along and leaves the ground.
+the stance foot leaves the ground.
 """
 
 from casadi import SX, horzcat, vertcat

@@ -9,7 +9,8 @@ can be varied, freed or continued without rebuilding anything. The NLP and the s
 """
 
 from collections.abc import Callable, Mapping
-from functools import cached_property, lru_cache
+from dataclasses import fields
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,16 +19,12 @@ from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics.buffered import buffered
-from gaitopt.mechanics.contact import Motion, flight, motion
 from gaitopt.mechanics.control.law import Control
+from gaitopt.mechanics.expressions import Expressions
 from gaitopt.mechanics.friction import CoulombFriction, Friction
-from gaitopt.mechanics.impact import Impact, Push, impact, landing, push_off
-from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
-from gaitopt.mechanics.margins import PUSH, impact_margin_names, margin_names
+from gaitopt.mechanics.lagrangian import parameter_namespace
+from gaitopt.mechanics.margins import PUSH, impact_margin_names
 from gaitopt.mechanics.modes import ImpactLaw, Mode
-from gaitopt.mechanics.scales import Scales
-from gaitopt.mechanics.strike import strike, take_off
 from gaitopt.mechanics.walker import Walker
 
 COULOMB = CoulombFriction()
@@ -68,55 +65,50 @@ class HybridSystem:
         self.n_z = len(self.state_names)
         self.n_shape = len(walker.coordinates()) - 1
         self.n_r = control.data(0).size
-        self._eom = _equations_of_motion(walker)
-        self._t = SX.sym("t")
-        self._r = SX.sym("r", self.n_r)
-        n_walker, n_friction = len(walker.model_fields), len(friction.parameters)
-        self._friction_entries = slice(n_walker, n_walker + n_friction)
-        self._coefficients = SX.sym("c", n_friction)
-        self._scalars = SX.sym("k", len(control.parameters))
-        self._motions: dict[Mode, Motion] = {}
-        self._impacts: dict[Mode, Impact] = {}
+        n_walker = len(walker.model_fields)
+        self._friction_entries = slice(n_walker, n_walker + len(friction.parameters))
+        self._symbols = Expressions(walker, control, law, friction)
+        self._eom, self._t = self._symbols.eom, self._symbols.t
+        self._p, self._r = self._symbols.p, self._symbols.r
         self._functions: dict[str, Function] = {}
         self._data: dict[int, Array] = {}
 
     def flow(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt."""
-        return self._build(f"flow_{mode.key}", lambda: [self._motion(mode).dz])
+        return self._build(f"flow_{mode.key}", lambda: {"dz": self._symbols.motion(mode).dz})
 
     def margins(self, mode: Mode) -> Function:
         """(t, z, p, r) -> margins in the order of ``margin_names(mode)``."""
-        return self._build(f"margins_{mode.key}", lambda: [self._margins(mode)])
+        return self._build(f"margins_{mode.key}", lambda: {"margins": self._symbols.margins(mode)})
 
     def events(self, mode: Mode) -> Function:
         """(t, z, p, r) -> margins and their rates along the flow."""
 
         def rates() -> SX:
-            margins = self._margins(mode)
-            return jtimes(margins, self._eom.z, self._motion(mode).dz) + jacobian(margins, self._t)
+            margins = self._symbols.margins(mode)
+            return jtimes(margins, self._eom.z, self._symbols.motion(mode).dz) + jacobian(margins, self._t)
 
-        return self._build(f"events_{mode.key}", lambda: [self._margins(mode), rates()])
+        return self._build(f"events_{mode.key}", lambda: {"margins": self._symbols.margins(mode), "rates": rates()})
 
-    def linearisation(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> dz/dt, its Jacobian in z, and the Jacobian of the margins in z."""
+    def gradients(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> Jacobian of the margins in z."""
 
-        def outputs() -> list[SX]:
-            dz = self._motion(mode).dz
-            return [dz, jacobian(dz, self._eom.z), jacobian(self._margins(mode), self._eom.z)]
+        def outputs() -> dict[str, SX]:
+            return {"margins_by_z": jacobian(self._symbols.margins(mode), self._eom.z)}
 
-        return self._build(f"linearisation_{mode.key}", outputs)
+        return self._build(f"gradients_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
 
-        def outputs() -> list[SX]:
-            dz = self._motion(mode).dz
-            return [vertcat(dz, vec(jacobian(dz, self._eom.z) @ deviations))]
+        def outputs() -> dict[str, SX]:
+            dz = self._symbols.motion(mode).dz
+            return {"dy": vertcat(dz, vec(jacobian(dz, self._eom.z) @ deviations))}
 
         deviations = SX.sym("deviations", self.n_z, columns)
         y = vertcat(self._eom.z, vec(deviations))
         name = f"variational_{mode.key}_{columns}"
-        return self._build(name, outputs, inputs=[self._t, y, self._p, self._r])
+        return self._build(name, outputs, inputs={"t": self._t, "y": y, "p": self._p, "r": self._r})
 
     def observation(self, mode: Mode) -> Function:
         """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
@@ -124,32 +116,40 @@ class HybridSystem:
         The loss is the power that the dampers take.
         """
 
-        def outputs() -> list[SX]:
-            eom, torque = self._eom, self._torque
+        def outputs() -> dict[str, SX]:
+            eom, torque = self._eom, self._symbols.torque
             motor_rates = eom.E.T @ eom.dq
             foot = eom.mechanism.swing_foot
-            energy = eom.energy + self._potential_of(mode)
+            energy = eom.energy + self._symbols.potential_of(mode)
             power, loss = torque * motor_rates, eom.dissipation
-            return [self._motion(mode).force, torque, power, foot, energy, motor_rates, loss]
+            return {
+                "force": self._symbols.motion(mode).force,
+                "torque": torque,
+                "power": power,
+                "swing_foot": foot,
+                "energy": energy,
+                "motor_rates": motor_rates,
+                "loss": loss,
+            }
 
         return self._build(f"observation_{mode.key}", outputs)
 
     def impact(self, mode: Mode) -> Function:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
 
-        def outputs() -> list[SX]:
-            result = self._impact(mode)
-            return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity, result.painleve]
+        def outputs() -> dict[str, SX]:
+            result = self._symbols.impact(mode)
+            return {field.name: getattr(result, field.name) for field in fields(result)}
 
-        return self._build(f"impact_{mode.key}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
 
     def impact_jacobian(self, mode: Mode) -> Function:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
 
-        def outputs() -> list[SX]:
-            return [jacobian(self._impact(mode).z_plus, self._eom.z)]
+        def outputs() -> dict[str, SX]:
+            return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}
 
-        return self._build(f"impact_jacobian_{mode.key}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_jacobian_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
 
     def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``impact_margins``."""
@@ -159,11 +159,11 @@ class HybridSystem:
     def impact_margins(self, mode: Mode) -> Function:
         """(z, p) -> margins of an impact in the order of ``impact_margin_names(mode)``."""
 
-        def outputs() -> list[SX]:
-            margins = self._impact_margins(mode)
-            return [vertcat(*(margins[name] for name in self.impact_margin_names(mode)))]
+        def outputs() -> dict[str, SX]:
+            margins = self._symbols.impact_margins(mode)
+            return {"margins": vertcat(*(margins[name] for name in self.impact_margin_names(mode)))}
 
-        return self._build(f"impact_margins_{mode.key}", outputs, inputs=[self._eom.z, self._p])
+        return self._build(f"impact_margins_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
 
     @cached_property
     def open_flow(self) -> Function:
@@ -172,54 +172,52 @@ class HybridSystem:
         Friction is -mu s f_n with s in [-1, 1], and kinetic friction bounds a foot at rest too.
         """
 
-        def outputs() -> list[SX]:
-            state, guard = self._slipping(s, self.walker.released(Mode.STICK)), SX(self._eom.mechanism.touchdown)
-            return [state.dz, state.force, guard, jtimes(guard, self._eom.z, state.dz)]
+        def outputs() -> dict[str, SX]:
+            state, guard = (
+                self._symbols.slipping(s, self.walker.released(Mode.STICK)),
+                SX(self._eom.mechanism.touchdown),
+            )
+            rate = jtimes(guard, self._eom.z, state.dz)
+            return {"dz": state.dz, "force": state.force, "guard": guard, "guard_rate": rate}
 
         s = SX.sym("s")
-        return self._build("open_flow", outputs, inputs=[self._t, self._eom.z, s, self._p, self._r])
+        return self._build(
+            "open_flow", outputs, inputs={"t": self._t, "z": self._eom.z, "s": s, "p": self._p, "r": self._r}
+        )
 
     @cached_property
     def open_impact(self) -> Function:
         """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
 
-        def outputs() -> list[SX]:
-            result = impact(self._eom, s, ImpactLaw.COULOMB, self._kinetic, self._locked(()))
-            return [result.z_plus, result.impulse, result.slip_velocity, result.lift_velocity]
+        def outputs() -> dict[str, SX]:
+            result = self._symbols.open_impact(s)
+            names = ("z_plus", "impulse", "slip_velocity", "lift_velocity")
+            return {name: getattr(result, name) for name in names}
 
         s = SX.sym("s")
-        return self._build("open_impact", outputs, inputs=[self._eom.z, s, self._p])
+        return self._build("open_impact", outputs, inputs={"z": self._eom.z, "s": s, "p": self._p})
 
     @cached_property
     def approach(self) -> Function:
         """(z, p) -> normal velocity with which the swing foot lands [m/s]; it is negative where the foot comes down."""
-        return Function("approach", [self._eom.z, self._p], [self._approach])
+        return Function("approach", [self._eom.z, self._p], [self._symbols.approach])
 
     @cached_property
     def push(self) -> Function:
         """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
-        return Function("push", [self._eom.z, self._p], [self._push.impulse, self._push.work])
+        push = self._symbols.push
+        return Function("push", [self._eom.z, self._p], [push.impulse, push.work], ["z", "p"], ["impulse", "work"])
 
     @cached_property
     def weight(self) -> Function:
         """p -> total weight [N]."""
         return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
 
-    def scales(self, p: Array) -> Scales:
-        """Natural units of the walker at parameters ``p`` of shape (n_p,)."""
-        length, gravity, mass = (float(value[0]) for value in buffered(self._scale_function)(p))
-        return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
-
-    def state_scales(self, scales: Scales) -> Array:
-        """Natural unit of every entry of ``z``, shape (n_z,): angles 1, rates 1 / time, lengths by the leg's."""
-        lengths = {*self.walker.lengths, "x", "y"}
-        units = np.array([scales.length if name in lengths else 1.0 for name in self.walker.coordinates()])
-        return np.concatenate([units, units / scales.time])
-
     @cached_property
-    def _scale_function(self) -> Function:
+    def size(self) -> Function:
+        """p -> length of a leg [m], gravity [m/s^2] and total mass [kg]."""
         eom = self._eom
-        return Function("scales", [self._p], [eom.length, eom.gravity, eom.mass])
+        return Function("size", [self._p], [eom.length, eom.gravity, eom.mass])
 
     @cached_property
     def lift(self) -> Function:
@@ -243,12 +241,6 @@ class HybridSystem:
         names = self.walker.section_names(slipping=impact_mode.slips)
         return np.array([self.state_names.index(name) for name in names])
 
-    def lift_state(self, xi: Array, p: Array) -> Array:
-        """State just after an impact from section coordinates, with or without dx; shape (n_z,)."""
-        full = np.zeros(len(self.walker.section_names(slipping=True)))
-        full[: xi.size] = xi
-        return buffered(self.lift)(full, p)[0].copy()
-
     def values(self, parameters: Mapping[str, float]) -> Array:
         """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
         known = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
@@ -268,123 +260,10 @@ class HybridSystem:
         """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
         return self.friction.kinetic(p[self._friction_entries])
 
-    def friction_drops(self, p: Array) -> bool:
-        """Whether friction drops when a foot begins to slip: static above kinetic at parameters ``p``."""
-        return bool(self.static_friction(p) > self.kinetic_friction(p))
-
-    @property
-    def _kinetic(self) -> SX:
-        return self.friction.kinetic(self._coefficients)
-
-    @property
-    def _p(self) -> SX:
-        return vertcat(self._eom.p, self._coefficients, self._scalars)
-
-    @cached_property
-    def _torque(self) -> SX:
-        indices = [self.walker.shape.index(name) for name in self.walker.tracked]
-        angles, rates = self._eom.q[indices], self._eom.dq[indices]
-        return self.control.torque(self._t, angles, rates, self._scalars, self._r)
-
-    def _motion(self, mode: Mode) -> Motion:
-        if mode not in self._motions:
-            self._motions[mode] = self._flight(mode) if mode.flies else self._slipping(_slip(mode), mode)
-        return self._motions[mode]
-
-    def _slipping(self, slip: SX | None, mode: Mode) -> Motion:
-        drag = SX(self.friction.drag(self._coefficients, self._eom.z[-1]))
-        return motion(self._eom, slip, kinetic=self._kinetic, drag=drag, **self._acting(mode))
-
-    def _flight(self, mode: Mode) -> Motion:
-        return flight(self._eom, **self._acting(mode))
-
-    def _acting(self, mode: Mode) -> dict[str, SX]:
-        """What acts in a mode besides contact forces and gravity."""
-        springs = self._eom.force_of(self._potential_of(mode))
-        return {"springs": springs, "torque": self._torque, "locked": self._locked(mode.locked)}
-
-    def _potential_of(self, mode: Mode) -> SX:
-        """Potential energy that acts in this mode and not in all."""
-        energies = self._eom.mechanism.potential_while.items()
-        return sum((energy for state, energy in energies if mode.has(state)), SX(0))
-
-    def _locked(self, stops: tuple[str, ...]) -> SX:
-        """Derivative of the gaps of some stops by the shape coordinates."""
-        gaps = vertcat(SX(0, 1), *(self._eom.mechanism.stops[name] for name in stops))
-        return jacobian(gaps, self._eom.q[: len(self.walker.shape)])
-
-    def _impact(self, mode: Mode) -> Impact:
-        if mode not in self._impacts:
-            self._impacts[mode] = self._new_impact(mode)
-        return self._impacts[mode]
-
-    def _new_impact(self, mode: Mode) -> Impact:
-        if mode.flies:
-            return take_off(self._eom, self._locked(mode.locked))
-        if mode.locked:
-            return strike(self._eom, _slip(mode), self._kinetic, self._locked(mode.locked))
-        if self.walker.massless_feet:
-            return landing(self._eom)
-        held = tuple(stop for stop in self.walker.stops if stop not in self.walker.open_in_impact)
-        return impact(self._eom, _slip(mode), self.law, self._kinetic, self._locked(held))
-
-    def _margins(self, mode: Mode) -> SX:
-        state, mu = self._motion(mode), self.friction.static(self._coefficients)
-        f_t, f_n = state.force[0], state.force[1]
-        lands = mode.flies or not self.walker.flies  # a walker that flies lands out of flight alone
-        margins = {
-            "touchdown": -self._eom.mechanism.touchdown if lands else SX(1),
-            "upright": self._eom.mechanism.upright,
-            "normal_force": f_n,
-            "cone_forward": mu * f_n + f_t,
-            "cone_backward": mu * f_n - f_t,
-            "slip_velocity": mode.direction * self._eom.z[-1],
-            "painleve": state.painleve,
-            "clearance": self._eom.mechanism.swing_foot[1] if lands else SX(1),
-            **self._eom.mechanism.stops,
-            **self._eom.switches,
-        }
-        return vertcat(*(margins[name] for name in margin_names(mode)))
-
-    @cached_property
-    def _push(self) -> Push:
-        return push_off(self._eom, self._locked(self.walker.stops))
-
-    @property
-    def _approach(self) -> SX:
-        return (self._eom.W_swing @ self._push.rates)[1]
-
-    def _impact_margins(self, mode: Mode) -> dict[str, SX]:
-        result, stick = self._impact(mode), self._impact(mode.with_contact(Mode.STICK))
-        mu = self.friction.static(self._coefficients)
-        f_t, f_n = result.impulse[0], result.impulse[1]
-        z, n, push = self._eom.z, self.n_shape + 1, self._push.impulse
-        return {
-            "impulse": f_n,
-            "lift_velocity": result.lift_velocity,
-            "touchdown_rate": jtimes(SX(self._eom.mechanism.touchdown), z[:n], z[n:]),
-            "push_cone_forward": mu * push[1] + push[0],
-            "push_cone_backward": mu * push[1] - push[0],
-            "push_landing": -self._approach,
-            "impulse_cone_forward": mu * f_n + f_t,
-            "impulse_cone_backward": mu * f_n - f_t,
-            "impact_slip_velocity": mode.direction * result.slip_velocity,
-            "impact_painleve": result.painleve,
-            "impact_onset": -mu * stick.impulse[1] - mode.direction * stick.impulse[0],
-        }
-
-    def _build(self, name: str, outputs: Callable[[], list[SX]], inputs: list[SX] | None = None) -> Function:
+    def _build(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: dict[str, SX] | None = None) -> Function:
         if name not in self._functions:
-            arguments = [self._t, self._eom.z, self._p, self._r] if inputs is None else inputs
-            self._functions[name] = Function(name, arguments, cse(outputs()))
+            arguments = inputs or {"t": self._t, "z": self._eom.z, "p": self._p, "r": self._r}
+            results = outputs()
+            shared = cse([*results.values()])
+            self._functions[name] = Function(name, [*arguments.values()], shared, [*arguments], [*results])
         return self._functions[name]
-
-
-def _slip(mode: Mode) -> SX | None:
-    """Sign of the slip in a mode, None where the foot sticks."""
-    return None if mode.sticks else SX(mode.direction)
-
-
-@lru_cache(maxsize=8)
-def _equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
-    return equations_of_motion(walker)

@@ -1,6 +1,6 @@
 """Numbers with units as users write them: angles in ``deg`` or ``rad``, everything else SI.
 
-The table is closed on purpose: a general units library would parse (and evaluate) arbitrary expressions.
+The table is closed: a general units library would parse (and evaluate) arbitrary expressions.
 """
 
 import math
@@ -32,7 +32,7 @@ def parse_angle(value: object) -> object:
 
 
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Masses, lengths and forces keep so far from zero and infinity, whatever the units, that their products exist."""
+"""Masses, lengths and forces stay so far from zero and infinity that their products exist in any units."""
 STEEPEST = math.radians(80)
 """Steady walking needs friction tan(slope) [rad]: nearly 6 here."""
 

@@ -7,98 +7,19 @@ else (M, B, G, W, E, contact, impact, multipliers) is derived from that by gaito
 Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slope downhill, y along its normal.
 """
 
-import inspect
 import math
-import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from collections.abc import Mapping
 from itertools import product
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
-from casadi import SX, norm_2, vertcat
+from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict
 
-from gaitopt.errors import GaitoptWarning, UnknownNameError
+from gaitopt.mechanics.mechanism import Mechanism
 from gaitopt.mechanics.modes import CONTACTS, STOP_STATES, SWITCH_STATES, Mode
-
-ENTRY_POINT_GROUP = "gaitopt.walkers"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Body:
-    """A point mass, or with ``inertia`` and ``angle`` a rigid body.
-
-    Attributes
-    ----------
-    mass : SX or float [kg]
-    position : SX, shape (2,) - centre of mass [m]
-    inertia : SX or float - about the centre of mass [kg m^2]
-    angle : SX - orientation [rad]
-    """
-
-    mass: Any
-    position: SX
-    inertia: Any = 0.0
-    angle: Any = 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Damper:
-    """A viscous damper, which resists with ``coefficient`` times the rate of what it is mounted across.
-
-    Attributes
-    ----------
-    coefficient : SX or float [N m s/rad or N s/m], not negative.
-    across : SX - an angle or a length, as a function of the coordinates [rad or m].
-    """
-
-    coefficient: Any
-    across: SX
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mechanism:
-    """Positions and angles of a walker as functions of ``q``, in CasADi symbols.
-
-    Attributes
-    ----------
-    bodies : the masses.
-    gravity : SX, shape (2,) - acceleration of gravity in (x, y) [m/s^2].
-    swing_foot : SX, shape (2,) - the foot that will collide [m].
-    touchdown : SX - guard; the swing foot lands when it crosses zero from below.
-    upright : SX - positive while the walker is walking; zero is a fall.
-    relabel : SX, shape (n_shape,) - shape coordinates after the feet have swapped roles.
-    stops : gaps of the joint stops by name, affine in the shape: positive while free, held at zero while locked; an
-        angle [rad], or a length by the length of a leg.
-    switches : margins of the switches by name, without unit: positive while off; functions of the coordinates' rates,
-        which they are given by name (``dq.theta``).
-    motors : tuple of SX - the angle on which each actuator acts, in the order of ``Walker.actuators`` [rad].
-    potential : SX - potential energy besides gravity, of springs for instance [J].
-    potential_while : further potential energy, which acts only in a state: ``contact`` (the foot is on the ground), or
-        that of a stop or switch, such as ``thrust on`` [J].
-    dampers : the viscous dampers.
-    push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands, of a walker that
-        pushes off [N s].
-    """
-
-    bodies: tuple[Body, ...]
-    gravity: SX
-    swing_foot: SX
-    touchdown: SX
-    upright: SX
-    relabel: SX
-    stops: Mapping[str, SX] = field(default_factory=dict)
-    switches: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)
-    motors: tuple[SX, ...] = ()
-    potential: Any = field(default_factory=lambda: SX(0))
-    potential_while: Mapping[str, SX] = field(default_factory=dict)
-    dampers: tuple[Damper, ...] = ()
-    push: SX | None = None
 
 
 class Walker(BaseModel, ABC):
@@ -243,75 +164,3 @@ class Walker(BaseModel, ABC):
         """Names of the section coordinates: those that are free just after a sticking or slipping impact."""
         rates = cls.shape if cls.section_rates is None else cls.section_rates
         return (*cls.section, *(f"d{name}" for name in rates), *(("dx",) if slipping else ()))
-
-
-def polar(length: Any, angle: Any) -> SX:
-    """The point at ``length`` from the origin, ``angle`` from the slope's normal towards downhill; shape (2,) [m]."""
-    return vertcat(length * SX(angle).sin(), length * SX(angle).cos())
-
-
-def coil(start: SX, end: SX, width: Any, turns: int = 5) -> tuple[SX, ...]:
-    """Points of a zigzag line from ``start`` to ``end`` [m] that draws a spring with turns of some ``width`` [m]."""
-    along = end - start
-    aside = width / 2 * vertcat(-along[1], along[0]) / norm_2(along)
-    zigzag = (start + (k + 0.5) / (2 * turns) * along + (-1) ** k * aside for k in range(2 * turns))
-    return (start, *zigzag, end)
-
-
-def registered_walkers() -> Mapping[str, type[Walker]]:
-    """Every walker that a problem file may name: ours, and those of the entry-point group ``gaitopt.walkers``."""
-    return _plugins()[0]
-
-
-def refused_walkers() -> Mapping[str, str]:
-    """Why a registered name cannot be used, by name."""
-    return _plugins()[1]
-
-
-def find_walker(model: str) -> type[Walker]:
-    """The walker registered as ``model``.
-
-    Raises
-    ------
-    UnknownNameError
-        If no such walker is registered; the message lists those that are.
-    """
-    walkers = registered_walkers()
-    if model not in walkers:
-        why = refused_walkers().get(model, f"registered: {', '.join(walkers)}")
-        raise UnknownNameError(f"no walker is called {model!r}; {why}")
-    return walkers[model]
-
-
-@lru_cache(maxsize=1)
-def _plugins() -> tuple[dict[str, type[Walker]], dict[str, str]]:
-    """Walkers by name, and why the others are refused; warns once of those."""
-    walkers: dict[str, type[Walker]] = {}
-    refused: dict[str, str] = {}
-    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
-        try:
-            walker = point.load()
-        except Exception as error:  # noqa: BLE001 - importing someone's module may raise anything
-            refused[point.name] = f"the plugin {point.value} cannot be imported: {type(error).__name__}: {error}"
-            continue
-        why = _objection(point, walker)
-        if why is None:
-            walkers[point.name] = walker
-        else:
-            refused[point.name] = f"the plugin {point.value} {why}"
-    if refused:
-        reasons = "; ".join(f"walker {name}: {why}" for name, why in refused.items())
-        warnings.warn(f"not available: {reasons}", GaitoptWarning, stacklevel=2)
-    return walkers, refused
-
-
-def _objection(point: EntryPoint, walker: object) -> str | None:
-    """What keeps an entry point from being a walker, if anything does."""
-    if not (isinstance(walker, type) and issubclass(walker, Walker)):
-        return "is no subclass of gaitopt.mechanics.Walker"
-    if inspect.isabstract(walker):
-        return f"lacks {', '.join(sorted(walker.__abstractmethods__))}"
-    missing = [name for name in ("model", "shape", "section") if not hasattr(walker, name)]
-    if missing:
-        return f"does not say its {', '.join(missing)}"
-    return None if walker.model == point.name else f"calls its model {walker.model!r}, unlike its entry point"

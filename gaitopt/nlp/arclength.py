@@ -12,26 +12,33 @@ H. B. Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csc_matrix
 
 from gaitopt.arrays import Array
 from gaitopt.iteration import NO_CONTRACTION, iterate
-from gaitopt.nlp.newton import Linearisation, ScaledFactor
-from gaitopt.nlp.shooting_jacobian import shooting_jacobian
+from gaitopt.nlp.extrapolation import extrapolation
+from gaitopt.nlp.newton import Linearisation
+from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
 RESIDUAL = 1e-13
-"""Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step."""
+"""Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step.
+
+Above ``ROUNDING`` one chord more is tried.
+"""
+ROUNDING = 1e-14
 ITERATIONS = 11
 SINGULAR = 1e-5
 """Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
 INVERSE_ITERATIONS = 2
 """The null vector of a matrix that is singular to nine digits is right to as many after one."""
+REMEMBERED = 1
+"""Points before the last one that are extrapolated from: with slopes a cubic polynomial, which adds little rounding."""
+FORWARD = 0.5
+"""Cosine of the angle between tangents beyond which the curve has turned too far to be extrapolated."""
 SLOW = 0.2
 """A chord that contracts by less than this is replaced by a new Jacobian."""
 
@@ -44,14 +51,16 @@ class CurvePoint:
     ----------
     at : equalities and Jacobian.
     tangent : ndarray, shape of w - direction of the curve, of unit length in y.
-    factor : the bordered Jacobian with this tangent, factored.
+    bordered : the Jacobian with this tangent.
     iterations : what Newton's method took to get here.
+    earlier : solution and tangent of the last points on the way here, the latest first.
     """
 
     at: Linearisation
     tangent: Array
-    factor: ScaledFactor
+    bordered: ScaledMatrix
     iterations: int
+    earlier: tuple[tuple[Array, Array], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +71,7 @@ class _Trial:
     residual: Array
     offset: float
     size: float
-    chord: ScaledFactor | None
+    chord: ScaledMatrix | None
 
 
 class Curve:
@@ -81,10 +90,10 @@ class Curve:
         transcription: Transcription,
         p: Array,
         scales: Array,
-        jacobian: Callable[[Array, Array], csc_matrix] | None = None,
+        jacobian: Callable[[Array, Array], SparseMatrix] | None = None,
     ) -> None:
         self.transcription, self.p = transcription, p
-        self._jacobian = shooting_jacobian(transcription).jacobian if jacobian is None else jacobian
+        self._jacobian = transcription.jacobian if jacobian is None else jacobian
         section = transcription.system.section(transcription.layout.cycle.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
@@ -110,12 +119,31 @@ class Curve:
         """The point of the curve next to ``w`` at the same parameter, its tangent along ``forward`` (shape of w)."""
         upright = np.zeros(self._indices.size)
         upright[-1] = 1.0
-        return self._correct(w, upright, None, self.coordinates(forward))
+        return self._correct(w, upright, None, self.coordinates(forward), at_parameter=True)
 
     def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
         """The point at arclength ``length`` along the tangent; None if Newton's method does not converge."""
-        normal = self.coordinates(point.tangent)
-        return self._correct(point.at.w + length * point.tangent, normal, point.factor, normal)
+        normal, ahead = self.coordinates(point.tangent), point.at.w + length * point.tangent
+        for predicted in (self._extrapolated(point, length), ahead) if point.earlier else (ahead,):
+            end = self._correct(predicted, normal, point.bordered, normal)
+            if end is not None:
+                earlier = ((point.at.w, point.tangent), *point.earlier)
+                return replace(end, earlier=earlier[:REMEMBERED])
+        return None
+
+    def _extrapolated(self, point: CurvePoint, length: float) -> Array:
+        """The solution at arclength ``length`` on the polynomial through points and tangents up to here."""
+        normal, here = self.coordinates(point.tangent), self.coordinates(point.at.w)
+        places, weights = [0.0], np.array([1.0, length])
+        known = [(point.at.w, point.tangent)]
+        for w, tangent in point.earlier:
+            place, slope = float(normal @ (self.coordinates(w) - here)), float(normal @ self.coordinates(tangent))
+            following = None if slope < FORWARD else extrapolation([*places, place], length, slopes=True)
+            if following is None:
+                break
+            places, known, weights = [*places, place], [*known, (w, tangent / slope)], following
+        values, slopes = zip(*known, strict=True)
+        return np.asarray(weights @ np.array([*values, *slopes]))
 
     @overflow_allowed()
     def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
@@ -137,12 +165,13 @@ class Curve:
         along : ndarray, shape of y - tangent of the known branch in scaled coordinates.
         """
         at = self._linearised(w, self.transcription.violation(w, self.p))
-        bordered = self._factor(at, along)
-        if bordered is None:
-            return None
+        bordered = self._bordered(at, along)
         vector = np.random.default_rng(0).standard_normal(w.size) / self._columns
         for _ in range(INVERSE_ITERATIONS):
-            vector = bordered.solve(bordered.solve_transposed(vector))
+            try:
+                vector = bordered.solve(bordered.solve_transposed(vector))
+            except RuntimeError:  # singular
+                return None
             vector /= np.linalg.norm(self.coordinates(vector))
         left = np.abs(at.jacobian @ vector / self._units.equalities).max()
         return vector if left < SINGULAR else None
@@ -154,58 +183,60 @@ class Curve:
 
     @overflow_allowed()
     def _correct(
-        self, predicted: Array, normal: Array, factor: ScaledFactor | None, forward: Array
+        self,
+        predicted: Array,
+        normal: Array,
+        chord: ScaledMatrix | None,
+        forward: Array,
+        *,
+        at_parameter: bool = False,
     ) -> CurvePoint | None:
-        def trial(w: Array, chord: ScaledFactor | None, last: float) -> _Trial:
-            """The equations at ``w``, with the factor that is still good for the next step."""
+        """Newton's method from ``predicted`` perpendicular to ``normal``, or at exactly the predicted parameter."""
+
+        def trial(w: Array, chord: ScaledMatrix | None, last: float) -> _Trial:
+            """The equations at ``w``, with the Jacobian that is still good for the next step."""
             residual = self.transcription.violation(w, self.p)
             offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
             size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
             return _Trial(w=w, residual=residual, offset=offset, size=size, chord=None if size > SLOW * last else chord)
 
-        def following(at: _Trial) -> _Trial | None:
-            chord = at.chord or self._factor(self._linearised(at.w, at.residual), normal)
-            if chord is None:
-                return None
-            return trial(at.w - chord.solve(np.append(at.residual, at.offset)), chord, at.size)
+        def following(at: _Trial) -> _Trial:
+            chord = at.chord or self._bordered(self._linearised(at.w, at.residual), normal)
+            w = at.w - chord.solve(np.append(at.residual, at.offset))
+            if at_parameter:
+                w[-1] = predicted[-1]  # which rounding would move, perhaps out of its range
+            return trial(w, chord, at.size)
 
-        end = iterate(
-            trial(predicted, factor, np.inf),
-            following,
-            size=lambda at: at.size,
-            solved=lambda at: at.size < RESIDUAL,
-            most=ITERATIONS,
-            contraction=NO_CONTRACTION,
-        )
-        return self._finish(self._linearised(end.at.w, end.at.residual), forward, end.count) if end.solved else None
+        try:
+            end = iterate(
+                trial(predicted, chord, np.inf),
+                following,
+                size=lambda at: at.size,
+                solved=lambda at: at.size < RESIDUAL,
+                most=ITERATIONS,
+                contraction=NO_CONTRACTION,
+            )
+            if not end.solved:
+                return None
+            last = end.at
+            if last.chord is not None and last.size > ROUNDING:
+                last = min(last, following(last), key=lambda at: at.size)
+            return self._finish(self._linearised(last.w, last.residual), forward, end.count)
+        except RuntimeError:  # singular
+            return None
 
     def _linearised(self, w: Array, residual: Array) -> Linearisation:
         return Linearisation(w=w, p=self.p, residual=residual, jacobian=self._jacobian(w, self.p), units=self._units)
 
-    def _finish(self, at: Linearisation, forward: Array, iterations: int) -> CurvePoint | None:
-        """Tangent and factor at a converged point."""
-        bordered = self._factor(at, forward)
-        if bordered is None:
-            return None
+    def _finish(self, at: Linearisation, forward: Array, iterations: int) -> CurvePoint:
+        """A converged point with its tangent."""
         right = np.zeros(at.w.size)
         right[-1] = 1.0
-        tangent = bordered.solve(right)
+        tangent = self._bordered(at, forward).solve(right)
         tangent /= np.linalg.norm(self.coordinates(tangent))
-        factor = self._factor(at, self.coordinates(tangent))
-        return None if factor is None else CurvePoint(at=at, tangent=tangent, factor=factor, iterations=iterations)
+        bordered = self._bordered(at, self.coordinates(tangent))
+        return CurvePoint(at=at, tangent=tangent, bordered=bordered, iterations=iterations)
 
-    def _factor(self, at: Linearisation, normal: Array) -> ScaledFactor | None:
-        try:
-            matrix = _with_row(at.jacobian, self._indices, normal / self.scales)
-            return ScaledFactor(matrix, np.append(self._units.equalities, 1.0), self._columns)
-        except RuntimeError:  # exactly singular
-            return None
-
-
-def _with_row(matrix: csc_matrix, columns: NDArray[np.intp], values: Array) -> csc_matrix:
-    """The matrix with one more row, whose entries in the ascending ``columns`` are ``values``."""
-    rows, size = matrix.shape
-    ends = matrix.indptr[columns + 1]
-    pointers = matrix.indptr + np.searchsorted(columns, np.arange(size + 1))
-    data, indices = np.insert(matrix.data, ends, values), np.insert(matrix.indices, ends, rows)
-    return csc_matrix((data, indices, pointers), shape=(rows + 1, size))
+    def _bordered(self, at: Linearisation, normal: Array) -> ScaledMatrix:
+        matrix = at.jacobian.with_row(self._indices, normal / self.scales)
+        return ScaledMatrix(matrix, np.append(self._units.equalities, 1.0), self._columns)

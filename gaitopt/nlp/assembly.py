@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin
+from gaitopt.mechanics import Cycle, Dynamics, Mode, ending_margin
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.layout import ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
@@ -33,12 +33,11 @@ def assemble_gait(
     errors : ndarray, shape (n_phases,) - estimated integration error.
     """
     nodes, _, freed = transcription.unpack(at.w)
-    system, p = transcription.system, transcription.full_parameters(at.p, freed)
+    dynamics = transcription.dynamics(at.p, freed)
     steps = assemble_steps(transcription, at.w, at.p)
     return Gait(
         problem=problem,
-        system=system,
-        p=p,
+        dynamics=dynamics,
         status=Status.CONVERGED,
         message=message,
         steps=steps,
@@ -50,7 +49,7 @@ def assemble_gait(
             errors=errors,
         ),
         multipliers=floquet_multipliers(return_map_jacobian(transcription, at)),
-        measures=measure(system, p, steps),
+        measures=measure(dynamics, steps),
         freed=dict(zip(transcription.free, map(float, freed), strict=True)),
         solver=solver,
     )
@@ -59,7 +58,7 @@ def assemble_gait(
 def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int, ...] = COUNTS) -> tuple[Step, ...]:
     """The steps that ``w`` describes; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
     nodes, _, freed = problem.unpack(w)
-    full, cycle = problem.full_parameters(p, freed), problem.layout.cycle
+    dynamics, cycle = problem.dynamics(p, freed), problem.layout.cycle
     arcs: list[list[Arc]] = [[] for _ in cycle.steps]
     for index, arc in enumerate(problem.layout.arcs):
         arcs[cycle.step_of(arc.phase)].append(_arc(problem, w, p, index, counts))
@@ -67,17 +66,18 @@ def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int
     return tuple(
         Step(
             arcs=tuple(own),
-            impact=impact_record(problem.system, impact, nodes[:, end], walker.standing(full, walker.side(step))),
+            impact=impact_record(dynamics.standing(walker.side(step)), impact, nodes[:, end]),
         )
         for step, (own, impact, end) in enumerate(ends)
     )
 
 
-def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) -> ImpactRecord:
+def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecord:
     """The impact in ``mode`` that follows ``z_minus``."""
+    system, p = dynamics.system, dynamics.p
     z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
-    stick_impulse = buffered(system.impact(Mode.STICK))(z_minus, p)[1].copy()
-    x, work = system.n_shape, float(system.push(z_minus, p)[1]) if system.walker.pushes else 0.0
+    _, stick_impulse, *_ = (value.copy() for value in buffered(system.impact(Mode.STICK))(z_minus, p))
+    x, work = system.n_shape, float(system.push(z=z_minus, p=p)["work"]) if system.walker.pushes else 0.0
     state = z_plus.copy()
     state[x] = 0.0
     return ImpactRecord(
@@ -92,7 +92,7 @@ def impact_record(system: HybridSystem, mode: Mode, z_minus: Array, p: Array) ->
 
 def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[int, ...]) -> Arc:
     layout = problem.layout.arcs[index]
-    unit = problem.system.state_scales(problem.system.scales(problem.full_parameters(p, problem.unpack(w)[2])))
+    unit = problem.dynamics(p, problem.unpack(w).freed).state_units
     for count in counts:
         times, states = problem.sample(w, p, index, count)
         if curves.tail(states / unit) < curves.RESOLVED:

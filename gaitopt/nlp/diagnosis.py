@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.gait import Cause
-from gaitopt.mechanics import Control, Cycle, ending_margin, margin
-from gaitopt.mechanics.buffered import buffered_map
+from gaitopt.gait import Cause, curves
+from gaitopt.gait.early_fall import lowest_after_rise
+from gaitopt.mechanics import Control, Cycle, ending_margin, margin, margin_names, margin_scales
 from gaitopt.mechanics.margins import PUSH
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
 
 SAMPLES = 33
-"""Points of an arc on which an early touchdown is looked for."""
+"""Points of an arc on which an early event is sought."""
 AIRBORNE = 1e-9
 """A guard this close to zero is a foot on the ground, up to rounding."""
 NORMAL = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
@@ -29,7 +29,7 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     ``margins`` are the values of the transcription's inequalities at ``w``. Where a phase runs backwards in time, that
     is all there is to say.
     """
-    if (margins >= 0).all() and (problem.unpack(w)[1] >= 0).all():
+    if (margins >= 0).all() and (problem.unpack(w).durations >= 0).all():
         return []
     present = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
     present = present or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
@@ -40,26 +40,46 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
-def early_touchdown(problem: Transcription, w: Array, p: Array) -> Cause | None:
-    """Where the swing foot lands before the end of the step, if it does; scuffing in mid-swing is ignored."""
-    armed, freed = False, problem.unpack(w)[2]
-    for index, arc in enumerate(problem.layout.arcs):
-        armed = armed and not (arc.start is None and arc.phase in problem.layout.cycle.first_phases)
-        times, states = problem.sample(w, p, index, SAMPLES)
-        margins = buffered_map(problem.system.margins(arc.mode), times.size)
-        own = problem.standing_values(p, freed, arc.phase)
-        (values,) = margins(times[:, None], states, own, problem.system.data(arc.segment))
-        for t, height in zip(times, values[:, 0].tolist(), strict=True):
-            if armed and height < -AIRBORNE:
-                words = f"the swing foot lands earlier, about {t:.4f} s after the impact, not at the end of the step"
-                step = problem.layout.cycle.step_of(arc.phase)
-                return Cause(what="touchdown", words=words, phase=arc.phase, step=step, time=float(t))
-            armed = armed or height > AIRBORNE
+def early_event(problem: Transcription, w: Array, p: Array) -> Cause | None:
+    """The event of a later phase that comes earlier, if one does: the swing foot lands, a stop locks.
+
+    Scuffing in mid-swing is ignored.
+    """
+    for step in range(len(problem.layout.cycle.steps)):
+        for name, arcs in _rising_margins(problem, w, p, step).items():
+            phases, times, values = zip(*arcs, strict=True)
+            lowest, at = lowest_after_rise(times, values)
+            if lowest < -AIRBORNE:
+                phase = next(phase for phase, own in zip(phases, times, strict=True) if at <= own[-1])
+                roots = np.concatenate([_roots(*arc) for arc in zip(times, values, strict=True)])
+                time = float(max(roots[roots < at], default=at))
+                words = f"{margin(name).lost}, about {time:.4f} s after the impact"
+                return Cause(what=name, words=words, phase=phase, step=step, time=time)
     return None
 
 
+def _roots(times: Array, values: Array) -> Array:
+    """Times at which a curve changes its sign, given at the Chebyshev points of an arc."""
+    return np.asarray(times[0] + (curves.roots(values) + 1) / 2 * (times[-1] - times[0]))
+
+
+def _rising_margins(problem: Transcription, w: Array, p: Array, step: int) -> dict[str, list[tuple[int, Array, Array]]]:
+    """Phase, times and values along the arcs of a step by the name of each margin that rises before it falls."""
+    freed, known = problem.unpack(w).freed, dict[str, list[tuple[int, Array, Array]]]()
+    for index, arc in enumerate(problem.layout.arcs):
+        if problem.layout.cycle.step_of(arc.phase) != step:
+            continue
+        times, states = problem.sample(w, p, index, SAMPLES)
+        dynamics = problem.dynamics(p, freed, arc.phase)
+        values = dynamics.margins(arc.mode, arc.segment, times, states) / margin_scales(arc.mode, dynamics.scales)
+        for name, column in zip(margin_names(arc.mode), values.T, strict=True):
+            if margin(name).rises:
+                known.setdefault(name, []).append((arc.phase, times, column))
+    return known
+
+
 def missing_event(cycle: Cycle, phase: int, control: Control) -> Cause:
-    """Why a phase of the guess does not end as the sequence requires; a reference that is over first is to blame."""
+    """Why a phase of the guess does not end as the sequence requires; the cause may be a reference that ends before."""
     ending = ending_margin(cycle.phases[phase], cycle.after(phase))
     words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
     what, end = ending, None
@@ -97,7 +117,7 @@ def largest_residual(problem: Transcription, w: Array, p: Array, residual: Array
 def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     """Friction that is needed against friction that there is, where the foot should stick."""
     _, labels = problem.inequalities
-    friction = float(problem.system.static_friction(problem.full_parameters(p, problem.unpack(w)[2])))
+    friction = problem.dynamics(p, problem.unpack(w).freed).static_friction
     rows = {label: i for i, label in enumerate(labels)}
     for label, i in rows.items():
         if not label.name.endswith("cone_forward"):
@@ -117,7 +137,7 @@ def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array)
 
 def _margin_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     _, labels = problem.inequalities
-    units = problem.margin_units(problem.full_parameters(p, problem.unpack(w)[2]))
+    units = problem.margin_units(problem.dynamics(p, problem.unpack(w).freed).p)
     for label, value, unit in zip(labels, margins, units, strict=True):
         if value < 0 and margin(label.name).violated:
             text = f"{_place(problem, w, label)}: {margin(label.name).violated.format(value=value)}"

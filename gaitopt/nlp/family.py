@@ -1,10 +1,12 @@
 """Build once, solve many: the gaits of one mode sequence at other parameter values, by one NLP.
 
 Near the last gait the equations are solved by chords, w - J^-1 residual with the J of that gait, and checked for
-violated margins afterwards; where that does not converge, or finds no gait, IPOPT takes over.
+violated margins afterwards; where that does not converge, or finds no gait, IPOPT takes over. Where parameters go on
+along a line, the chords start from the polynomial through the last solutions on it.
 """
 
 import time
+from collections import deque
 from collections.abc import Callable
 from functools import cached_property
 
@@ -13,13 +15,15 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.iteration import iterate
+from gaitopt.mechanics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
+from gaitopt.nlp.extrapolation import extrapolation
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting, transcribe
 from gaitopt.nlp.newton import linearise, polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.solve import rejection_reason
-from gaitopt.nlp.transcription import transcribe
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
@@ -27,6 +31,10 @@ MAX_CHORDS = 10
 """Chords that are tried; from a gait nearby four to six are enough."""
 CONTRACTION = 0.5
 """Least decrease of the residual from chord to chord; with less, Newton's method is cheaper."""
+REMEMBERED = 5
+"""Solutions on a line that are extrapolated from: with more, what rounding adds is as much as what is left out."""
+STRAIGHT = 1e-9
+"""Distance from a line, relative to the distance along it, that is rounding."""
 SETTLED = 1e-12
 """Residual in natural units at which the last chord has reached rounding."""
 
@@ -54,7 +62,8 @@ class Family:
         self._transcription = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)))
         self._should_stop = should_stop
         self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
-        self._factor = linearise(self._transcription, self._w, gait.p).factor()
+        self._jacobian = linearise(self._transcription, self._w, gait.p).scaled
+        self._solved = deque([(gait.p, self._w)], maxlen=REMEMBERED)
 
     @cached_property
     def _program(self) -> Feasibility:
@@ -75,7 +84,8 @@ class Family:
         if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
             raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: use solve")
         began = time.perf_counter()
-        p = self._system.values(problem.parameters)
+        dynamics = Dynamics(self._system, self._system.values(problem.parameters))
+        p = dynamics.p
         refined, wrong, iterations = self._near(p)
         status, message = Status.CONVERGED, "solved"
         if refined is None or wrong:
@@ -87,14 +97,14 @@ class Family:
                 status, message = (Status.NOT_CONVERGED, in_words(wrong)) if wrong else (status, message)
         solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
         if refined is None or status is not Status.CONVERGED:
-            return Gait(problem=problem, system=self._system, p=p, status=status, message=message, solver=solver)
+            return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
         self._remember(refined)
         return assemble_gait(
             problem, refined.transcription, refined.at, errors=refined.errors, message=message, solver=solver
         )
 
     @overflow_allowed()
-    def _near(self, p: Array) -> tuple[Refined | None, tuple[Cause, ...], int]:
+    def _near(self, p: Array) -> tuple[Refined[MultipleShooting] | None, tuple[Cause, ...], int]:
         """The solution by chords, what is wrong with it, and their number; no solution if they do not converge."""
         units = self._transcription.units(p).equalities
 
@@ -102,22 +112,43 @@ class Family:
             residual = self._transcription.violation(w, p)
             return w, residual, float(np.abs(residual / units).max())
 
-        end = iterate(
-            point(self._w),
-            lambda at: point(at[0] - self._factor.solve(at[1])),
-            size=lambda at: at[2],
-            solved=lambda at: at[2] < SETTLED,
-            most=MAX_CHORDS,
-            contraction=CONTRACTION,
-        )
-        if not end.solved:
+        for start in (self._start(p), self._w):
+            end = iterate(
+                point(start),
+                lambda at: point(at[0] - self._jacobian.solve(at[1])),
+                size=lambda at: at[2],
+                solved=lambda at: at[2] < SETTLED,
+                most=MAX_CHORDS,
+                contraction=CONTRACTION,
+            )
+            if end.solved:
+                break
+        else:
             return None, (), end.count
         w, residual, _ = end.at
-        w = w - self._factor.solve(residual)
+        w = w - self._jacobian.solve(residual)
         refined = refine(self._transcription, polish(self._transcription, w, p).at)
         return refined, rejection_reason(refined), end.count + 1
 
-    def _remember(self, refined: Refined) -> None:
+    def _remember(self, refined: Refined[MultipleShooting]) -> None:
         """Start the next solution from this one, unless it had to be refined."""
         if refined.transcription is self._transcription:
-            self._w, self._factor = refined.at.w, refined.at.factor()
+            self._w, self._jacobian = refined.at.w, refined.at.scaled
+            self._solved.append((refined.at.p, refined.at.w))
+
+    def _start(self, p: Array) -> Array:
+        """The solution at ``p`` as extrapolated along a line, or the last one where there is none."""
+        last, unit = self._solved[-1][0], np.maximum(np.abs(p), np.finfo(float).tiny)
+        ahead = (p - last) / unit
+        if not ahead.any():
+            return self._w
+        places, solutions, weights = [0.0], [self._w], np.ones(1)  # the last solution lies at 0, and ``p`` at 1
+        for before, w in list(self._solved)[-2::-1]:
+            offset = (before - last) / unit
+            place = float(offset @ ahead / (ahead @ ahead))
+            beside = np.abs(offset - place * ahead).max() > STRAIGHT * np.abs(offset).max()
+            following = None if beside else extrapolation([*places, place], 1.0)
+            if following is None:
+                break
+            places, solutions, weights = [*places, place], [*solutions, w], following
+        return np.asarray(weights @ np.array(solutions))

@@ -2,7 +2,7 @@
 
     k_i = f(t + c_i h, z + h sum_j a_ij k_j),        z_next = z + h sum_i b_i k_i
 
-The tableau is that of Dormand and Prince (DOP853, 12 stages, 3 more for states inside the step), as scipy publishes it.
+The tableau is that of Dormand and Prince (DOP853, 12 stages, 3 more for states inside the step).
 The flow has no repeated subexpressions; looking for more among its stages takes longer than it saves.
 """
 
@@ -11,9 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 from casadi import SX, Function, horzcat, vertcat
-from scipy.integrate import DOP853
 
 from gaitopt.arrays import Array
+from gaitopt.integration.dop853 import combined
+from gaitopt.integration.tableau import A_INSIDE, C_INSIDE, N_STAGES, A, B, C, D
 from gaitopt.mechanics import HybridSystem, Mode
 
 ORDER = 8
@@ -43,10 +44,10 @@ def sampled_step(system: HybridSystem, mode: Mode) -> Function:
     stages = _stages(system, mode, z, t, h, p, r)
     z_next = _end(mode, z, h, stages)
     stages.append(system.flow(mode)(t + h, z_next, p, r))
-    for a, c in zip(DOP853.A_EXTRA, DOP853.C_EXTRA, strict=True):
-        stages.append(system.flow(mode)(t + c * h, z + h * _combined(a, stages), p, r))
-    first, last, move = stages[0], stages[DOP853.n_stages], z_next - z
-    series = [move, h * first - move, 2 * move - h * (last + first), *(h * _combined(d, stages) for d in DOP853.D)]
+    for a, c in zip(A_INSIDE, C_INSIDE, strict=True):
+        stages.append(system.flow(mode)(t + c * h, z + h * combined(a, stages), p, r))
+    first, last, move = stages[0], stages[N_STAGES], z_next - z
+    series = [move, h * first - move, 2 * move - h * (last + first), *(h * combined(d, stages) for d in D)]
     samples = [z, *(z + _extension(series, float(c)) for c in LOBATTO_POINTS[1:-1]), z_next]
     return Function(f"sampled_step_{mode.key}", [z, t, h, p, r], [horzcat(*samples)])
 
@@ -67,17 +68,13 @@ def _symbols(system: HybridSystem) -> tuple[SX, SX, SX, SX, SX]:
 
 def _stages(system: HybridSystem, mode: Mode, z: SX, t: SX, h: SX, p: SX, r: SX) -> list[SX]:
     flow, stages = system.flow(mode), list[SX]()
-    for a, c in zip(DOP853.A, DOP853.C, strict=True):
-        stages.append(flow(t + c * h, z + h * _combined(a, stages), p, r))
+    for a, c in zip(A, C, strict=True):
+        stages.append(flow(t + c * h, z + h * combined(a, stages), p, r))
     return stages
 
 
-def _combined(weights: Array, stages: list[SX]) -> SX:
-    return sum((float(a) * k for a, k in zip(weights, stages, strict=False) if a), SX(0))
-
-
 def _end(mode: Mode, z: SX, h: SX, stages: list[SX]) -> SX:
-    z_next = z + h * _combined(DOP853.B, stages)
+    z_next = z + h * combined(B, stages)
     return vertcat(z_next[:-1], 0) if mode.sticks else z_next
 
 

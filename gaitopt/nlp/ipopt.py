@@ -70,7 +70,7 @@ class IpoptResult:
 
 
 class Watch(Callback):
-    """Reports every iteration, and stops IPOPT when asked to."""
+    """Reports every iteration, and stops IPOPT on request."""
 
     def __init__(
         self, n_w: int, n_g: int, n_p: int, progress: Progress | None, should_stop: Callable[[], bool] | None

@@ -114,7 +114,7 @@ class Layout:
     def in_order(self, durations: Array, breakpoints: Sequence[float]) -> bool:
         """Whether every arc keeps to its segment of the control: False once a switch has passed a breakpoint.
 
-        The breakpoints are all those of the control, so that a step which outlasts one that it did not reach is found.
+        The breakpoints are all those of the control, also those after the end of the step.
         """
         limits, slack = (-np.inf, *breakpoints, np.inf), COINCIDENT * float(np.sum(durations))
         return all(
@@ -123,7 +123,7 @@ class Layout:
         )
 
     def same_arcs(self, other: "Layout") -> bool:
-        """Whether both have the same arcs in the same order, on whatever intervals."""
+        """Whether both have the same arcs in the same order; intervals may differ."""
         return [replace(arc, intervals=0) for arc in self.arcs] == [replace(arc, intervals=0) for arc in other.arcs]
 
     def refined(self, intervals: Sequence[int]) -> "Layout":

@@ -57,7 +57,7 @@ def solve_nearby(
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Nearby:
-    """Newton's method from ``start``, shape (n_w,), at parameters ``p``, while a solution is plainly near.
+    """Newton's method from ``start``, shape (n_w,), at parameters ``p``, as long as its steps shrink.
 
     ``should_stop`` ends it at once. The margins are not checked.
     """
@@ -70,7 +70,7 @@ def solve_nearby(
         if should_stop is not None and should_stop():
             return None
         try:
-            step = at.factor().solve(at.residual)
+            step = at.scaled.solve(at.residual)
         except RuntimeError:  # singular
             return None
         end, size = w - step, float(np.abs(step / at.units.unknowns).max())
@@ -91,4 +91,4 @@ def solve_nearby(
 
 
 def _period(transcription: Transcription, w: Array) -> float:
-    return float(transcription.unpack(w)[1].sum())
+    return float(transcription.unpack(w).durations.sum())

@@ -10,49 +10,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from gaitopt.arrays import Array
 from gaitopt.iteration import iterate
 from gaitopt.mechanics import Mode
 from gaitopt.mechanics.buffered import buffered
-from gaitopt.nlp.shooting_jacobian import shooting_jacobian
+from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import factorise, overflow_allowed, with_data
+from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.nlp.units import Units
 
 NEWTON_TOLERANCE = 3e-15
 """Rounding of the equalities in natural units; a polish that does not get there ends where it no longer improves."""
 NEWTON_STEPS = 8
 """A polish starts at IPOPT's tolerance; more steps mean that it does not converge."""
-
-
-class ScaledFactor:
-    """LU factors of a matrix in natural units, so that pivots do not depend on the units of the problem.
-
-    Parameters
-    ----------
-    matrix : sparse by columns, shape (n, n).
-    rows, columns : ndarray, shape (n,) - units of the equations and of the unknowns.
-
-    Raises
-    ------
-    RuntimeError
-        If the matrix is exactly singular.
-    """
-
-    def __init__(self, matrix: csc_matrix, rows: Array, columns: Array) -> None:
-        self._rows, self._columns = rows, columns
-        data = matrix.data * np.repeat(columns, np.diff(matrix.indptr)) / rows[matrix.indices]
-        self._lu = factorise(with_data(matrix, data))
-
-    def solve(self, right: Array) -> Array:
-        """x of matrix x = right; shape (n,) or (n, m)."""
-        return np.asarray(self._columns * self._lu.solve((right.T / self._rows).T).T).T
-
-    def solve_transposed(self, right: Array) -> Array:
-        """x of matrix' x = right; shape (n,) or (n, m)."""
-        return np.asarray(self._lu.solve((right.T * self._columns).T, trans="T").T / self._rows).T
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,42 +41,27 @@ class Linearisation:
     w: Array
     p: Array
     residual: Array
-    jacobian: csc_matrix
+    jacobian: SparseMatrix
     units: Units
 
     @cached_property
-    def square(self) -> csc_matrix:
+    def square(self) -> SparseMatrix:
         """Jacobian in nodes and durations alone; shape (n, n)."""
-        return self.jacobian if self.jacobian.shape[1] == self.residual.size else self.jacobian[:, : self.residual.size]
+        return self.jacobian.leading(self.residual.size)
 
     @property
     def size(self) -> float:
         """Largest violation of the equalities, in natural units."""
         return float(np.abs(self.residual / self.units.equalities).max())
 
-    def factor(self) -> ScaledFactor:
-        """Factors of ``square``.
-
-        Raises
-        ------
-        RuntimeError
-            If it is exactly singular.
-        """
-        return self._factor
-
     @cached_property
-    def _factor(self) -> ScaledFactor:
-        return self.factor_of(self.square)
+    def scaled(self) -> ScaledMatrix:
+        """``square`` in natural units."""
+        return self.scaled_as_square(self.square)
 
-    def factor_of(self, matrix: csc_matrix) -> ScaledFactor:
-        """Factors of a matrix with the rows and columns of ``square``.
-
-        Raises
-        ------
-        RuntimeError
-            If it is exactly singular.
-        """
-        return ScaledFactor(matrix, self.units.equalities, self.units.unknowns[: self.residual.size])
+    def scaled_as_square(self, matrix: SparseMatrix) -> ScaledMatrix:
+        """A matrix with the rows and columns of ``square`` in natural units."""
+        return ScaledMatrix(matrix, self.units.equalities, self.units.unknowns[: self.residual.size])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +76,7 @@ class Polished:
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
     residual = problem.violation(w, p)
-    jacobian = shooting_jacobian(problem).jacobian(w, p)
+    jacobian = problem.jacobian(w, p)
     return Linearisation(w=w, p=p, residual=residual, jacobian=jacobian, units=problem.units(p))
 
 
@@ -130,7 +86,7 @@ def polish(problem: Transcription, w: Array, p: Array) -> Polished:
 
     def following(at: Linearisation) -> Linearisation:
         trial = at.w.copy()
-        trial[: at.residual.size] -= at.factor().solve(at.residual)
+        trial[: at.residual.size] -= at.scaled.solve(at.residual)
         return linearise(problem, trial, p)
 
     first = linearise(problem, w, p)
@@ -155,10 +111,9 @@ def integration_error(problem: Transcription, at: Linearisation) -> tuple[Array,
     nodes : ndarray, shape (n_z, K + 1) - change of the node states.
     durations : ndarray, shape (n_phases,) - change of the durations [s].
     """
-    difference = problem.halved_defects(at.w, at.p)
-    right = np.zeros(at.residual.size)
-    right[: difference.size] = -difference
-    nodes, durations, _ = problem.unpack(at.factor().solve(right))
+    halved, right = problem.halved_defects(at.w, at.p), np.zeros(at.residual.size)
+    right[: halved.size] = at.residual[: halved.size] - halved
+    nodes, durations, _ = problem.unpack(at.scaled.solve(right))
     return nodes, durations
 
 
@@ -177,23 +132,22 @@ def section_sensitivity(problem: Transcription, at: Linearisation) -> tuple[Arra
     adjoint : from weights (n_xi, n_xi) of ``returned`` to those (n, n_xi) of the equations of ``response``.
     """
     system, n_z, n = problem.system, problem.system.n_z, at.residual.size
-    last = slice((problem.n_nodes - 1) * n_z, problem.n_nodes * n_z)
+    last, pattern = slice((problem.n_nodes - 1) * n_z, problem.n_nodes * n_z), at.square.pattern
     indices = system.section(problem.layout.cycle.impact)
-    opened = at.square.copy()
-    reset = -opened[n - n_z :, last].toarray()[indices]
-    columns = slice(*opened.indptr[[last.start, last.stop]])
-    opened.data[columns][opened.indices[columns] >= n - n_z] = 0.0
-    factor = at.factor_of(opened)
-    full = problem.full_parameters(at.p, problem.unpack(at.w)[2])
+    reset = -at.square.dense(last.start, last.stop)[n - n_z :][indices]
+    columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
+    data[columns][pattern.rows[columns] >= n - n_z] = 0.0
+    opened = at.scaled_as_square(SparseMatrix(pattern=pattern, data=data))
+    full = problem.dynamics(at.p, problem.unpack(at.w).freed).p
     (flat,) = buffered(system.lift_jacobian)(at.w[system.section(Mode.SLIP_FORWARD)], full)
     lift = flat.reshape(n_z, -1, order="F")
     right = np.zeros((n, indices.size))
     right[n - n_z :] = lift[:, : indices.size]
-    response = factor.solve(right)
+    response = opened.solve(right)
 
     def adjoint(weights: Array) -> Array:
         end = np.zeros((n, indices.size))
         end[last] = reset.T @ weights
-        return factor.solve_transposed(end)
+        return opened.solve_transposed(end)
 
     return response, reset @ response[last], adjoint

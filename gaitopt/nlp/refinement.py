@@ -1,13 +1,14 @@
 """More intervals until the estimated integration error of a solution is small."""
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.nlp.integrator import ORDER
 from gaitopt.nlp.newton import Linearisation, integration_error, polish
-from gaitopt.nlp.transcription import Transcription, transcribe
+from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
 ERROR_TOLERANCE = 1e-12
@@ -19,10 +20,12 @@ SAFETY = 4.0
 MAX_REFINEMENTS = 4
 MAX_INTERVALS = 800
 """A step that is not accurate on so many is no walking step: its motion is singular."""
+Equations = TypeVar("Equations", bound=Transcription)
+Own = TypeVar("Own", bound=Transcription, covariant=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Refined:
+class Refined(Generic[Own]):
     """A solution and its estimated error.
 
     Attributes
@@ -32,7 +35,7 @@ class Refined:
     errors : ndarray, shape (n_phases,) - largest estimated error of the states in each phase, and of its duration.
     """
 
-    transcription: Transcription
+    transcription: Own
     at: Linearisation
     errors: Array
 
@@ -43,7 +46,7 @@ class Refined:
 
 
 @overflow_allowed()
-def refine(transcription: Transcription, at: Linearisation) -> Refined:
+def refine(transcription: Equations, at: Linearisation) -> Refined[Equations]:
     """Cut phases with too large an error finer, and polish, until the errors are below the tolerance or at rounding.
 
     Freed parameters stay where they are.
@@ -56,8 +59,8 @@ def refine(transcription: Transcription, at: Linearisation) -> Refined:
         layout = current.transcription.layout
         if layout.intervals * growth.max() > MAX_INTERVALS:
             break
-        wanted = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
-        finer = transcribe(transcription.system, layout.refined(wanted), transcription.free)
+        counts = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
+        finer = current.transcription.on(layout.refined(counts))
         at = polish(finer, _resample(current.transcription, finer, current.at), at.p).at
         refined = Refined(transcription=finer, at=at, errors=phase_errors(finer, at))
         if not refined.errors.max() < current.errors.max():

@@ -8,31 +8,70 @@ come where the walker would be at the rates with which it started.
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy.integrate import OdeSolution, solve_ivp
-from scipy.optimize import brentq
+from casadi import Function
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, ending_margin, margin_names, margin_unit
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
+from gaitopt.iteration import bracketed_root
+from gaitopt.mechanics import Cycle, Dynamics, HybridSystem, Mode, ending_margin, margin_names, margin_unit
+from gaitopt.mechanics.buffered import BufferedFunction, buffered, buffered_map
+from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import Layout
 from gaitopt.nlp.trial import overflow_allowed
 
 RTOL, ATOL = 1e-8, 1e-10
 """A guess needs no more; the absolute one in natural units."""
 GRID = 8
-"""Points per step of the integrator on which the end of a phase is looked for."""
+"""Points per step of the integrator on which the end of a phase is sought."""
 ARMED = 1e-12
 """In natural units; a margin that starts at zero, up to rounding, is not yet positive."""
 FIRST_STEP = 2.5e-5
 """In natural units; short enough not to jump over a slip that has only just come into being."""
+ROOT = 1e-12
+"""In natural units of time: how exactly the end of a phase is located."""
 LONGEST_STEP = 50.0
 """In natural units of time, 20 s for legs of 1.6 m: no walker takes longer over a step."""
 MOST_STEPS = 3000
 """Of the integrator in one phase: the longest step takes some hundreds."""
 SHORTEST_PHASE = 0.05
-"""Part of a step for a phase whose end is not found, and for which no time seems to be left."""
+"""Part of a step that is given to a phase without a known end when no time is left for it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """One phase of a rollout, each state by one step from the point of the integration before it.
+
+    Attributes
+    ----------
+    step : (z, t, h, p, r) -> z at t + h.
+    p : parameters, shape (n_p,).
+    times, states, data : times (m,), states (m, n_z) and segment data of the control (m, n_r) at those points. A motion
+        with a single one stands still.
+    """
+
+    step: Function
+    p: Array
+    times: Array
+    states: Array
+    data: Array
+
+    @property
+    def end(self) -> float:
+        """The last time."""
+        return float(self.times[-1])
+
+    def __call__(self, times: Array) -> Array:
+        """States at the given times; shape (n_z, n)."""
+        k = np.searchsorted(self.times[:-1], times, side="right") - 1
+        if self.times.size == 1:
+            return np.repeat(self.states.T, times.size, axis=1)
+        k = np.maximum(k, 0)
+        step, starts = buffered_map(self.step, times.size), self.times[k]
+        (states,) = step(self.states[k], starts[:, None], (times - starts)[:, None], self.p, self.data[k])
+        return states.T.copy()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +82,7 @@ class Rollout:
     """
 
     durations: tuple[float, ...]
-    motions: tuple[OdeSolution, ...]
+    motions: tuple[Motion, ...]
     endless: int | None = None
 
     @property
@@ -54,7 +93,7 @@ class Rollout:
     def __call__(self, phase: int, times: Array) -> Array:
         """States in one phase at times since impact, after a fall those of the fall; shape (n_z, n)."""
         motion = self.motions[phase]
-        return np.asarray(motion(np.minimum(times, motion.t_max)))
+        return motion(np.minimum(times, motion.end))
 
     def nodes(self, plan: Layout) -> Array:
         """States at the shooting nodes of a layout; shape (n_z, K + 1)."""
@@ -71,78 +110,65 @@ class Rollout:
 
 @overflow_allowed()
 def roll_out(
-    system: HybridSystem,
-    p: Array,
+    dynamics: Dynamics,
     cycle: Cycle,
     state: Array,
     durations: Sequence[float] | Array | None = None,
     longest: float | None = None,
 ) -> Rollout:
-    """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, missing ones are found.
+    """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, others end at events.
 
     ``state`` is that of the first step, shape (n_z,), or those with which the first steps start, shape (k, n_z): where
-    durations are kept, errors of one step would grow in the next ones. No phase whose end is looked for lasts beyond
+    durations are kept, errors of one step would grow in the next ones. No phase whose end is sought lasts beyond
     ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
     """
-    scales = system.scales(p)
+    scales, walker = dynamics.scales, dynamics.system.walker
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
     starts = np.atleast_2d(state)
 
-    def p_at(step: int) -> Array:
-        return system.walker.standing(p, system.walker.side(step))
+    def in_step(step: int) -> Dynamics:
+        return dynamics.standing(walker.side(step))
 
     time, z = 0.0, starts[0].copy()
-    found: list[float] = []
-    motions: list[OdeSolution] = []
-    endless = None
+    known, motions, endless = list[float](), list[Motion](), list[int]()
     for phase, mode in enumerate(cycle.phases):
-        impact = cycle.impact_before(phase) if phase > 0 else None
+        impact, step = cycle.impact_before(phase) if phase > 0 else None, cycle.step_of(phase)
         if impact is not None:
-            step = cycle.step_of(phase)
             known_start = phase in cycle.first_phases and step < len(starts)
-            landing = p_at(cycle.step_of(phase - 1))
-            z = starts[step].copy() if known_start else after_impact(system, landing, impact, z)
+            z = starts[step].copy() if known_start else in_step(cycle.step_of(phase - 1)).after_impact(impact, z)
             time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # of a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
-        flow = _ModeFlow(system, p_at(cycle.step_of(phase)), mode, cycle.after(phase))
+        flow = _ModeFlow(in_step(step), mode, cycle.after(phase))
         duration = None if durations is None else durations[phase]
         if duration is None:
             motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)
             end = flow.end(motion)
             if end is None:
-                endless = phase if endless is None else endless
-                end = flow.lost_end(motion, transit_time(system, p, cycle, starts[0]))
+                endless.append(phase)
+                end = flow.lost_end(motion, transit_time(dynamics, cycle, starts[0]))
             duration = end - time
         else:
             motion = flow.integrate(time, z, duration, until_end=False)
-        found.append(duration)
+        known.append(duration)
         motions.append(motion)
         time += duration
-        z = motion(min(time, motion.t_max))
-    return Rollout(durations=tuple(found), motions=tuple(motions), endless=endless)
+        z = motion(np.array([min(time, motion.end)]))[:, 0]
+    return Rollout(durations=tuple(known), motions=tuple(motions), endless=next(iter(endless), None))
 
 
-def after_impact(system: HybridSystem, p: Array, mode: Mode, z: Array) -> Array:
-    """State just after an impact, with x counted from the stance foot if that has changed; shape (n_z,)."""
-    z_plus = np.asarray(system.impact(mode)(z, p)[0]).ravel()
-    if not mode.locked:
-        z_plus[system.n_shape] = 0.0
-    return z_plus
-
-
-def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> float:
+def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
     """Time of a step [s] at the rates of ``state``, for the joint that would be first where an impact leads back to it.
 
     Where no joint has any way to go, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so
     that s_minus follows from any one of its values, unless the walker itself says how its massless feet land.
     """
-    time = system.scales(p).time
+    system, p, time = dynamics.system, dynamics.p, dynamics.scales.time
     if system.walker.massless_feet:
         return time
     n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
-    mapped = np.asarray(system.impact(cycle.impact)(state, p)[0]).ravel()[:n]
+    mapped = dynamics.after_impact(cycle.impact, state)[:n]
     A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
     way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
     if not np.isfinite(way).all():
@@ -154,136 +180,115 @@ def transit_time(system: HybridSystem, p: Array, cycle: Cycle, state: Array) -> 
 class _ModeFlow:
     """Motion in one mode at fixed parameters, across the control's breakpoints, and the margin that ends its phase."""
 
-    def __init__(self, system: HybridSystem, p: Array, mode: Mode, after: Mode | None) -> None:
-        self._flow, self._margins = BufferedFunction(system.flow(mode)), BufferedFunction(system.margins(mode))
-        for function in (self._flow, self._margins):
-            function.inputs[2][:] = p
-        self._scales = system.scales(p)
-        self._tolerances = ATOL * system.state_scales(self._scales)
+    def __init__(self, dynamics: Dynamics, mode: Mode, after: Mode | None) -> None:
+        system, self._p, self._scales = dynamics.system, dynamics.p, dynamics.scales
         names = margin_names(mode)
-        self._units = [margin_unit(name, self._scales) for name in names]
+        self._units = np.array([margin_unit(name, self._scales) for name in names])
         self._upright, self._touchdown = names.index("upright"), 0  # or the clearance, while a stop is free
         self._ending = names.index(ending_margin(mode, after))
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
+        self._within, self._margins = shooting_step(system, mode), buffered(system.margins(mode))
+        point = _rate_and_margins(system, mode)
+        self._point = BufferedFunction(point)
+        self._step = CompiledStep(system.flow(mode), point, rtol=RTOL, atol=ATOL * dynamics.state_units)
 
-    def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> OdeSolution:
+    def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> Motion:
         """The motion until ``duration`` is over, the walker falls or, ``until_end``, the phase has ended.
 
-        A motion that breaks down at once stands still: what comes of it is seen by the solver.
+        A motion that breaks down at once stands still: the solver judges the result. Where touchdown comes
+        before the event that should end the phase, the motion goes on: its end will be put elsewhere.
         """
-        end = max(time, time + duration)
-        solution = solve_ivp(
-            self._rate,
-            (time, end),
-            z,
-            "DOP853",
-            dense_output=True,
-            events=(_Falls(self), _FarEnough(self if until_end else None)),
-            rtol=RTOL,
-            atol=self._tolerances,
-            first_step=min(FIRST_STEP * self._scales.time, end - time) or None,
-        )
-        return solution.sol if solution.sol.interpolants else _still(time, end, z)
+        end, points = max(time, time + duration), [(time, z)]
+        margins, waiting = self._margins_at(time, z), until_end
+        armed = margins > ARMED
+        while points[-1][0] < end and len(points) < MOST_STEPS:
+            integration = self._begin(*points[-1], end)
+            while not integration.finished and len(points) < MOST_STEPS:
+                try:
+                    integration.advance()
+                except StepSizeError:
+                    return self._motion(points)
+                points.append((integration.t, integration.y))
+                upright, margins = margins[self._upright] >= 0, integration.outputs[0] / self._units
+                fallen = armed & (margins <= 0)
+                if upright and margins[self._upright] <= 0:
+                    return self._until_fall(points)
+                if waiting and fallen[self._ending]:
+                    return self._motion(points)
+                waiting = waiting and not fallen[self._touchdown]
+                armed |= margins > ARMED
+        return self._motion(points)
 
-    def end(self, motion: OdeSolution) -> float | None:
+    def end(self, motion: Motion) -> float | None:
         """Time since impact at which the phase ends; None if its event does not come, or only after touchdown."""
-        landing = self._fall(motion, self._touchdown)
+        times, margins = self._along(motion)
+        landing = self._fall(motion, times, margins, self._touchdown)
         if self._ending == self._touchdown:
             return landing
-        end = self._fall(motion, self._ending)
+        end = self._fall(motion, times, margins, self._ending)
         return None if end is None or (landing is not None and landing < end) else end
 
-    def lost_end(self, motion: OdeSolution, transit: float) -> float:
+    def lost_end(self, motion: Motion, transit: float) -> float:
         """Time since impact at which a phase that has no end is cut off."""
-        lost = transit
+        lost, start = transit, float(motion.times[0])
         if self._ending != self._touchdown:
-            times = _grid(motion)
-            within = times[times <= motion.ts[0] + transit]
-            lost = float(within[np.argmin(np.abs(self._along(motion, within, self._ending)))])
-        return max(lost, motion.ts[0] + SHORTEST_PHASE * transit)
+            times, margins = self._along(motion)
+            within = times <= start + transit
+            lost = float(times[within][np.argmin(np.abs(margins[within, self._ending]))])
+        return max(lost, start + SHORTEST_PHASE * transit)
 
-    def upright(self, t: float, z: Array) -> float:
-        """The margin whose end is a fall."""
-        return self._margin(t, z, self._upright)
+    def _begin(self, time: float, z: Array, end: float) -> Integration:
+        """An integration to the end, or to the next breakpoint of the control if that comes first."""
+        segment = bisect_right(self._breakpoints, time)
+        bound = min([end, *self._breakpoints[segment : segment + 1]])
+        self._step.load(self._p, self._data[segment])
+        rate = self._point(time, z, self._p, self._data[segment])[0].copy()
+        return Integration(self._step, time, z, rate, bound, min(FIRST_STEP * self._scales.time, bound - time))
 
-    def ends(self, t: float, z: Array) -> tuple[float, float]:
-        """The margin that ends the phase, and that of a touchdown which should not."""
-        ending = self._margin(t, z, self._ending)
-        return ending, np.inf if self._ending == self._touchdown else self._margin(t, z, self._touchdown)
+    def _motion(self, points: Sequence[tuple[float, Array]]) -> Motion:
+        times, states = zip(*points, strict=True)
+        data = [self._data[bisect_right(self._breakpoints, time)] for time in times]
+        return Motion(step=self._within, p=self._p, times=np.array(times), states=np.array(states), data=np.array(data))
 
-    def _fall(self, motion: OdeSolution, row: int) -> float | None:
+    def _until_fall(self, points: Sequence[tuple[float, Array]]) -> Motion:
+        """The motion as far as the walker is upright, which it is no longer at the last point."""
+        motion = self._motion(points)
+        time = self._root(motion, points[-2][0], points[-1][0], self._upright)
+        return self._motion([*points[:-1], (time, motion(np.array([time]))[:, 0])])
+
+    def _fall(self, motion: Motion, times: Array, margins: Array, row: int) -> float | None:
         """First time at which a margin falls through zero after having been positive, if there is one."""
-        times = _grid(motion)
-        values = self._along(motion, times, row)
+        values = margins[:, row]
         falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
-        if not falls.size:
-            return None
-        return float(brentq(lambda t: self._margin(t, motion(t), row), times[falls[0]], times[falls[0] + 1]))
+        return self._root(motion, times[falls[0]], times[falls[0] + 1], row) if falls.size else None
 
-    def _along(self, motion: OdeSolution, times: Array, row: int) -> Array:
-        return np.array([self._margin(t, z, row) for t, z in zip(times.tolist(), motion(times).T, strict=True)])
+    def _root(self, motion: Motion, before: float, after: float, row: int) -> float:
+        def margin(time: float) -> float:
+            return float(self._margins_at(time, motion(np.array([time]))[:, 0])[row])
 
-    def _margin(self, t: float, z: Array, row: int) -> float:
-        """One margin in natural units."""
-        self._evaluate(self._margins, t, z)
-        return float(self._margins.outputs[0][row]) / self._units[row]
+        return bracketed_root(margin, before, after, ROOT * self._scales.time)
 
-    def _rate(self, t: float, z: Array) -> Array:
-        self._evaluate(self._flow, t, z)
-        return self._flow.outputs[0].copy()
+    def _along(self, motion: Motion) -> tuple[Array, Array]:
+        """Times of the grid, and all margins there in natural units, shape (n, n_margins)."""
+        times = _grid(motion)
+        rows = [self._margins_at(time, z) for time, z in zip(times.tolist(), motion(times).T, strict=True)]
+        return times, np.array(rows)
 
-    def _evaluate(self, function: BufferedFunction, t: float, z: Array) -> None:
-        time, state, _, data = function.inputs
-        time[0], state[:], data[:] = t, z, self._data[bisect_right(self._breakpoints, t)]
-        function.evaluate()
-
-
-def _still(time: float, end: float, z: Array) -> OdeSolution:
-    return solve_ivp(lambda t, state: np.zeros_like(state), (time, end), z, dense_output=True).sol
+    def _margins_at(self, time: float, z: Array) -> Array:
+        """All margins in natural units."""
+        data = self._data[bisect_right(self._breakpoints, time)]
+        (margins,) = self._margins(time, z, self._p, data)
+        return np.asarray(margins / self._units)
 
 
-class _Falls:
-    """Event that ends an integration where the walker falls."""
-
-    terminal, direction = True, -1
-
-    def __init__(self, flow: _ModeFlow) -> None:
-        self._flow = flow
-
-    def __call__(self, t: float, state: Array) -> float:
-        return self._flow.upright(t, state)
+@lru_cache(maxsize=64)
+def _rate_and_margins(system: HybridSystem, mode: Mode) -> Function:
+    flow, margins = system.flow(mode), system.margins(mode)
+    inputs = flow.sx_in()
+    return Function("rate_and_margins", inputs, [flow(*inputs), margins(*inputs)])
 
 
-class _FarEnough:
-    """Event that ends an integration after too many steps, or one step after the phase of ``flow`` has ended.
-
-    In time it falls through zero within the last step. Where touchdown comes before the event that should end the
-    phase, the motion goes on: its end will be put elsewhere.
-    """
-
-    terminal, direction = True, -1
-
-    def __init__(self, flow: _ModeFlow | None) -> None:
-        self._flow, self._armed = flow, np.zeros(2, dtype=bool)
-        self._left, self._before, self._end = MOST_STEPS, -np.inf, np.inf
-
-    def __call__(self, t: float, state: Array) -> float:
-        self._left -= 1
-        if self._left == 0:
-            self._end = (self._before + t) / 2
-        elif self._left > 0 and self._flow is not None:
-            margins = np.array(self._flow.ends(t, state))
-            ended, landed = self._armed & (margins <= 0)
-            self._armed |= margins > ARMED
-            if landed:
-                self._flow = None
-            elif ended:
-                self._left = 1
-        self._before = t
-        return self._end - t
-
-
-def _grid(motion: OdeSolution) -> Array:
-    steps = np.linspace(motion.ts[:-1], motion.ts[1:], GRID, endpoint=False).ravel(order="F")
-    return np.append(steps, motion.t_max)
+def _grid(motion: Motion) -> Array:
+    steps = np.linspace(motion.times[:-1], motion.times[1:], GRID, endpoint=False).ravel(order="F")
+    return np.append(steps, motion.end)

@@ -8,19 +8,20 @@ Some five times as fast as differentiating the step in symbols.
 """
 
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
-from scipy.integrate import DOP853
-from scipy.sparse import csc_matrix
 
 from gaitopt.arrays import Array
+from gaitopt.integration.dop853 import combined
+from gaitopt.integration.tableau import N_STAGES, A, B, C
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
-from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import with_data
+from gaitopt.nlp.sparse import Pattern, SparseMatrix
 
-N_STAGES = DOP853.n_stages
+if TYPE_CHECKING:
+    from gaitopt.nlp.multiple_shooting import MultipleShooting
 
 
 @lru_cache(maxsize=64)
@@ -34,8 +35,8 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
     both = Function("flow_and_derivatives", [z, t, p, r], cse([f, jacobian(f, by)]))
     stages: list[SX] = []
     columns: list[SX] = []
-    for a, c in zip(DOP853.A, DOP853.C, strict=True):
-        at = z + h * sum((float(w) * k for w, k in zip(a, stages, strict=False) if w), SX.zeros(n_z))
+    for a, c in zip(A, C, strict=True):
+        at = z + h * combined(a, stages)
         rate, derivative = both(at, t + float(c) * h, p, r)
         stages.append(rate)
         columns += [rate, derivative]
@@ -50,7 +51,7 @@ class ShootingJacobian:
     transcription : whose rows and columns they are.
     """
 
-    def __init__(self, transcription: Transcription) -> None:
+    def __init__(self, transcription: "MultipleShooting") -> None:
         self._t = transcription
         self._n_z, self._n = transcription.system.n_z, transcription.layout.intervals
         ends = np.cumsum([arc.intervals for arc in transcription.layout.arcs])
@@ -59,11 +60,11 @@ class ShootingJacobian:
         ]
         self._by_duration()
 
-    def jacobian(self, w: Array, p: Array) -> csc_matrix:
+    def jacobian(self, w: Array, p: Array) -> SparseMatrix:
         """d equalities / d w."""
         (tail,) = self._tail_nonzeros(w, p)
         data = np.concatenate([np.ones(self._n * self._n_z), *self._steps(w, p), tail])
-        return with_data(self._pattern, data[self._order])
+        return SparseMatrix(pattern=self._pattern, data=data[self._order])
 
     @cached_property
     def _tail(self) -> Function:
@@ -111,8 +112,7 @@ class ShootingJacobian:
         columns = np.concatenate([after, own[1].ravel(), rest[1].ravel(), np.array(sparsity.get_col(), dtype=int)])
         self._order = np.lexsort((rows, columns))
         pointers = np.searchsorted(columns[self._order], np.arange(n_w + 1))
-        places = (np.zeros(rows.size), rows[self._order], pointers)
-        self._pattern = csc_matrix(places, shape=(t.equalities.numel(), n_w))
+        self._pattern = Pattern(shape=(t.equalities.numel(), n_w), pointers=pointers, rows=rows[self._order])
 
     def _steps(self, w: Array, p: Array) -> tuple[Array, Array]:
         """Minus the derivatives of all steps by their own nodes, and by durations and freed parameters."""
@@ -139,40 +139,36 @@ class ShootingJacobian:
             lengths[at] = (end - start) / m
             times: Array = start + lengths[at] * np.arange(m)
             data = t.system.data(arc.segment)
-            own, free = t.standing_values(p, freed, arc.phase), t.standing_names(arc.phase)
+            own, free = t.dynamics(p, freed, arc.phase).p, t.standing_names(arc.phase)
             values[at] = _stage_values(t.system, arc.mode, free, nodes.T[starts[at]], times, lengths[at], own, data)
         stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
         return stages[..., 0], stages[..., 1:], lengths
 
 
 @lru_cache(maxsize=32)
-def shooting_jacobian(transcription: Transcription) -> ShootingJacobian:
-    """The variation of a transcription, made once."""
+def shooting_jacobian(transcription: "MultipleShooting") -> ShootingJacobian:
+    """The Jacobian of a transcription, kept."""
     return ShootingJacobian(transcription)
 
 
 def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:
-    """Derivatives of all steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free)."""
+    """Derivatives of all steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free).
+
+    What a stage moves the state by is h K_i; of it dK_i is multiplied by h, and K_i stands in the column of h.
+    """
     n, n_z, n_in = derivatives.shape[1:]
     base = np.zeros((n, n_in, n_in + 1))
     base[:, : n_z + 1, : n_z + 1] = np.eye(n_z + 1)
     base[:, n_z + 1 :, n_z + 2 :] = np.eye(n_in - n_z - 1)
-    h = lengths[:, None]
-    varied = np.zeros((N_STAGES, n * n_z * (n_in + 1)))
-    flat = rates.reshape(N_STAGES, -1)
-
-    def added(weights: Array, at: Array) -> None:
-        i = weights.size
-        at[:, :n_z] += h[:, :, None] * (weights @ varied[:i]).reshape(n, n_z, n_in + 1)
-        at[:, :n_z, n_z + 1] += (weights @ flat[:i]).reshape(n, n_z)
-
-    for i, (a, c) in enumerate(zip(DOP853.A, DOP853.C, strict=True)):
+    moved = np.empty((N_STAGES, n, n_z, n_in + 1))
+    flat, scaled = moved.reshape(N_STAGES, -1), derivatives * lengths[:, None, None]
+    for i, (a, c) in enumerate(zip(A, C, strict=True)):
         inner = base.copy()
         inner[:, n_z, n_z + 1] = c
-        added(a[:i], inner)
-        varied[i] = (derivatives[i] @ inner).ravel()
-    added(DOP853.B, base)
-    return base[:, :n_z]
+        inner[:, :n_z] += (a[:i] @ flat[:i]).reshape(n, n_z, -1)
+        np.matmul(scaled[i], inner, out=moved[i])
+        moved[i, :, :, n_z + 1] += rates[i]
+    return np.asarray(base[:, :n_z] + (B @ flat).reshape(n, n_z, -1))
 
 
 def step_derivatives(

@@ -1,6 +1,6 @@
 """A problem's gait by multiple shooting: guess, Newton's method, polish, error estimate, refinement.
 
-Where the guess is not plainly next to a gait, or the gait there violates a margin, IPOPT searches.
+Where the guess is not close to a gait, or the gait there violates a margin, IPOPT searches.
 """
 
 import time
@@ -12,17 +12,18 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
-from gaitopt.mechanics import HybridSystem
+from gaitopt.mechanics import Cycle, Dynamics, HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.diagnosis import early_touchdown, largest_residual, missing_event, violations
+from gaitopt.nlp.diagnosis import early_event, largest_residual, missing_event, violations
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.nearby import solve_nearby
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
-from gaitopt.nlp.transcription import Transcription, transcribe
+from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import NO_ENERGY, Problem, lacks_energy
 
@@ -68,34 +69,34 @@ def solve_gait(
     -------
     gait : its status says whether it is one; numerical failure is not an error.
     """
-    p = system.values(problem.parameters)
+    dynamics = Dynamics(system, system.values(problem.parameters))
     if lacks_energy(problem):
         no_energy = Cause(what="energy", words=NO_ENERGY)
         return Gait(
-            problem=problem, system=system, p=p, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(no_energy,)
+            problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(no_energy,)
         )
     began = time.perf_counter()
     state = np.array([problem.guess.state[name] for name in system.state_names])
-    guess = roll_out(system, p, problem.cycle, state, problem.guess.durations)
+    guess = roll_out(dynamics, problem.cycle, state, problem.guess.durations)
     if guess.endless is None:
-        near = _in_order(problem, system, p, guess, partial(_nearby, progress=progress, should_stop=should_stop))
+        near = _in_order(problem.cycle, dynamics, guess, partial(_nearby, progress=progress, should_stop=should_stop))
         if near.status is Status.CONVERGED:
             gait = _finish(problem, near, _solver(near, began))
             if gait.converged:
                 return gait
     search = partial(_by_ipopt, progress=progress, should_stop=should_stop)
-    attempt = _in_order(problem, system, p, guess, search)
+    attempt = _in_order(problem.cycle, dynamics, guess, search)
     if attempt.status in FAILURES and problem.guess.durations is None:
-        shortened = np.array(guess.durations) * transit_time(system, p, problem.cycle, state) / guess.period
-        second = roll_out(system, p, problem.cycle, state, shortened)
-        retried = _in_order(problem, system, p, second, search)
+        shortened = np.array(guess.durations) * transit_time(dynamics, problem.cycle, state) / guess.period
+        second = roll_out(dynamics, problem.cycle, state, shortened)
+        retried = _in_order(problem.cycle, dynamics, second, search)
         attempt = retried if retried.status not in FAILURES else attempt
     solver = _solver(attempt, began)
     if attempt.status is not Status.CONVERGED:
         status, message = attempt.status, attempt.words
         causes = () if status is Status.INTERRUPTED else _causes(attempt, guess)
         message = f"{message}: {in_words(causes)}" if causes else message
-        return Gait(problem=problem, system=system, p=p, status=status, message=message, solver=solver, causes=causes)
+        return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver, causes=causes)
     return _finish(problem, attempt, solver)
 
 
@@ -104,25 +105,24 @@ def _solver(attempt: Attempt, began: float) -> dict[str, float]:
 
 
 def _in_order(
-    problem: Problem,
-    system: HybridSystem,
-    p: Array,
+    cycle: Cycle,
+    dynamics: Dynamics,
     guess: Rollout,
     search: Callable[[Transcription, Array, Array], Attempt],
 ) -> Attempt:
     """Search, and again with a new layout while a switch passes a breakpoint of the control."""
-    rolled = guess
+    rolled, breakpoints = guess, dynamics.system.control.breakpoints
     for _ in range(MAX_REORDERS):
         durations = np.array(rolled.durations)
-        plan = layout(problem.cycle, durations, system.control.breakpoints)
-        transcription = transcribe(system, plan)
-        attempt = search(transcription, transcription.pack(rolled.nodes(plan), durations), p)
+        plan = layout(cycle, durations, breakpoints)
+        transcription = transcribe(dynamics.system, plan)
+        attempt = search(transcription, transcription.pack(rolled.nodes(plan), durations), dynamics.p)
         if attempt.status is not Status.CONVERGED:
             break
-        durations = transcription.unpack(attempt.w)[1]
-        if plan.in_order(durations, system.control.breakpoints):
+        durations = transcription.unpack(attempt.w).durations
+        if plan.in_order(durations, breakpoints):
             break
-        rolled = roll_out(system, p, problem.cycle, attempt.w[: system.n_z], durations)
+        rolled = roll_out(dynamics, cycle, attempt.w[: dynamics.system.n_z], durations)
     return attempt
 
 
@@ -134,7 +134,7 @@ def _nearby(
     progress: Progress | None,
     should_stop: Callable[[], bool] | None,
 ) -> Attempt:
-    """Newton's method as far as the guess is plainly next to a solution."""
+    """Newton's method if the guess is close to a solution."""
     near = solve_nearby(transcription, start, p, progress, should_stop)
     return Attempt(
         transcription=transcription,
@@ -172,14 +172,12 @@ def _by_ipopt(
 
 def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gait:
     """Polish, refine until the integration error is small, and assemble the gait."""
-    p, system = attempt.p, attempt.transcription.system
-    refined = refine(attempt.transcription, polish(attempt.transcription, attempt.w, p).at)
+    refined = refine(attempt.transcription, polish(attempt.transcription, attempt.w, attempt.p).at)
     wrong = rejection_reason(refined)
     if wrong:
         return Gait(
             problem=problem,
-            system=system,
-            p=p,
+            dynamics=Dynamics(attempt.transcription.system, attempt.p),
             status=Status.NOT_CONVERGED,
             message=in_words(wrong),
             solver=solver,
@@ -205,7 +203,7 @@ def _repetition(gait: Gait) -> str:
 
 
 @overflow_allowed()
-def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
+def rejection_reason(refined: Refined[Transcription]) -> tuple[Cause, ...]:
     """What keeps a solution of the equations from being a gait; empty for a gait."""
     transcription, at = refined.transcription, refined.at
     _, durations, _ = transcription.unpack(at.w)
@@ -224,14 +222,21 @@ def rejection_reason(refined: Refined) -> tuple[Cause, ...]:
         words = f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
         return (Cause(what="integration", words=words),)
     violated = violations(transcription, at.w, at.p, transcription.margin_values(at.w, at.p), RESIDUAL_TOLERANCE)
-    landing = None if violated else early_touchdown(transcription, at.w, at.p)
-    return tuple(violated) if landing is None else (landing,)
+    early = None if violated else early_event(transcription, at.w, at.p)
+    return tuple(violated) if early is None else (early,)
 
 
 @overflow_allowed()
 def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
-    """What hurts most: margins that a periodic motion violates, be it found with or without them, or what is open."""
-    transcription, p = attempt.transcription, attempt.p
+    """The worst violation: of margins, by a periodic motion solved with or without them, or else of the equations.
+
+    A reference that ends before the step explains more than what motions beyond it violate.
+    """
+    transcription, p, missing = attempt.transcription, attempt.p, None
+    if guess.endless is not None:
+        missing = missing_event(transcription.layout.cycle, guess.endless, transcription.system.control)
+        if missing.what == "reference":
+            return (missing,)
     relaxed = _by_ipopt(transcription, attempt.start, p, relaxed=True)
     for w in (relaxed.w, attempt.w):
         residual = transcription.violation(w, p)
@@ -239,6 +244,4 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
             violated = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
             if violated:
                 return tuple(violated)
-    if guess.endless is not None:
-        return (missing_event(transcription.layout.cycle, guess.endless, transcription.system.control),)
-    return (largest_residual(transcription, attempt.w, p, residual),)
+    return (missing or largest_residual(transcription, attempt.w, p, residual),)

@@ -7,7 +7,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Gait, Step, curves
-from gaitopt.mechanics import HybridSystem
+from gaitopt.mechanics import Dynamics, HybridSystem
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.problem import Problem
 
@@ -36,11 +36,11 @@ def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[f
 
 def guessed(problem: Problem, system: HybridSystem) -> Start:
     """The motion rolled out from the guess, which does not close."""
-    p = system.values(problem.parameters)
+    dynamics = Dynamics(system, system.values(problem.parameters))
     state = np.array([problem.guess.state[name] for name in system.state_names])
-    rolled = roll_out(system, p, problem.cycle, state, problem.guess.durations)
+    rolled = roll_out(dynamics, problem.cycle, state, problem.guess.durations)
     free = free_parameters(problem, system)
-    freed = np.array([p[system.parameters.index(name)] for name in free])
+    freed = np.array([dynamics.parameter(name) for name in free])
     return Start(durations=np.array(rolled.durations), states=rolled_states(rolled), freed=freed)
 
 
@@ -58,7 +58,7 @@ def rolled_states(rollout: Rollout) -> Callable[[Array], Array]:
 def known(gait: Gait, free: tuple[str, ...]) -> Start:
     """A gait that is known."""
     (step,) = gait.steps
-    freed = np.array([gait.p[gait.system.parameters.index(name)] for name in free])
+    freed = np.array([gait.dynamics.parameter(name) for name in free])
     return Start(durations=np.array([d for _, d in step.phases]), states=lambda t: step_states(step, t), freed=freed)
 
 

@@ -1,354 +1,78 @@
-"""Multiple shooting of one periodic cycle of steps with fixed mode sequences.
+"""The seam between the equations of a periodic gait and what solves, refines and examines them."""
 
-Unknowns w = (nodes z_0 .. z_K, phase durations, freed parameters). Equalities, as many as nodes and durations:
+from typing import NamedTuple, Protocol, Self
 
-    defects      z_{k+1} = step(z_k)              on every interval; in stick with v_t = 0
-    events       v_t = 0 where a slip ends, mu f_n +- f_t = 0 where a stick ends, guard = 0 at touchdown
-    resets       z_{k+1} = impact(z_k)            at every impact; of a foot, with x counted from the new stance foot
-    periodicity  z_0 = impact(z_K)                likewise, from the last step to the first
-
-Friction complementarity: the mode sets one factor of each pair to zero (the force's factor in slip is eliminated
-by eq. (5)); the other factor stays an inequality at every node, except where an event already makes it zero.
-"""
-
-from collections.abc import Callable, Iterator
-from functools import cached_property, lru_cache
-
-import numpy as np
-from casadi import MX, Function, horzcat, repmat, vec, vertcat
+from casadi import MX
 
 from gaitopt.arrays import Array
-from gaitopt.gait.curves import points
-from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin, margin_names, margin_unit
-from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
-from gaitopt.nlp.integrator import shooting_step
-from gaitopt.nlp.layout import ArcLayout, Layout
+from gaitopt.mechanics import Dynamics, HybridSystem
+from gaitopt.nlp.layout import Layout
+from gaitopt.nlp.sparse import SparseMatrix
 from gaitopt.nlp.units import Label, Units
 
-GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
-"""Margins that are zero where the spring of a massless leg has its full length: at landing and take-off."""
+
+class Unknowns(NamedTuple):
+    """The parts of a vector w: nodes (n_z, K + 1), durations (n_phases,) and freed parameters."""
+
+    nodes: Array
+    durations: Array
+    freed: Array
 
 
-class Transcription:
-    """The equations of one step as CasADi expressions of ``w`` and the parameters.
+class Transcription(Protocol):
+    """A gait as square equations and margins of unknowns w, with parameters p; see ``MultipleShooting``."""
 
-    Parameters
-    ----------
-    system : walker, control and ground.
-    layout : arcs and intervals.
-    free : dotted keys of the parameters that are unknowns.
-    """
+    system: HybridSystem
+    layout: Layout
+    free: tuple[str, ...]
+    n_nodes: int
+    n_phases: int
+    w: MX
+    parameters: MX
 
-    def __init__(self, system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> None:
-        self.system, self.layout, self.free = system, layout, free
-        self.n_nodes = layout.n_nodes
-        self.n_phases = len(layout.cycle.phases)
-        self.Z = MX.sym("Z", system.n_z, self.n_nodes)
-        self.durations = MX.sym("d", self.n_phases)
-        self.freed = MX.sym("v", len(free))
-        self.parameters = MX.sym("p", len(system.parameters))
-        entries = [
-            self.freed[free.index(name)] if name in free else self.parameters[i]
-            for i, name in enumerate(system.parameters)
-        ]
-        self.p = vertcat(*entries) if free else self.parameters
-        self.w = vertcat(vec(self.Z), self.durations, self.freed)
-        self._sampled: tuple[bytes, dict[tuple[int, int], tuple[Array, Array]]] = (b"", {})
-        self._switches: list[tuple[MX, MX]] = []
-        for j in range(self.n_phases):
-            start = MX(0) if j in layout.cycle.first_phases else self._switches[-1][1]
-            self._switches.append((start, start + self.durations[j]))
+    @property
+    def equalities(self) -> MX:
+        """What is zero at a gait, in terms of ``w`` and ``parameters``; shape (n,)."""
+
+    @property
+    def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
+        """Margins that must not be negative, and what each one says."""
+
+    def on(self, layout: Layout) -> Self:
+        """The same equations on another layout."""
 
     def pack(self, nodes: Array, durations: Array, freed: Array | tuple[float, ...] = ()) -> Array:
         """The vector w from nodes (n_z, K + 1), durations (n_phases,) and freed parameters."""
-        return np.concatenate([nodes.ravel(order="F"), durations, np.asarray(freed, dtype=float)])
 
-    def unpack(self, w: Array) -> tuple[Array, Array, Array]:
-        """Nodes (n_z, K + 1), durations (n_phases,) and freed parameters of a vector w."""
-        n = self.system.n_z * self.n_nodes
-        nodes = w[:n].reshape((self.system.n_z, self.n_nodes), order="F")
-        return nodes, w[n : n + self.n_phases], w[n + self.n_phases :]
+    def unpack(self, w: Array) -> Unknowns:
+        """What a vector w consists of."""
 
-    def full_parameters(self, p: Array, freed: Array) -> Array:
-        """The parameter vector with the freed ones put in."""
-        full = p.copy()
-        for name, value in zip(self.free, freed, strict=True):
-            full[self.system.parameters.index(name)] = value
-        return full
-
-    def standing_values(self, p: Array, freed: Array, phase: int) -> Array:
-        """The parameter vector in a phase, as its leg stands, with the freed ones put in."""
-        walker = self.system.walker
-        return walker.standing(self.full_parameters(p, freed), walker.side(self.layout.cycle.step_of(phase)))
-
-    def standing_names(self, phase: int) -> tuple[str, ...]:
-        """Dotted keys under which the freed parameters stand in the parameter vector of a phase."""
-        walker, names = self.system.walker, self.system.parameters
-        if not walker.side(self.layout.cycle.step_of(phase)):
-            return self.free
-        return tuple(names[walker.place(names.index(name))] for name in self.free)
-
-    @cached_property
-    def equalities(self) -> MX:
-        """Defects, events, resets, periodicity; shape (n_z n_nodes + n_phases,)."""
-        return vertcat(self._defects(halves=1), self.conditions)
-
-    @cached_property
-    def conditions(self) -> MX:
-        """The equalities without the defects."""
-        return vertcat(*self._events(), *self._resets())
-
-    @cached_property
-    def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
-        """Margins that must not be negative, and what each one says."""
-        blocks, labels = [], list[Label]()
-        for block, own in self._node_margins():
-            blocks.append(block)
-            labels += own
-        for row, label in (*self._unloaded_margins(), *self._onset_margins(), *self.impact_margins()):
-            blocks.append(row)
-            labels.append(label)
-        return vertcat(*blocks), tuple(labels)
+    def dynamics(self, p: Array, freed: Array, phase: int = 0) -> Dynamics:
+        """The system at its parameters with the freed ones put in, in the step of a phase."""
 
     def units(self, p: Array) -> Units:
-        """Natural units of unknowns, equalities and margins for the walker at parameters ``p``, shape (n_p,)."""
-        scales = self.system.scales(p)
-        state = self.system.state_scales(scales)
-        nodes = np.tile(state, self.n_nodes)
-        events = [margin_unit(name, scales) / scales.time**order for _, name, order in self._endings()]
-        return Units(
-            unknowns=self.pack(nodes, np.full(self.n_phases, scales.time), np.ones(len(self.free))),
-            equalities=np.concatenate(
-                [np.tile(state, self.layout.intervals), events, np.tile(state, len(self.layout.cycle.resets))]
-            ),
-        )
+        """Natural units of unknowns and equalities."""
 
     def margin_units(self, p: Array) -> Array:
         """Natural units of the inequalities."""
-        scales = self.system.scales(p)
-        return np.array([label.unit(scales) for label in self.inequalities[1]])
-
-    @cached_property
-    def _violation(self) -> BufferedFunction:
-        return BufferedFunction(Function("violation", [self.w, self.parameters], [self.equalities]))
 
     def violation(self, w: Array, p: Array) -> Array:
-        """Values of the equalities, shape (n_z n_nodes + n_phases,)."""
-        return self._violation(w, p)[0].copy()
+        """Values of the equalities."""
+
+    def jacobian(self, w: Array, p: Array) -> SparseMatrix:
+        """Derivative of the equalities in nodes, durations and freed parameters, shape (n, n + n_free)."""
 
     def margin_values(self, w: Array, p: Array) -> Array:
         """Values of the inequalities."""
-        return self._margin_values(w, p)[0].copy()
-
-    @cached_property
-    def _margin_values(self) -> BufferedFunction:
-        return BufferedFunction(Function("margins", [self.w, self.parameters], [self.inequalities[0]]))
-
-    @cached_property
-    def _halved_defects(self) -> BufferedFunction:
-        difference = self._defects(halves=2) - self._defects(halves=1)
-        return BufferedFunction(Function("halved_defects", [self.w, self.parameters], [difference]))
 
     def halved_defects(self, w: Array, p: Array) -> Array:
-        """Difference of the defects when every interval is integrated in two halves."""
-        return self._halved_defects(w, p)[0].copy()
+        """By how much a finer integration would change the equalities."""
 
     def node_times(self, w: Array) -> Array:
         """Time since impact of every node; shape (K + 1,) [s]."""
-        return self.layout.node_times(self.unpack(w)[1])
 
     def sample(self, w: Array, p: Array, index: int, count: int) -> tuple[Array, Array]:
-        """Times (count,) and states (count, n_z) at the Chebyshev points of one arc.
-
-        Those of the last solution are kept: what examines it and what assembles its gait read the same ones.
-        """
-        solution = w.tobytes() + p.tobytes()
-        if self._sampled[0] != solution:
-            self._sampled = (solution, {})
-        samples = self._sampled[1]
-        if (index, count) not in samples:
-            start, end = self.layout.arc_times(self.unpack(w)[1])[index]
-            fractions = (points(count) + 1) / 2
-            times, states = start + (end - start) * fractions, self.states_at(w, p, index, fractions)
-            samples[index, count] = (times, states)
-        times, states = samples[index, count]
-        return times.copy(), states.copy()
+        """Times (count,) and states (count, n_z) at the Chebyshev points of one arc."""
 
     def states_at(self, w: Array, p: Array, index: int, fractions: Array) -> Array:
-        """States (m, n_z) at fractions of one arc, each by one partial shooting step from the node before it."""
-        nodes, durations, freed = self.unpack(w)
-        arc, first = self.layout.arcs[index], self.layout.first_nodes[index]
-        start, end = self.layout.arc_times(durations)[index]
-        h = (end - start) / arc.intervals
-        k = np.clip((fractions * arc.intervals).astype(int), 0, arc.intervals - 1)
-        offset = (fractions * arc.intervals - k) * h
-        step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
-        own, data = self.standing_values(p, freed, arc.phase), self.system.data(arc.segment)
-        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], offset[:, None], own, data)
-        return states.copy()
-
-    def arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
-        """Layout, nodes, start time and interval length of one arc."""
-        arc = self.layout.arcs[index]
-        start = self._switches[arc.phase][0] if arc.start is None else MX(arc.start)
-        end = self._switches[arc.phase][1] if arc.end is None else MX(arc.end)
-        first = self.layout.first_nodes[index]
-        return arc, self.Z[:, first : first + arc.intervals + 1], start, (end - start) / arc.intervals
-
-    def map_arcs(self, function: Callable[[Mode], Function], columns: Callable[[int], list[MX]]) -> list[MX]:
-        """Apply ``function(mode)`` to the columns of all arcs, with one map per mode; results in order of arcs."""
-        results: dict[int, MX] = {}
-        for mode in dict.fromkeys(arc.mode for arc in self.layout.arcs):
-            indices = [i for i, arc in enumerate(self.layout.arcs) if arc.mode is mode]
-            inputs = [columns(i) for i in indices]
-            widths = [group[0].shape[1] for group in inputs]
-            stacked = [horzcat(*group) for group in zip(*inputs, strict=True)]
-            values = function(mode).map(sum(widths))(*stacked)
-            each = values.size2() // sum(widths)
-            for i, end, width in zip(indices, np.cumsum(widths), widths, strict=True):
-                results[i] = values[:, each * (int(end) - width) : each * int(end)]
-        return [results[i] for i in range(len(self.layout.arcs))]
-
-    def standing(self, phase: int) -> MX:
-        """The parameters in a phase, as its leg stands."""
-        walker = self.system.walker
-        return walker.standing(self.p, walker.side(self.layout.cycle.step_of(phase)))
-
-    def constants(self, arc: ArcLayout, width: int) -> list[MX]:
-        """Parameters and segment data of an arc, repeated."""
-        return [repmat(self.standing(arc.phase), 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
-
-    def _defects(self, halves: int) -> MX:
-        def columns(i: int) -> list[MX]:
-            arc, Z, start, h = self.arc(i)
-            times = start + h * MX(np.arange(arc.intervals)).T
-            return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *self.constants(arc, arc.intervals)]
-
-        def step(mode: Mode) -> Function:
-            single = shooting_step(self.system, mode)
-            if halves == 1:
-                return single
-            z, t, h, p, r = (MX.sym(name, single.size1_in(i)) for i, name in enumerate("zthpr"))
-            middle = single(z, t, h / 2, p, r)
-            return Function("two_halves", [z, t, h, p, r], [single(middle, t + h / 2, h / 2, p, r)])
-
-        ends = horzcat(*(self.arc(i)[1][:, 1:] for i in range(len(self.layout.arcs))))
-        return vec(ends - horzcat(*self.map_arcs(step, columns)))
-
-    def _events(self) -> list[MX]:
-        """What ends each phase: an edge of the cone, zero slip velocity, or touchdown.
-
-        A slip that starts at rest is also at rest after no time at all; dividing by that zero leaves its real end,
-        and keeps the equations regular where the slip comes into being.
-        """
-        events = []
-        for phase, (mode, name, order) in enumerate(self._endings()):
-            index = max(i for i, arc in enumerate(self.layout.arcs) if arc.phase == phase)
-            margin = self._end_margins(index)[margin_names(mode).index(name)]
-            events.append(margin / self.durations[phase] ** order if order else margin)
-        return events
-
-    def _endings(self) -> Iterator[tuple[Mode, str, int]]:
-        """Mode of every phase, the margin that ends it, and the order of the zero that this margin starts from."""
-        cycle, jump = self.layout.cycle, self.system.friction.two_coefficients
-        for phase, mode in enumerate(cycle.phases):
-            name = ending_margin(mode, cycle.after(phase))
-            yield mode, name, cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
-
-    def _end_margins(self, index: int) -> MX:
-        arc, Z, start, h = self.arc(index)
-        time = start + arc.intervals * h
-        return self.system.margins(arc.mode)(time, Z[:, -1], self.standing(arc.phase), self.system.data(arc.segment))
-
-    def _resets(self) -> list[MX]:
-        """From just before every impact to just after it; the last leads back to the start."""
-        n, rows = self.system.n_shape, []
-        for (phase, impact), end in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
-            z_plus = self.system.impact(impact)(self.Z[:, end], self.standing(phase))[0]
-            x = z_plus[n] if impact.locked else 0  # counted from the new stance foot
-            rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], x, z_plus[n + 1 :]))
-        return rows
-
-    def _node_margins(self) -> Iterator[tuple[MX, list[Label]]]:
-        """Inequality factors of every arc at its nodes, without those that an event makes zero."""
-
-        def columns(i: int) -> list[MX]:
-            arc, Z, start, h = self.arc(i)
-            times = start + h * MX(np.arange(arc.intervals + 1)).T
-            return [times, Z, *self.constants(arc, arc.intervals + 1)]
-
-        for i, margins in enumerate(self.map_arcs(self.system.margins, columns)):
-            arc, first, names = self.layout.arcs[i], self.layout.first_nodes[i], margin_names(self.layout.arcs[i].mode)
-            places = [
-                (row, k, name)
-                for row, name in enumerate(names)
-                for k in range(arc.intervals + 1)
-                if name != "upright" and not margin(name).rises and not self.is_zero_by_event(i, k, name)
-            ]
-            rows = vec(margins)[[row + k * len(names) for row, k, _ in places]]
-            yield rows, [Label(name=name, phase=arc.phase, node=first + k) for _, k, name in places]
-
-    def _unloaded_margins(self) -> Iterator[tuple[MX, Label]]:
-        """Rates of the ground's forces where a massless leg lands and takes off; the forces are zero there."""
-        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
-            for k, sign in ((0, 1), (arc.intervals, -1)):
-                if not self._unloaded(i, k):
-                    continue
-                _, Z, start, h = self.arc(i)
-                data = self.system.data(arc.segment)
-                rates = self.system.events(arc.mode)(start + k * h, Z[:, k], self.p, data)[1]
-                for name in GROUND_FORCES:
-                    rate = rates[margin_names(arc.mode).index(name)]
-                    yield sign * rate, Label(name=name, phase=arc.phase, node=first + k)
-
-    def _unloaded(self, index: int, k: int) -> bool:
-        """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
-        arc, cycle = self.layout.arcs[index], self.layout.cycle
-        if not self.system.walker.massless_feet or arc.mode.flies:
-            return False
-        after = cycle.after(arc.phase)
-        lands = k == 0 and arc.start is None and arc.phase in cycle.first_phases
-        return lands or (k == arc.intervals and arc.end is None and after is not None and after.flies)
-
-    def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
-        """Whether an event makes a margin zero at node ``k`` of an arc."""
-        arc, cycle = self.layout.arcs[index], self.layout.cycle
-        if k == 0 and arc.start is None and name == "slip_velocity":
-            return cycle.onset_order(arc.phase) > 0
-        if name in GROUND_FORCES and self._unloaded(index, k):
-            return True
-        after = cycle.after(arc.phase)
-        return k == arc.intervals and arc.end is None and after is not None and name == ending_margin(arc.mode, after)
-
-    def _onset_margins(self) -> list[tuple[MX, Label]]:
-        """Force beyond the static cone where a slip starts from rest; one coefficient leaves no doubt about it."""
-        rows: list[tuple[MX, Label]] = []
-        if not self.system.friction.two_coefficients:
-            return rows
-        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
-            if arc.start is None and self.layout.cycle.starts_from_rest(arc.phase):
-                _, Z, start, _ = self.arc(i)
-                data = self.system.data(arc.segment)
-                margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.standing(arc.phase), data)
-                cone = margins[margin_names(Mode.STICK).index(ending_margin(Mode.STICK, arc.mode))]
-                rows.append((-cone, Label(name="onset", phase=arc.phase, node=first)))
-        return rows
-
-    def impact_margins(self) -> list[tuple[MX, Label]]:
-        """Margins of the impacts."""
-        return [row for index in range(len(self.layout.cycle.resets)) for row in self._margins_of_impact(index)]
-
-    def _margins_of_impact(self, index: int) -> Iterator[tuple[MX, Label]]:
-        (phase, mode), node = self.layout.cycle.resets[index], self.layout.reset_nodes[index]
-        values = self.system.impact_margins(mode)(self.Z[:, node], self.standing(phase))
-        for row, name in enumerate(self.system.impact_margin_names(mode)):
-            if mode.locked:
-                yield values[row], Label(name=name, phase=phase, node=node)
-            else:
-                yield values[row], Label(name=name, step=self.layout.cycle.step_of(phase))
-
-
-@lru_cache(maxsize=32)
-def transcribe(system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> Transcription:
-    """The transcription of a layout, made once: sweeps and searches meet the same ones again."""
-    return Transcription(system, layout, free)
+        """States (m, n_z) at fractions of one arc."""

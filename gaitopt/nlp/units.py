@@ -25,7 +25,7 @@ class Label:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Units:
-    """Natural units (``mechanics.scales``) in which unknowns and equations are of order one, whatever SI makes of them.
+    """Natural units (``mechanics.scales``) in which unknowns and equations are of order one.
 
     Attributes
     ----------

@@ -14,7 +14,6 @@ from gaitopt.iteration import iterate
 from gaitopt.mechanics import Mode
 from gaitopt.orbit.step_sensitivity import StepSensitivity
 from gaitopt.simulation import Simulator
-from gaitopt.simulation.natural import units
 
 ROUNDING = 1e-12
 """Error of a simulated step in natural units, as far as it is not amplified."""
@@ -71,14 +70,13 @@ class ReturnMap:
 
     def __init__(self, simulator: Simulator, section_mode: Mode, n_steps: int = 1) -> None:
         self.simulator, self.section_mode, self.n_steps = simulator, section_mode, n_steps
-        self._system, self._p = simulator.system, simulator.p
         self._indices = simulator.system.section(section_mode)
-        self._units = units(self._system, self._p).state[self._indices]
-        self._sensitivity = StepSensitivity(self._system, self._p, section_mode, simulator.stepper)
+        self._units = simulator.dynamics.state_units[self._indices]
+        self._sensitivity = StepSensitivity(simulator.dynamics, section_mode, simulator.stepper)
 
     def __call__(self, xi: Array) -> Return:
         """Simulate one cycle from section coordinates ``xi``."""
-        trajectory = self.simulator.run(self._system.lift_state(xi, self._p), steps=self.n_steps)
+        trajectory = self.simulator.run(self.simulator.dynamics.lift(xi), steps=self.n_steps)
         steps, ending = trajectory.steps, trajectory.ending
         impact = steps[-1].impact if len(steps) == self.n_steps else None
         if impact is None:

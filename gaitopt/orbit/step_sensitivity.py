@@ -13,8 +13,8 @@ from casadi import Function
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step
-from gaitopt.mechanics import HybridSystem, Mode, ending_margin, margin_names, margin_unit
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.mechanics import Dynamics, Mode, ending_margin, margin_names, margin_unit
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.saltation import projection, saltation
 from gaitopt.simulation import Stepper
 
@@ -27,8 +27,7 @@ class StepSensitivity:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters.
+    dynamics : the walker under its control law, at its parameters.
     section_mode : mode of the impact whose section coordinates are used.
     stepper : what integrates the variational equations.
 
@@ -37,14 +36,13 @@ class StepSensitivity:
     Gamus & Or (2013), section II.C.
     """
 
-    def __init__(self, system: HybridSystem, p: Array, section_mode: Mode, stepper: Stepper) -> None:
-        self._system, self._p = system, p
-        self._sides = [(p, stepper)]
+    def __init__(self, dynamics: Dynamics, section_mode: Mode, stepper: Stepper) -> None:
+        self._system = system = dynamics.system
+        self._sides = [(dynamics, stepper)]
         for side in range(1, system.walker.n_sides()):
-            own = system.walker.standing(p, side)
+            own = dynamics.standing(side)
             self._sides.append((own, stepper.at(own)))
         self._indices, self._lifted = system.section(section_mode), system.section(Mode.SLIP_FORWARD)
-        self._buffered: dict[str, BufferedFunction] = {}
 
     @np.errstate(divide="ignore", invalid="ignore")  # an event that is grazed has no rate, and its map no derivative
     def jacobian(self, steps: Sequence[Step]) -> Array:
@@ -53,7 +51,8 @@ class StepSensitivity:
         It is not finite if a step grazes an event.
         """
         start = steps[0].arcs[0].states[0]
-        deviations = self._matrix(self._system.lift_jacobian, start[self._lifted], self._p)[:, : self._indices.size]
+        lift = _matrix(self._system.lift_jacobian, start[self._lifted], self._sides[0][0].p)
+        deviations = lift[:, : self._indices.size]
         for step in steps:
             deviations = self._through(step, deviations)
         return deviations[self._indices]
@@ -63,52 +62,50 @@ class StepSensitivity:
         system = self._system
         for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
             data, ends = system.data(arc.segment), arc.times[[0, -1]]
-            p, stepper = self._sides[arc.side]
+            dynamics, stepper = self._sides[arc.side]
             deviations = stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
-            if after is None or after.segment == arc.segment or self._ends_at_breakpoint(arc, after, p):
-                deviations = self._event(arc, after, data, p) @ deviations
-        reset = self._matrix(system.impact_jacobian(step.final_impact.mode), step.arcs[-1].states[-1], p)
+            if after is None or after.segment == arc.segment or _ends_at_breakpoint(dynamics, arc, after):
+                deviations = _event(dynamics, arc, after) @ deviations
+        reset = _matrix(system.impact_jacobian(step.final_impact.mode), step.arcs[-1].states[-1], dynamics.p)
         after_impact = reset @ deviations
         after_impact[system.n_shape] = 0.0  # x is counted from the new stance foot
         return np.asarray(after_impact)
 
-    def _ends_at_breakpoint(self, arc: Arc, after: Arc, p: Array) -> bool:
-        """Whether the event of a mode falls on a breakpoint of the control, so that no arc lies between the two."""
-        if after.mode is arc.mode:
-            return False
-        name = ending_margin(arc.mode, after.mode)
-        margins = self._call(
-            self._system.margins(arc.mode), arc.end, arc.states[-1], p, self._system.data(arc.segment)
-        )[0]
-        unit = margin_unit(name, self._system.scales(p))
-        return bool(abs(margins[margin_names(arc.mode).index(name)]) <= AT_EVENT * unit)
 
-    def _event(self, arc: Arc, after: Arc | None, data: Array, p: Array) -> Array:
-        """What the event at the end of an arc does to deviations; shape (n_z, n_z)."""
-        system, z = self._system, arc.states[-1]
-        row = margin_names(arc.mode).index(ending_margin(arc.mode, None if after is None else after.mode))
-        flow, _, gradients = self._call(system.linearisation(arc.mode), arc.end, z, p, data)
-        gradient = gradients.reshape((system.n_z, -1))[:, row]
-        rate = float(self._call(system.events(arc.mode), arc.end, z, p, data)[1][row])
-        if after is None:
-            return projection(flow, gradient, rate)
-        (flow_after,) = self._call(system.flow(after.mode), after.start, after.states[0], p, data)
-        return saltation(flow, flow_after, gradient, rate, self._reset(arc, after, p))
+def _ends_at_breakpoint(dynamics: Dynamics, arc: Arc, after: Arc) -> bool:
+    """Whether the event of a mode falls on a breakpoint of the control, so that no arc lies between the two."""
+    if after.mode is arc.mode:
+        return False
+    name = ending_margin(arc.mode, after.mode)
+    margins = dynamics.margins(arc.mode, arc.segment, arc.times[-1:], arc.states[-1:])[0]
+    unit = margin_unit(name, dynamics.scales)
+    return bool(abs(margins[margin_names(arc.mode).index(name)]) <= AT_EVENT * unit)
 
-    def _reset(self, arc: Arc, after: Arc, p: Array) -> Array | None:
-        """Derivative of the reset from one arc to the next; None where no stop locks."""
-        if arc.mode.locked == after.mode.locked:
-            return None
-        slides = after.states[0][-1] or after.mode.flies
-        struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
-        return self._matrix(self._system.impact_jacobian(struck), arc.states[-1], p).copy()
 
-    def _matrix(self, function: Function, *values: Array) -> Array:
-        """The one output of a function as a matrix; columns lie one after the other in the buffer."""
-        return self._call(function, *values)[0].reshape(function.size_out(0), order="F")
+def _event(dynamics: Dynamics, arc: Arc, after: Arc | None) -> Array:
+    """What the event at the end of an arc does to deviations; shape (n_z, n_z)."""
+    system, z, p, data = dynamics.system, arc.states[-1], dynamics.p, dynamics.system.data(arc.segment)
+    row = margin_names(arc.mode).index(ending_margin(arc.mode, None if after is None else after.mode))
+    (flow,) = buffered(system.flow(arc.mode))(arc.end, z, p, data)
+    gradient = _matrix(system.gradients(arc.mode), arc.end, z, p, data)[row]
+    _, rates = buffered(system.events(arc.mode))(arc.end, z, p, data)
+    rate = float(rates[row])
+    if after is None:
+        return projection(flow, gradient, rate)
+    flow = flow.copy()
+    (flow_after,) = buffered(system.flow(after.mode))(after.start, after.states[0], p, data)
+    return saltation(flow, flow_after, gradient, rate, _reset(dynamics, arc, after))
 
-    def _call(self, function: Function, *values: float | Array) -> tuple[Array, ...]:
-        """The outputs of a function, valid until it is called again."""
-        if function.name() not in self._buffered:
-            self._buffered[function.name()] = BufferedFunction(function)
-        return self._buffered[function.name()](*values)
+
+def _reset(dynamics: Dynamics, arc: Arc, after: Arc) -> Array | None:
+    """Derivative of the reset from one arc to the next; None where no stop locks."""
+    if arc.mode.locked == after.mode.locked:
+        return None
+    slides = after.states[0][-1] or after.mode.flies
+    struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
+    return _matrix(dynamics.system.impact_jacobian(struck), arc.states[-1], dynamics.p).copy()
+
+
+def _matrix(function: Function, *values: Array | float) -> Array:
+    """The one output of a function as a matrix, valid until it is called again."""
+    return buffered(function)(*values)[0].reshape(function.size_out(0), order="F")

@@ -5,25 +5,19 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.figures.comparison import differences, node_points, points_of, simulated, thinned
+from gaitopt.figures.comparison import differences, node_points, points_of, positions_of, simulated, thinned
 from gaitopt.figures.film import film
 from gaitopt.figures.motion import Motion, motion_of, smooth
 from gaitopt.figures.packing import pack
 from gaitopt.gait import Gait
-from gaitopt.pages.page import numbers, render, words
-from gaitopt.pages.provenance import provenance
+from gaitopt.pages.page import numbers, provenance, render, words
 
 FLOOR = 1e-17
 """Differences of exactly zero are drawn here, at the foot of the log axis."""
 
 
-def gait_report(gait: Gait) -> str:
-    """HTML of a gait: numbers, figures, moving walker, NLP against simulation, verification, provenance."""
-    return comparison_report([gait])
-
-
 def comparison_report(gaits: Sequence[Gait]) -> str:
-    """HTML of several gaits side by side.
+    """HTML of gaits side by side: numbers, figures, moving walkers, NLP against simulation, verification, provenance.
 
     Raises
     ------
@@ -59,8 +53,8 @@ def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
     """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
     walked = simulated(gait)
     times, states = thinned(*(node_points(gait) or points_of(motion.steps)))
-    columns = [motion.state_index(name) for name in motion.system.walker.shape]
-    names = motion.system.walker.shape
+    names = positions_of(motion)
+    columns = [motion.state_index(name) for name in names]
     nodes = {"t": times} | {name: states[:, k] for name, k in zip(names, columns, strict=True)}
     arcs = [
         (arc.mode, {"t": began + arc.times} | {n: arc.states[:, k] for n, k in zip(names, columns, strict=True)})

@@ -10,7 +10,9 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from gaitopt.figures.labels import label, symbol
-from gaitopt.problem.scalars import SCALARS, scalar_values, state_unit
+from gaitopt.problem import Problem
+from gaitopt.problem.scalars import scalar_values, state_unit, telling_scalars
+from gaitopt.store.manifest import new_manifest
 
 Record = Mapping[str, Any]
 
@@ -31,20 +33,18 @@ def packed(data: Mapping[str, Any]) -> str:
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
-def figure(value: float | None) -> str:
+def figure(value: float | None, digits: int = 6) -> str:
     """A number for the eye."""
-    return "–" if value is None else f"{value:.6g}"
+    return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
 
 
 def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
     """Labels that the scripts need: of the scalars that occur, and of the walker's states."""
-    keys = dict.fromkeys(key for record in records for key in scalar_values(record))
     names = {name for film in films for name in film["shape"]}
     states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
     freed = {key for record in records for key in record.get("parameters", ())}
     return {
-        "scalars": {key: asdict(label(key)) for key in keys},
-        "motors": [key for key in keys if key in SCALARS and SCALARS[key].needs],
+        "scalars": {key: asdict(label(key)) for key in telling_scalars(records)},
         "symbols": {name: symbol(name) for name in states},
         "units": {name: state_unit(name) for name in states},
         "parameters": {key: asdict(label(key)) for key in sorted(freed)},
@@ -58,13 +58,20 @@ def numbers(record: Record) -> dict[str, Any]:
             key: value if value is None else float(f"{value:.9g}") for key, value in scalar_values(record).items()
         },
         "multipliers": [[float(f"{m['re']:.7g}"), float(f"{m['im']:.7g}")] for m in record["multipliers"]],
-        "impact": record["impact"],
         "state": {name: float(f"{value:.9g}") for name, value in record["state"].items()},
         "parameters": record["parameters"],
         "passed": None if record["verification"] is None else record["verification"]["passed"],
     }
 
 
-def state_rows(record: Record) -> list[tuple[str, float, str]]:
-    """Symbol, value and unit of every state just after the impact."""
-    return [(symbol(name), value, state_unit(name)) for name, value in record["state"].items()]
+def provenance(problem: Problem, solver: Mapping[str, float]) -> dict[str, Any]:
+    """What the foot of a page says: the problem verbatim, its hash, and the versions of everything that solved it."""
+    known = new_manifest(problem.name, problem.digest)
+    return {
+        "name": problem.name,
+        "text": problem.text,
+        "hash": known.hash,
+        "versions": known.versions,
+        "platform": known.platform,
+        "solver": dict(solver),
+    }

@@ -1,29 +1,19 @@
 """The report of a simulated walk: how it ended, its states step by step, and the animation over all steps."""
 
 from base64 import b64encode
-from io import BytesIO
-
-import matplotlib as mpl
 
 from gaitopt.figures.film import film
 from gaitopt.figures.labels import symbol
 from gaitopt.figures.motion import motion_of_walk
-from gaitopt.figures.style import STYLE
+from gaitopt.figures.style import drawn
 from gaitopt.figures.walk import section_states
-from gaitopt.pages.page import render
-from gaitopt.pages.provenance import provenance
+from gaitopt.pages.page import provenance, render
 from gaitopt.problem.scalars import state_unit
 from gaitopt.study.simulate import Walk
 
 
 def walk_report(walk: Walk) -> str:
-    """HTML of a walk.
-
-    Raises
-    ------
-    ValueError
-        If the walk ended before anything moved.
-    """
+    """HTML of a walk."""
     names = [name for name in walk.system.state_names if name != "x"]
     columns = [walk.system.state_names.index(name) for name in names]
     states = walk.trajectory.section_states[:, columns]
@@ -36,16 +26,8 @@ def walk_report(walk: Walk) -> str:
         walk=walk,
         columns=[f"{symbol(name)} [{state_unit(name)}]" for name in names],
         rows=[(t, impact.replace("_", " "), state) for t, impact, state in rows],
-        picture=_picture(walk),
+        picture=f"data:image/svg+xml;base64,{b64encode(drawn(section_states(walk), 'svg')).decode()}",
         data={"film": film(motion_of_walk(walk))},
         checks=[],
         origins=[provenance(walk.problem, {})],
     )
-
-
-def _picture(walk: Walk) -> str:
-    """The figure of the section's states as a data address."""
-    drawn = BytesIO()
-    with mpl.rc_context(STYLE):
-        section_states(walk).savefig(drawn, format="svg", metadata={"Date": None})
-    return f"data:image/svg+xml;base64,{b64encode(drawn.getvalue()).decode()}"

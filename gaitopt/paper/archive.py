@@ -9,19 +9,12 @@ from typing import Any
 from gaitopt.errors import SolveError
 from gaitopt.families import Request
 from gaitopt.gait import TERMINAL, Gait
-from gaitopt.gait.table import trajectory_header, trajectory_rows
+from gaitopt.library.stored import save
 from gaitopt.problem import Problem
 from gaitopt.runs.branch_run import BranchRun
 from gaitopt.runs.restore import restore_gait
 from gaitopt.search.solve import solve
-from gaitopt.store import (
-    Table,
-    find_run,
-    read_run,
-    run_folder,
-    write_run,
-    writing,
-)
+from gaitopt.store import find_run, run_folder, writing
 from gaitopt.store.run import RESULTS
 from gaitopt.study.verify import verify
 
@@ -45,7 +38,7 @@ class Archive:
         narrate: Callable[[str], None] = lambda words: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._results, self._narrate, self._should_stop = results, narrate, should_stop
+        self.results, self.narrate, self.should_stop = results, narrate, should_stop
         self._gaits: dict[str, Gait] = {}
         self._families: dict[Path, Records] = {}
 
@@ -60,56 +53,56 @@ class Archive:
             If its run folder is broken or taken, or cannot be written.
         """
         if problem.digest not in self._gaits:
-            folder = find_run(problem, self._results)
-            self._gaits[problem.digest] = self._solved(problem) if folder is None else restore_gait(read_run(folder))
+            folder = find_run(problem, self.results)
+            self._gaits[problem.digest] = self._solved(problem) if folder is None else restore_gait(folder)
         return self._gaits[problem.digest]
 
     def family(self, problem: Problem, parameter: str, to: Sequence[float]) -> Records:
-        """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``.
-
-        Raises
-        ------
-        SolveError, StorageError
-            As ``gait``.
-        """
-        run = BranchRun(problem=problem, request=Request(parameter=parameter, to=tuple(to)))
-        run = replace(run, output=self._results / run.folder.name)
+        """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``."""
+        run = self._run(problem, parameter, to)
         if run.folder not in self._families:
-            records = run.stored()
-            if sum(record.get("type") in TERMINAL for record in records) < len(to):
+            if not _is_complete(run):
                 self._continue(run)
-                records = run.stored()
-            self._families[run.folder] = records
+            self._families[run.folder] = run.stored()
         return self._families[run.folder]
 
+    def has_family(self, problem: Problem, parameter: str, to: Sequence[float]) -> bool:
+        """Whether that family is kept as a whole."""
+        return _is_complete(self._run(problem, parameter, to))
+
+    def _run(self, problem: Problem, parameter: str, to: Sequence[float]) -> BranchRun:
+        run = BranchRun(problem=problem, request=Request(parameter=parameter, to=tuple(to)))
+        return replace(run, output=self.results / run.folder.name)
+
     def _solved(self, problem: Problem) -> Gait:
-        self._narrate(f"solving {problem.name}{_changes(problem)}")
-        gait = solve(problem, should_stop=self._should_stop)
-        self._check_interrupt()
+        self.narrate(f"solving {problem.name}{_changes(problem)}")
+        gait = solve(problem, should_stop=self.should_stop)
+        if self.should_stop():
+            raise KeyboardInterrupt
         if not gait.steps:
             raise SolveError(f"{problem.name} is {gait.status}: {gait.message}")
         verification = verify(gait)
         if not verification.passed:
             raise SolveError(f"{problem.name}: the forward simulation refutes the gait; see gaitopt verify")
-        table = Table(header=trajectory_header(gait.system), rows=trajectory_rows(gait.system, gait.p, gait.steps))
         gait = gait.verified(verification.to_record())
-        write_run(run_folder(problem, self._results), problem=problem, gait=gait.to_record(), trajectory=table)
+        save(gait, run_folder(problem, self.results))
         return gait
 
     def _continue(self, run: BranchRun) -> None:
         """Walk along a family, from where an earlier walk was stopped."""
         gait = self.gait(run.problem)
         targets = " and ".join(f"{value:g}" for value in run.request.to)
-        self._narrate(f"continuing {run.problem.name}{_changes(run.problem)} in {run.request.parameter} to {targets}")
+        self.narrate(f"continuing {run.problem.name}{_changes(run.problem)} in {run.request.parameter} to {targets}")
         with writing(run.folder, run.problem):
-            _, to_come = run.walk(gait, should_stop=self._should_stop)
+            _, to_come = run.walk(gait, should_stop=self.should_stop)
             deque(to_come, maxlen=0)
 
-    def _check_interrupt(self) -> None:
-        if self._should_stop():
-            raise KeyboardInterrupt
+
+def _is_complete(run: BranchRun) -> bool:
+    """Whether the walks towards all targets have come to an end."""
+    return sum(record.get("type") in TERMINAL for record in run.stored()) >= len(run.request.to)
 
 
 def _changes(problem: Problem) -> str:
-    """What tells problems of one name apart in the narration."""
+    """What distinguishes problems of one name in the narration."""
     return f" (friction {problem.friction_data}, {problem.impact_law} impact)"

@@ -1,19 +1,20 @@
 """The paper's figures by number; 1 and 5 are drawings of the models."""
 
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 
 from matplotlib.figure import Figure
 
 from gaitopt.figures.branches import over_parameter
 from gaitopt.figures.force import force_ratio
-from gaitopt.figures.labels import label
+from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.motion import Motion, motion_of
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.style import COLOURS, entry, legend_below, panels
 from gaitopt.paper.archive import Archive, Records
 from gaitopt.paper.copied_torques import copied_torques
 from gaitopt.paper.gaits import FAMILIES, family_of, gait_of
+
+Draw = Callable[[Archive], Figure]
 
 CONSTANT = (0, (1.2, 1.4))
 """Line of the constants that approximate a torque."""
@@ -25,12 +26,6 @@ LAST = 10**9
 
 def _motions(archive: Archive, names: Mapping[str, str]) -> list[Motion]:
     return [motion_of(gait_of(archive, name), words) for name, words in names.items()]
-
-
-def _families(archive: Archive, names: Mapping[str, str], quantity: str) -> Figure:
-    return over_parameter(
-        {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}, "friction", quantity
-    )
 
 
 def _drawn(records: Records, targets: Sequence[float]) -> Records:
@@ -63,62 +58,48 @@ def _torques(archive: Archive) -> Figure:
     return figure
 
 
-WHEELS = MappingProxyType({"wheel": "no slip, μ = 1", "wheel slipping": "stick-slip, μ = 0.4"})
-A_AND_B = MappingProxyType({"A": "A", "B": "B"})
-A_AND_B_FRICTIONLESS = MappingProxyType({"A": "A", "B, frictionless impact": "B, frictionless impact"})
-PASSIVE = MappingProxyType(
-    {
-        "passive": "sticking impact (A)",
-        "B": "slipping impact (B)",
-        "B, frictionless impact": "B, frictionless impact",
-    }
-)
-CONTROLLED = MappingProxyType(
-    {"I": "I, constant torques", "II": "II, weak torques", "II, frictionless impact": "II, frictionless impact"}
-    | {"III": "III, PD law"}
-)
-
-FIGURES: Mapping[str, tuple[str, Callable[[Archive], Figure]]] = {
-    "fig2": (
-        "Rimless wheel: one step with and without slip",
-        lambda archive: phase_portrait(_motions(archive, WHEELS)),
-    ),
-    "fig3": (
-        "Rimless wheel without slip: force ratio over the angle",
-        lambda archive: force_ratio(_motions(archive, {"wheel": "no slip"}), against="theta"),
-    ),
-    "fig4": (
-        "Rimless wheel: multiplier over the coefficient of friction",
-        lambda archive: _families(archive, {"wheel": "wheel"}, "spectral_radius"),
-    ),
-    "fig6": (
-        "Passive compass without slip: one step",
-        lambda archive: phase_portrait(_motions(archive, {"passive": "no slip"})),
-    ),
-    "fig7": (
-        "Force ratio over one step: passive down 1 deg, and gait I on level ground",
-        lambda archive: force_ratio(_motions(archive, {"passive": "passive", "I": "gait I"})),
-    ),
-    "fig8": (
-        "Passive compass at friction 0.14: gaits A and B",
-        lambda archive: phase_portrait(_motions(archive, A_AND_B)),
-    ),
-    "fig8-frictionless": (
-        "The same, gait B with an impact that slips without friction",
-        lambda archive: phase_portrait(_motions(archive, A_AND_B_FRICTIONLESS)),
-    ),
-    "fig9": (
-        "Passive compass: largest multiplier over the coefficient of friction",
-        lambda archive: _families(archive, PASSIVE, "spectral_radius"),
-    ),
-    "fig10": ("Torques that copy the passive gait on level ground", _torques),
-    "fig11": (
-        "Compass with motors: cost of transport over the coefficient of friction",
-        lambda archive: _families(archive, CONTROLLED, "cost_of_transport"),
-    ),
-    "fig12": (
-        "Compass with motors: largest multiplier over the coefficient of friction",
-        lambda archive: _families(archive, CONTROLLED, "spectral_radius"),
-    ),
+A_AND_B = {"A": "A", "B": "B"}
+A_AND_B_FRICTIONLESS = {"A": "A", "B, frictionless impact": "B, frictionless impact"}
+WHEEL = {"wheel": "wheel"}
+WHEELS = {"wheel": "no slip, μ = 1", "wheel slipping": "stick-slip, μ = 0.4"}
+PASSIVE = {
+    "passive": "sticking impact (A)",
+    "B": "slipping impact (B)",
+    "B, frictionless impact": "B, frictionless impact",
 }
-"""What each figure shows, and what draws it."""
+CONTROLLED = {
+    "I": "I, constant torques",
+    "II": "II, weak torques",
+    "II, frictionless impact": "II, frictionless impact",
+    "III": "III, PD law",
+}
+
+
+def _portrait(names: Mapping[str, str]) -> Draw:
+    return lambda archive: phase_portrait(_motions(archive, names))
+
+
+def _over_friction(names: Mapping[str, str], quantity: str) -> Draw:
+    def draw(archive: Archive) -> Figure:
+        families = {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}
+        return over_parameter(families, Parameter(key="friction"), quantity)
+
+    return draw
+
+
+FIGURES: Mapping[str, Draw] = {
+    "fig2": _portrait(WHEELS),
+    "fig3": lambda archive: force_ratio(_motions(archive, {"wheel": "no slip"}), against="theta"),
+    "fig4": _over_friction(WHEEL, "spectral_radius"),
+    "fig6": _portrait({"passive": "no slip"}),
+    "fig7": lambda archive: force_ratio(_motions(archive, {"passive": "passive", "I": "gait I"})),
+    "fig8": _portrait(A_AND_B),
+    "fig8-frictionless": _portrait(A_AND_B_FRICTIONLESS),
+    "fig9": _over_friction(PASSIVE, "spectral_radius"),
+    "fig10": _torques,
+    "fig11": _over_friction(CONTROLLED, "cost_of_transport"),
+    "fig12": _over_friction(CONTROLLED, "spectral_radius"),
+}
+"""What draws each figure."""
+NEEDED: Mapping[str, Mapping[str, str]] = {"fig4": WHEEL, "fig9": PASSIVE, "fig11": CONTROLLED, "fig12": CONTROLLED}
+"""Names of the families in the figures that show some."""

@@ -66,7 +66,7 @@ FAMILIES: Mapping[str, tuple[float, ...]] = {
     "II, frictionless impact": (0.1, 0.3),
     "III": (0.05, 0.5),
 }
-"""Coefficients of friction towards which these gaits are continued."""
+"""Coefficients of friction towards which these gaits are continued; the longest families are the last."""
 
 
 @lru_cache
@@ -85,6 +85,11 @@ def gait_of(archive: Archive, name: str) -> Gait:
 def family_of(archive: Archive, name: str) -> Records:
     """The family over the coefficient of friction that starts at the gait with a short name."""
     return archive.family(problem_of(name), "friction", FAMILIES[name])
+
+
+def has_family(archive: Archive, name: str) -> bool:
+    """Whether that family is kept already."""
+    return archive.has_family(problem_of(name), "friction", FAMILIES[name])
 
 
 def rounded_torques(archive: Archive, name: str) -> list[Gait]:

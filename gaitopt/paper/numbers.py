@@ -4,7 +4,7 @@ Nothing here is fitted to a printed digit: the gaits are those of the catalogue,
 a reason out of ``reasons.py``, with what another reading of the paper would give.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from gaitopt.paper.archive import Archive
@@ -15,7 +15,7 @@ from gaitopt.paper.reasons import Reason
 Compute = Callable[[Archive], float]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Printed:
     """A printed number.
 
@@ -95,150 +95,69 @@ def _rise(archive: Archive) -> float:
     return 100 * (max(radii) / radii[0] - 1)
 
 
-def _wheel() -> Iterator[Printed]:
-    yield Printed(
-        where="III-B", quantity="λ = β², no slip", printed="0.734", compute=scalar("wheel", "spectral_radius")
-    )
-    yield Printed(where="Fig. 3", quantity="μ_c", printed="0.91", compute=scalar("wheel", "required_friction"))
-    yield Printed(where="Fig. 3", quantity="impulse ratio", printed="0.24", compute=scalar("wheel", "impulse_ratio"))
-    yield Printed(where="III-B", quantity="largest rise of λ by slip [%]", printed="5", compute=_rise)
-    yield Printed(
-        where="III-B",
-        quantity="μ below which the impact cannot stick",
-        printed="0.25",
-        compute=special("wheel", "impact_change"),
-    )
-
-
-def _passive() -> Iterator[Printed]:
-    rows = (
-        ("IV", "θ1* [rad]", "-0.149", "theta1", Reason.UNEXPLAINED),
-        ("IV", "θ̇1* [rad/s]", "0.733", "dtheta1", Reason.LEG_LENGTH),
-        ("IV", "θ̇2* [rad/s]", "-0.501", "dtheta2", Reason.LEG_LENGTH),
-        ("IV", "|λ|, no slip", "0.71", "spectral_radius", Reason.LEG_LENGTH),
-        ("IV, Fig. 7", "μ_c", "0.175", "required_friction", Reason.LEG_LENGTH),
-        ("IV, Fig. 7", "impulse ratio", "0.145", "impulse_ratio", Reason.LEG_LENGTH),
-    )
-    for where, quantity, printed, key, reason in rows:
-        yield Printed(
-            where=where,
-            quantity=quantity,
-            printed=printed,
-            compute=scalar("passive", key),
-            reason=reason,
-            otherwise={"leg as printed": scalar("passive, leg as printed", key)},
-        )
-
-
-def _slipping() -> Iterator[Printed]:
-    free = "B, frictionless impact"
-    yield Printed(where="IV", quantity="A: |λ| at μ = 0.14", printed="0.8", compute=scalar("A", "spectral_radius"))
-    yield Printed(where="V", quantity="A: period [s]", printed="0.75", compute=scalar("A", "period"))
-    yield Printed(
-        where="IV, Fig. 9",
-        quantity="A: unstable below μ",
-        printed="0.11",
-        compute=special("passive", "neimark_sacker"),
-    )
-    yield Printed(
-        where="IV",
-        quantity="B: |λ| at μ = 0.14",
-        printed="2.76",
-        compute=scalar("B", "spectral_radius"),
-        reason=Reason.FRICTIONLESS_IMPACT,
-        otherwise={"frictionless impact": scalar(free, "spectral_radius")},
-    )
-    yield Printed(
-        where="V",
-        quantity="B: period [s]",
-        printed="0.7",
-        compute=scalar("B", "period"),
-        reason=Reason.UNEXPLAINED,
-        otherwise={"frictionless impact": scalar(free, "period")},
-    )
-    yield Printed(
-        where="V",
-        quantity="B: angle at impact over that of A",
-        printed="0.5",
-        compute=ratio(scalar("B", "theta1"), scalar("A", "theta1")),
-        reason=Reason.FRICTIONLESS_IMPACT,
-        otherwise={"frictionless impact": ratio(scalar(free, "theta1"), scalar("A", "theta1"))},
-    )
-    yield Printed(
-        where="IV, Fig. 9",
-        quantity="B: found up to μ",
-        printed="0.3",
-        compute=special("B", "impact_change"),
-    )
-
-
-def _controlled() -> Iterator[Printed]:
-    free = "II, frictionless impact"
-    for which, printed in enumerate(("-2.73", "0.54")):
-        yield Printed(
-            where="V, Fig. 10",
-            quantity=f"I: τ{which + 1}, mean [N m]",
-            printed=printed,
-            compute=printed_torque("passive", which),
-            reason=Reason.TORQUE_SIGN,
-        )
-    yield _torque_row("I", "cost of transport", "0.0173", "cost_of_transport", Reason.UNEXPLAINED)
-    yield Printed(where="V", quantity="I: speed [m/s]", printed="0.63", compute=scalar("I", "speed"))
-    yield _torque_row("I", "|λ|, no slip", "0.713", "spectral_radius")
-    yield _torque_row("I", "μ_c", "0.194", "required_friction")
-    yield Printed(
-        where="V, Fig. 12", quantity="I: unstable below μ", printed="0.103", compute=special("I", "neimark_sacker")
-    )
-    for which, printed in enumerate(("-0.69", "0.12")):
-        yield Printed(
-            where="V",
-            quantity=f"II: τ{which + 1}, mean [N m], copying gait B",
-            printed=printed,
-            compute=printed_torque("B", which),
-            reason=Reason.UNEXPLAINED,
-        )
-    yield Printed(
-        where="V", quantity="II: cost of transport", printed="0.0044", compute=scalar("II", "cost_of_transport")
-    )
-    for quantity, printed, key, reason in (
-        ("speed [m/s]", "0.31", "speed", Reason.UNEXPLAINED),
-        ("|λ| at μ = 0.2", "1.225", "spectral_radius", Reason.FRICTIONLESS_IMPACT),
-    ):
-        yield Printed(
-            where="V",
-            quantity=f"II: {quantity}",
-            printed=printed,
-            compute=scalar("II", key),
-            reason=reason,
-            otherwise={
-                "frictionless impact": scalar(free, key),
-                **{f"frictionless impact, {words}": c for words, c in within_rounding(free, key).items()},
-            },
-        )
-    for quantity, printed, key in (
-        ("cost of transport", "0.0055", "cost_of_transport"),
-        ("|λ| at μ = 0.2", "0.37", "spectral_radius"),
-    ):
-        yield Printed(
-            where="V",
-            quantity=f"III: {quantity}",
-            printed=printed,
-            compute=scalar("III", key),
-            reason=Reason.REFERENCE_END,
-            otherwise={end: scalar(f"III, {end}", key) for end in ("linear", "hold", "off")},
-        )
-
-
 def _torque_row(name: str, quantity: str, printed: str, key: str, reason: Reason = Reason.ROUNDING) -> Printed:
-    return Printed(
-        where="V",
-        quantity=f"{name}: {quantity}",
-        printed=printed,
-        compute=scalar(name, key),
-        reason=reason,
-        otherwise=within_rounding(name, key),
-    )
+    return Printed("V", f"{name}: {quantity}", printed, scalar(name, key), reason, within_rounding(name, key))
 
 
-NUMBERS = (*_wheel(), *_passive(), *_slipping(), *_controlled())
+def _passive_row(where: str, quantity: str, printed: str, key: str, reason: Reason = Reason.LEG_LENGTH) -> Printed:
+    otherwise = {"leg as printed": scalar("passive, leg as printed", key)}
+    return Printed(where, quantity, printed, scalar("passive", key), reason, otherwise)
+
+
+def _pd_row(quantity: str, printed: str, key: str) -> Printed:
+    otherwise = {end: scalar(f"III, {end}", key) for end in ("linear", "hold", "off")}
+    return Printed("V", f"III: {quantity}", printed, scalar("III", key), Reason.REFERENCE_END, otherwise)
+
+
+def _frictionless(name: str, key: str) -> dict[str, Compute]:
+    return {"frictionless impact": scalar(f"{name}, frictionless impact", key)}
+
+
+def _weak_row(quantity: str, printed: str, key: str, reason: Reason) -> Printed:
+    rounded = within_rounding("II, frictionless impact", key)
+    otherwise = _frictionless("II", key) | {f"frictionless impact, {words}": c for words, c in rounded.items()}
+    return Printed("V", f"II: {quantity}", printed, scalar("II", key), reason, otherwise)
+
+
+NUMBERS = (
+    Printed("III-B", "λ = β², no slip", "0.734", scalar("wheel", "spectral_radius")),
+    Printed("Fig. 3", "μ_c", "0.91", scalar("wheel", "required_friction")),
+    Printed("Fig. 3", "impulse ratio", "0.24", scalar("wheel", "impulse_ratio")),
+    Printed("III-B", "largest rise of λ by slip [%]", "5", _rise),
+    Printed("III-B", "μ below which the impact cannot stick", "0.25", special("wheel", "impact_change")),
+    _passive_row("IV", "θ1* [rad]", "-0.149", "theta1", Reason.UNEXPLAINED),
+    _passive_row("IV", "θ̇1* [rad/s]", "0.733", "dtheta1"),
+    _passive_row("IV", "θ̇2* [rad/s]", "-0.501", "dtheta2"),
+    _passive_row("IV", "|λ|, no slip", "0.71", "spectral_radius"),
+    _passive_row("IV, Fig. 7", "μ_c", "0.175", "required_friction"),
+    _passive_row("IV, Fig. 7", "impulse ratio", "0.145", "impulse_ratio"),
+    Printed("IV", "A: |λ| at μ = 0.14", "0.8", scalar("A", "spectral_radius")),
+    Printed("V", "A: period [s]", "0.75", scalar("A", "period")),
+    Printed("IV, Fig. 9", "A: unstable below μ", "0.11", special("passive", "neimark_sacker")),
+    Printed(
+        "IV", "B: |λ| at μ = 0.14", "2.76", scalar("B", "spectral_radius"),
+        Reason.FRICTIONLESS_IMPACT, _frictionless("B", "spectral_radius"),
+    ),
+    Printed("V", "B: period [s]", "0.7", scalar("B", "period"), Reason.UNEXPLAINED, _frictionless("B", "period")),
+    Printed(
+        "V", "B: angle at impact over that of A", "0.5", ratio(scalar("B", "theta1"), scalar("A", "theta1")),
+        Reason.FRICTIONLESS_IMPACT,
+        {words: ratio(angle, scalar("A", "theta1")) for words, angle in _frictionless("B", "theta1").items()},
+    ),
+    Printed("IV, Fig. 9", "B: found up to μ", "0.3", special("B", "impact_change")),
+    Printed("V, Fig. 10", "I: τ1, mean [N m]", "-2.73", printed_torque("passive", 0), Reason.TORQUE_SIGN),
+    Printed("V, Fig. 10", "I: τ2, mean [N m]", "0.54", printed_torque("passive", 1), Reason.TORQUE_SIGN),
+    _torque_row("I", "cost of transport", "0.0173", "cost_of_transport", Reason.UNEXPLAINED),
+    Printed("V", "I: speed [m/s]", "0.63", scalar("I", "speed")),
+    _torque_row("I", "|λ|, no slip", "0.713", "spectral_radius"),
+    _torque_row("I", "μ_c", "0.194", "required_friction"),
+    Printed("V, Fig. 12", "I: unstable below μ", "0.103", special("I", "neimark_sacker")),
+    Printed("V", "II: τ1, mean [N m], copying gait B", "-0.69", printed_torque("B", 0), Reason.UNEXPLAINED),
+    Printed("V", "II: τ2, mean [N m], copying gait B", "0.12", printed_torque("B", 1), Reason.UNEXPLAINED),
+    Printed("V", "II: cost of transport", "0.0044", scalar("II", "cost_of_transport")),
+    _weak_row("speed [m/s]", "0.31", "speed", Reason.UNEXPLAINED),
+    _weak_row("|λ| at μ = 0.2", "1.225", "spectral_radius", Reason.FRICTIONLESS_IMPACT),
+    _pd_row("cost of transport", "0.0055", "cost_of_transport"),
+    _pd_row("|λ| at μ = 0.2", "0.37", "spectral_radius"),
+)  # fmt: skip
 """All of them, in the order of the text."""

@@ -1,15 +1,19 @@
 """The reproduction of a paper: its figures and its table, written into one folder."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+from gaitopt.callbacks import Counted
 from gaitopt.errors import UnknownNameError
 from gaitopt.figures.style import save
 from gaitopt.paper import table
 from gaitopt.paper.archive import Archive
-from gaitopt.paper.figures import FIGURES
-from gaitopt.store import json_text, write_whole
+from gaitopt.paper.families import follow_families
+from gaitopt.paper.figures import FIGURES, NEEDED
+from gaitopt.paper.gaits import FAMILIES
+from gaitopt.store import json_file, write_whole
 from gaitopt.store.files import clear_leftovers, make_folder
+from gaitopt.workers.jobs import Workers
 
 PAPERS = ("gamus-or-2013",)
 TABLE = "table"
@@ -22,13 +26,7 @@ def parts() -> tuple[str, ...]:
 
 
 def check_names(paper: str, only: Sequence[str]) -> None:
-    """Refuse a paper or a part of it that is not known.
-
-    Raises
-    ------
-    UnknownNameError
-        The message lists the names.
-    """
+    """Refuse a paper or a part of it that is not known."""
     if paper not in PAPERS:
         raise UnknownNameError(f"no paper is called {paper!r}; choose from {', '.join(PAPERS)}")
     unknown = [name for name in only if name not in parts()]
@@ -37,7 +35,11 @@ def check_names(paper: str, only: Sequence[str]) -> None:
 
 
 def reproduce(
-    archive: Archive, folder: Path, only: Sequence[str] = (), progress: Callable[[int, int], None] | None = None
+    archive: Archive,
+    folder: Path,
+    only: Sequence[str] = (),
+    progress: Counted = None,
+    workers: Workers | None = None,
 ) -> list[Path]:
     """Write figures and table into a folder.
 
@@ -46,6 +48,7 @@ def reproduce(
     archive : where gaits and families are kept, or computed.
     only : names out of ``parts()``; everything if empty.
     progress : called with the number of parts that are done, and of all.
+    workers : processes that follow the families; this very one unless given.
 
     Returns
     -------
@@ -54,9 +57,12 @@ def reproduce(
     make_folder(folder)
     clear_leftovers(folder)
     names = [name for name in parts() if not only or name in only]
+    needed = {family for name in names for family in NEEDED.get(name, ())}
+    if workers is not None:
+        follow_families(archive, [family for family in reversed(tuple(FAMILIES)) if family in needed], workers)
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
-        written += _table(archive, folder) if name == TABLE else save(FIGURES[name][1](archive), folder / name)
+        written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
         if progress is not None:
             progress(done, len(names))
     return written
@@ -66,5 +72,5 @@ def _table(archive: Archive, folder: Path) -> list[Path]:
     record = table.record(archive)
     paths = [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
     write_whole(paths[0], table.markdown(record))
-    write_whole(paths[1], json_text(record, indent=2) + "\n")
+    write_whole(paths[1], json_file(record))
     return paths

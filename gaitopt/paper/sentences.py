@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.paper.archive import Archive, Records
+from gaitopt.paper.archive import Archive
 from gaitopt.paper.gaits import family_of
-from gaitopt.paper.numbers import scalar
+from gaitopt.paper.numbers import ratio, scalar
 
 LINE_WIDTH = 1e-3
 """Of the height of a curve: the paper shows no less."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Sentence:
     """A statement.
 
@@ -30,13 +30,10 @@ class Sentence:
     holds: Callable[[Archive], bool]
 
 
-def _points(records: Records) -> Records:
-    """Points of a family by falling friction."""
-    return sorted((r for r in records if r["record"] == "point"), key=lambda record: -record["value"])
-
-
 def _column(archive: Archive, name: str, key: str, *, slipping_impact: bool = False) -> Array:
-    points = _points(family_of(archive, name))
+    """A scalar at the points of a family, by falling friction."""
+    points = [record for record in family_of(archive, name) if record["record"] == "point"]
+    points.sort(key=lambda record: -record["value"])
     return np.array([p[key] for p in points if not slipping_impact or p["impact"] != "stick"])
 
 
@@ -62,48 +59,34 @@ def _beyond_sticking(name: str, sticking: str) -> Callable[[Archive], bool]:
 
 SENTENCES = (
     Sentence(
-        where="IV, Fig. 9",
-        words="λ of A rises as friction falls",
-        holds=lambda archive: _rises(_column(archive, "passive", "spectral_radius")),
+        "IV, Fig. 9",
+        "λ of A rises as friction falls",
+        lambda archive: _rises(_column(archive, "passive", "spectral_radius")),
     ),
     Sentence(
-        where="IV, Fig. 9",
-        words="B is unstable throughout",
-        holds=lambda archive: bool(_column(archive, "B", "spectral_radius", slipping_impact=True).min() > 1),
+        "IV, Fig. 9",
+        "B is unstable throughout",
+        lambda archive: bool(_column(archive, "B", "spectral_radius", slipping_impact=True).min() > 1),
     ),
-    Sentence(where="IV", words="B exists for μ > μ_c too", holds=_beyond_sticking("B", "passive")),
+    Sentence("IV", "B exists for μ > μ_c too", _beyond_sticking("B", "passive")),
     Sentence(
-        where="V, Fig. 11",
-        words="I: as friction falls, the cost first rises and then falls",
-        holds=lambda archive: _rises_then_falls(_column(archive, "I", "cost_of_transport")),
+        "V, Fig. 11",
+        "I: as friction falls, the cost first rises and then falls",
+        lambda archive: _rises_then_falls(_column(archive, "I", "cost_of_transport")),
     ),
+    Sentence("V", "I: the speed falls with the friction", lambda archive: _rises(-_column(archive, "I", "speed"))),
     Sentence(
-        where="V",
-        words="I: the speed falls with the friction",
-        holds=lambda archive: _rises(-_column(archive, "I", "speed")),
+        "V, Fig. 12",
+        "I: λ rises as friction falls",
+        lambda archive: _rises(_column(archive, "I", "spectral_radius")),
     ),
+    Sentence("V", "II is unstable at μ = 0.2", lambda archive: scalar("II", "spectral_radius")(archive) > 1),
     Sentence(
-        where="V, Fig. 12",
-        words="I: λ rises as friction falls",
-        holds=lambda archive: _rises(_column(archive, "I", "spectral_radius")),
+        "V",
+        "II costs a quarter of I, to one digit",
+        lambda archive: round(ratio(scalar("I", "cost_of_transport"), scalar("II", "cost_of_transport"))(archive)) == 4,
     ),
-    Sentence(
-        where="V",
-        words="II is unstable at μ = 0.2",
-        holds=lambda archive: scalar("II", "spectral_radius")(archive) > 1,
-    ),
-    Sentence(
-        where="V",
-        words="II costs a quarter of I, to one digit",
-        holds=lambda archive: (
-            round(scalar("I", "cost_of_transport")(archive) / scalar("II", "cost_of_transport")(archive)) == 4
-        ),
-    ),
-    Sentence(
-        where="V",
-        words="III is stable at μ = 0.2",
-        holds=lambda archive: scalar("III", "spectral_radius")(archive) < 1,
-    ),
-    Sentence(where="V", words="III slips after the impact for μ > μ_c of I too", holds=_beyond_sticking("III", "I")),
+    Sentence("V", "III is stable at μ = 0.2", lambda archive: scalar("III", "spectral_radius")(archive) < 1),
+    Sentence("V", "III slips after the impact for μ > μ_c of I too", _beyond_sticking("III", "I")),
 )
 """All of them, in the order of the text."""

@@ -13,32 +13,30 @@ from pydantic import BaseModel
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.control.reference import BeyondEnd
-from gaitopt.mechanics.modes import Cycle
-from gaitopt.mechanics.walker import Walker, refused_walkers
-from gaitopt.problem.demands import Scope, check_unknowns, read_constraints, read_objective
-from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
-from gaitopt.problem.initial import read_gait
-from gaitopt.problem.sections import (
-    SECTION_KEYS,
+from gaitopt.mechanics.cycle import Cycle
+from gaitopt.mechanics.registry import refused_walkers
+from gaitopt.mechanics.walker import Walker
+from gaitopt.problem.control_sections import (
     ConstantTorqueSpec,
     ControlSpec,
     Curve,
     CurveReference,
-    Free,
-    FreeSection,
-    FrictionCoefficients,
     GaitReference,
-    HeadSection,
     NoControlSpec,
     PDSpec,
     torques_section,
 )
+from gaitopt.problem.demands import Scope, check_unknowns, read_constraints, read_objective
+from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
+from gaitopt.problem.initial import read_gait
+from gaitopt.problem.parts import Free
+from gaitopt.problem.sections import SECTION_KEYS, FreeSection, FrictionCoefficients, HeadSection
 
 Model = TypeVar("Model", bound=BaseModel)
 
 CONTROLS = ("none", "constant_torque", "pd")
 UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
-"""Stands for an unknown that has faults of its own, so that its name is known all the same."""
+"""Stands for an unknown that has faults of its own, so that its name stays known."""
 
 
 def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> dict[str, Any]:

@@ -6,22 +6,16 @@ from dataclasses import dataclass
 
 from pydantic import TypeAdapter, ValidationError
 
-from gaitopt.mechanics.modes import Cycle, Mode
+from gaitopt.mechanics.cycle import Cycle
+from gaitopt.mechanics.modes import Mode
 from gaitopt.mechanics.units import Angle, Number
 from gaitopt.mechanics.walker import Walker
+from gaitopt.problem.control_sections import ControlSpec, CurveReference, NoControlSpec, PDSpec
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
+from gaitopt.problem.parts import Free, Range
 from gaitopt.problem.scalars import DESIGN_SCALARS, MOTORS, PUSH, SCALARS
-from gaitopt.problem.sections import (
-    AngleRangeSection,
-    ControlSpec,
-    CurveReference,
-    Free,
-    NoControlSpec,
-    PDSpec,
-    Range,
-    RangeSection,
-    is_angle,
-)
+from gaitopt.problem.section import is_angle
+from gaitopt.problem.sections import AngleRangeSection, RangeSection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

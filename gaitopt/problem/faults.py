@@ -23,6 +23,8 @@ Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""
 
 LONGEST_SHOWN = 60
+LOOKS_ALIKE = 0.3
+"""Ratio of difflib from which a dotted key is suggested: their first parts differ most often."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -142,8 +144,15 @@ def near_miss(word: object, allowed: Sequence[str]) -> str:
     return f"; allowed: {', '.join(allowed) or 'none'}{remark and f'; {remark}'}"
 
 
+def nearest_keys(key: str, known: Sequence[str]) -> str:
+    """``; did you mean walker.slope?``: dotted keys that end with the word, else those that look alike, else all."""
+    tails = [name for name in known if name.rpartition(".")[2] == key.rpartition(".")[2]]
+    near = tails or difflib.get_close_matches(key[:LONGEST_SHOWN], known, n=3, cutoff=LOOKS_ALIKE)
+    return f"; did you mean {' or '.join(near)}?" if near else f"; use {', '.join(known)}"
+
+
 def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
-    """What pydantic found, in the terms of the problem file."""
+    """A fault that pydantic reports, in the terms of the problem file."""
     kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
     field = model.model_fields.get(str(item["loc"][0])) if item["loc"] else None
     meaning = f" ({field.description})" if field is not None and field.description else ""
@@ -173,7 +182,7 @@ def _length_words(field: FieldInfo | None) -> str:
 
 
 def _range_words(field: FieldInfo | None, kind: str, violated: float) -> str:
-    """The whole range of a number; where nothing but its sign or its size is restricted, the limit alone."""
+    """The whole range of a number; where only its sign or its size is restricted, the limit alone."""
     if violated == SMALLEST:
         return f"greater than 0, and at least {SMALLEST:g}"
     least = max(_limits(field, ("ge",)), default=-LARGEST)

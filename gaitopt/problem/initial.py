@@ -10,16 +10,16 @@ from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
-from gaitopt.mechanics.modes import NEXT_STATE, Cycle, Mode, ModeSequence
+from gaitopt.mechanics.cycle import Cycle, ModeSequence
+from gaitopt.mechanics.modes import NEXT_STATE, Mode
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, read_section, shown
+from gaitopt.problem.parts import Guess, OpenSequence
 from gaitopt.problem.sections import (
     CycleSection,
     GaitSection,
-    Guess,
     GuessSection,
     OpenGaitSection,
-    OpenSequence,
     StepSection,
     state_section,
 )
@@ -49,8 +49,8 @@ def read_gait(
         return cycle, None
     phases = [mode for step in steps for mode in step.phases]
     if guess.durations is not None and len(guess.durations) != len(phases):
-        wanted = f"one duration per phase ({', '.join(phases)})"
-        message = f"{len(guess.durations)} given, but it takes {wanted}; or leave durations out"
+        needed = f"one duration per phase ({', '.join(phases)})"
+        message = f"{len(guess.durations)} given, but it takes {needed}; or leave durations out"
         faults.append(Fault(("gait", "guess", "durations"), message))
     state = None if model is None else _read_state(guess.state, model, walker, steps[-1].impact, faults)
     return cycle, None if state is None else Guess(state=state, durations=guess.durations)

@@ -17,9 +17,9 @@ def apply_overrides(
 ) -> tuple[dict[str, Any], OverridePlace]:
     """A copy of ``data`` with ``overrides``, and the place by which faults name them.
 
-    A first guess that an override of the sequence has made meaningless goes, unless it is overridden as well: durations
-    when the number of phases changes, and the slip velocity when the impact sticks. An override that opens the sequence
-    takes the impact and the durations with it.
+    An override of the sequence removes the parts of the first guess that no longer apply, unless they are overridden
+    too: durations when the number of phases changes, the slip velocity when the impact sticks, and impact and
+    durations when the sequence is opened.
     """
     changed = deepcopy(dict(data))
     place = OverridePlace({key: _path(key) for key in overrides}, label)

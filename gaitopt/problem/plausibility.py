@@ -14,22 +14,15 @@ import numpy as np
 from casadi import SX, Function
 from pydantic import BaseModel
 
-from gaitopt.mechanics import HybridSystem, Mode, NoControl, Scales, Walker
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, Scales, Walker
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.mechanics.lagrangian import parameter_namespace
 from gaitopt.mechanics.ranges import Within, symmetric
+from gaitopt.problem.control_sections import ConstantTorqueSpec, CurveReference, NoControlSpec, PDSpec, torques_section
 from gaitopt.problem.faults import Fault, Key
 from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
-from gaitopt.problem.sections import (
-    DURATION,
-    ConstantTorqueSpec,
-    CurveReference,
-    HeadSection,
-    NoControlSpec,
-    PDSpec,
-    state_section,
-    torques_section,
-)
+from gaitopt.problem.section import DURATION
+from gaitopt.problem.sections import HeadSection, state_section
 
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
@@ -111,7 +104,7 @@ def lacks_energy(problem: "Problem") -> bool:
 
 def natural_units(walker: Walker) -> Scales:
     """Natural units of a walker with its parameters."""
-    return _system(type(walker)).scales(np.array([*_values(walker), 0.0]))
+    return Dynamics(_system(type(walker)), np.array([*_values(walker), 0.0])).scales
 
 
 def _spans(problem: "Problem") -> Iterator[Span]:

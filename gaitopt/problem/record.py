@@ -1,12 +1,15 @@
 """A problem as data in the layout of its file, in SI: the inverse of reading it."""
 
+import hashlib
+import json
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.mechanics.modes import Cycle
+from gaitopt.mechanics.cycle import Cycle
+from gaitopt.problem.control_sections import ConstantTorqueSpec, ControlSpec
 from gaitopt.problem.initial import OPEN
-from gaitopt.problem.sections import ConstantTorqueSpec, ControlSpec, Free, OpenSequence, Range
+from gaitopt.problem.parts import Free, OpenSequence, Range
 
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
@@ -33,6 +36,32 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
         data["objective"] = dict(problem.objective)
     if problem.constraints:
         data["constraints"] = {name: _range_data(span) for name, span in problem.constraints.items()}
+    return data
+
+
+def resolved_data(problem: "Problem") -> dict[str, Any]:
+    """The same with the whole state of the guess; in a reference the other problem stands in place of its name."""
+    data = problem_data(problem)
+    if problem.start is not None:
+        data["gait"]["guess"]["state"] = dict(problem.start.state)
+    if problem.reference is not None:
+        reference = data["control"]["reference"]
+        if "curve" in reference:
+            reference["curve"]["start"] = problem.reference.resolved()
+        else:
+            reference["gait"] = problem.reference.resolved()
+    return data
+
+
+def digest_of(resolved: Mapping[str, Any]) -> str:
+    """SHA-256 of resolved data without the texts ``about``."""
+    canonical = json.dumps(_without_about(resolved), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _without_about(data: Any) -> Any:
+    if isinstance(data, Mapping):
+        return {key: _without_about(value) for key, value in data.items() if key != "about"}
     return data
 
 

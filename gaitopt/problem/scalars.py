@@ -4,17 +4,17 @@ Of the ranges that are no matter of sign: feet are never farther apart than twic
 slips in one step is held to the same; over a period the ground carries the weight m g on average.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
 from typing import Any
 
 from gaitopt.mechanics.ranges import Interval, Within, symmetric
-from gaitopt.mechanics.walker import registered_walkers
+from gaitopt.mechanics.registry import registered_walkers
 
 POSITIVE: Interval = (0, inf)
-MOTORS, PUSH = "motors", "push"
-"""What drives a walker: torques in joints, and the push-off of the stance foot."""
+MOTORS, PUSH, DAMPERS = "motors", "push", "dampers"
+"""What drives a walker, torques in joints and the push-off of the stance foot; and what takes energy."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +26,7 @@ class Scalar:
     label, unit : as in tables and on axes.
     meaning : the label at length, where it does not say everything.
     within : its range, in its natural unit.
-    needs : what drives the walker, one of which it takes; empty where a passive walker has it too.
+    needs : parts of a walker, one of which it takes; empty where every walker has it.
     of_designs : whether objectives and constraints may name it.
     """
 
@@ -73,6 +73,7 @@ SCALARS: Mapping[str, Scalar] = {
         label="energy that the dampers take",
         unit="J",
         within=Within(unit="torque", possible=POSITIVE),
+        needs=(DAMPERS,),
         of_designs=False,
     ),
     "cost_of_transport": Scalar(
@@ -164,6 +165,14 @@ def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
     else:
         numbers = {"friction": friction}
     return numbers | {key: record[key] for key in SCALARS if key in record}
+
+
+def telling_scalars(records: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Keys of ``scalar_values`` without those of motors, push-offs and dampers that no walker of the records has."""
+    known = [scalar_values(record) for record in records]
+    keys = dict.fromkeys(key for values in known for key in values)
+    needed = {key for key in keys if key in SCALARS and SCALARS[key].needs}
+    return [key for key in keys if key not in needed or any(values.get(key) for values in known)]
 
 
 def label_of(key: str) -> str:

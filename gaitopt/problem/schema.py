@@ -5,24 +5,27 @@ from typing import Any
 from pydantic import BaseModel
 
 from gaitopt.mechanics.ranges import Within
+from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.mechanics.units import ANGLE_UNITS
-from gaitopt.mechanics.walker import Walker, registered_walkers
-from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, Scalar
-from gaitopt.problem.sections import (
+from gaitopt.mechanics.walker import Walker
+from gaitopt.problem.control_sections import (
     Curve,
     CurveReference,
+    GaitReference,
+    NoControlSpec,
+    PDSpec,
+    torques_section,
+)
+from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, Scalar
+from gaitopt.problem.section import is_angle
+from gaitopt.problem.sections import (
     CycleSection,
     FrictionCoefficients,
-    GaitReference,
     GaitSection,
     GuessSection,
     HeadSection,
-    NoControlSpec,
     OpenGaitSection,
-    PDSpec,
-    is_angle,
     state_section,
-    torques_section,
 )
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

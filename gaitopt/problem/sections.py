@@ -4,180 +4,26 @@ The same models validate a file and describe it to an editor. Sections that depe
 torques) are made from the walker's own names.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
-from math import pi
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
-from pydantic.fields import FieldInfo
+from pydantic import Field, model_validator
 
-from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.ranges import Within, symmetric
-from gaitopt.mechanics.units import SMALLEST, Angle, Finite, NonNegative, Number, parse_angle
+from gaitopt.mechanics.units import Angle, Finite, NonNegative, Number
 from gaitopt.mechanics.walker import Walker
+from gaitopt.problem.section import DURATION, Duration, Section, section_model
 
 MAX_STEPS = 64
 """Of a cycle; beyond that a walk is taken for irregular."""
 MAX_PHASES = 64
 """Of one step: known gaits have up to five, and the equations grow with them."""
 FRICTION = Within(usual=(0, 3))
-DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
-Duration = Annotated[Finite, Field(ge=SMALLEST)]
-TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
 RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
 SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
 POSITION = Within(unit="length", possible=symmetric(1000))
 LENGTH = Within(unit="length", possible=symmetric(1))
-Name = Annotated[str, Field(min_length=1, max_length=1000)]
-"""Of another problem: a name, or a path."""
-
-
-class Section(BaseModel):
-    """Base of every section: its fields are all the keys there are."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Free:
-    """A parameter that is an unknown, in SI: its bounds and its first guess."""
-
-    lower: float
-    upper: float
-    guess: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Range:
-    """A constraint on a scalar, in SI: -inf or inf where it is open, both equal for an equality."""
-
-    minimum: float
-    maximum: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OpenSequence:
-    """A mode sequence that is to be found: its impact if that is known, and the largest number of steps of a cycle."""
-
-    impact: Mode | None = None
-    steps: int = 1
-
-    def __str__(self) -> str:
-        return f"to be found; {self.impact or 'to be found'}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Guess:
-    """First guess of a gait.
-
-    Attributes
-    ----------
-    state : the whole state just after the impact by name [rad, m, rad/s, m/s].
-    durations : of the phases [s]; None where the solver is to find them.
-    """
-
-    state: Mapping[str, float]
-    durations: tuple[float, ...] | None
-
-
-class GaitReference(Section):
-    """The angles of another gait, over the time since the impact."""
-
-    gait: Annotated[Name, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
-    beyond_end: Annotated[
-        BeyondEnd,
-        Field(
-            description="after the reference's end: its motion flows on (flow), its last rate is kept (linear), "
-            "its last angle is held (hold), or there is no torque (off)"
-        ),
-    ]
-
-
-class Curve(Section):
-    """A smooth curve per tracked joint whose coefficients are unknowns."""
-
-    degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
-    start: Annotated[Name, Field(description="problem whose gait gives the first guess: a name, or a path")]
-    within: Annotated[
-        Angle,
-        Field(
-            ge=SMALLEST,
-            le=pi,
-            description="bound of the curves' angles on both sides of zero [rad], kept by construction",
-        ),
-    ] = 0.6
-    duration: Annotated[
-        Duration | None, Field(description="of the curves [s]; the period of the start's gait if left out"), DURATION
-    ] = None
-    points: Annotated[
-        dict[str, tuple[Angle, ...]] | None,
-        Field(
-            description="first guess of the degree + 1 Bezier control points of each tracked joint [rad]; "
-            "those that come closest to the start's angles if left out"
-        ),
-    ] = None
-
-
-class CurveReference(Section):
-    """A reference that is to be designed."""
-
-    curve: Curve
-    beyond_end: Annotated[
-        Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
-        Field(
-            description="after the curve's end: its last rate is kept (linear), its last angle is held (hold), "
-            "or there is no torque (off); a curve has no motion of its own that could flow on"
-        ),
-    ]
-
-    @property
-    def degree(self) -> int:
-        """Degree of the curve of each joint."""
-        return self.curve.degree
-
-    @property
-    def start(self) -> str:
-        """The problem whose gait gives the first guess."""
-        return self.curve.start
-
-
-class NoControlSpec(Section):
-    """A passive walker."""
-
-    type: Literal["none"] = Field("none", description="no torques")
-
-
-class ConstantTorqueSpec(Section):
-    """Constant torques by the walker's actuator names [N m]."""
-
-    type: Literal["constant_torque"] = "constant_torque"
-    torques: Mapping[str, Finite]
-
-
-class PDSpec(Section):
-    """PD tracking of a reference whose clock restarts at every impact.
-
-    u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)
-    """
-
-    type: Literal["pd"] = Field("pd", description="PD tracking of a reference")
-    kp: Annotated[
-        Finite,
-        Field(ge=0, description="gain on the angle [N m/rad]"),
-        Within(unit="torque", possible=(0, 1000), usual=(0, 30)),
-    ]
-    kd: Annotated[
-        Finite,
-        Field(ge=0, description="gain on the rate [N m s/rad]"),
-        Within(unit="damping", possible=(0, 100), usual=(0, 10)),
-    ]
-    reference: Annotated[GaitReference | CurveReference, Field(description="motion that the joints track")]
-
-
-ControlSpec = NoControlSpec | ConstantTorqueSpec | PDSpec
 
 
 class HeadSection(Section):
@@ -289,16 +135,6 @@ SECTION_KEYS = ("walker", "control", "gait", "objective", "constraints")
 
 
 @lru_cache
-def torques_section(walker: type[Walker]) -> type[Section]:
-    """Constant torques of a walker: one key per actuator."""
-    torque = {
-        name: Annotated[Finite, Field(description=f"torque of the {name} [N m]"), TORQUE] for name in walker.actuators
-    }
-    kind = Annotated[Literal["constant_torque"], Field(description="constant torques [N m]")]
-    return _model("TorquesSection", {"type": kind, **torque})
-
-
-@lru_cache
 def state_section(walker: type[Walker]) -> type[Section]:
     """State of a walker: one optional key per name."""
 
@@ -312,15 +148,4 @@ def state_section(walker: type[Walker]) -> type[Section]:
         words, within = known.get(name, ("[rad/s]", RATE))
         return Annotated[Finite, Field(description=words), within]
 
-    return _model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
-
-
-def is_angle(field: FieldInfo) -> bool:
-    """Whether a field takes angles with a unit."""
-    return any(isinstance(part, BeforeValidator) and part.func is parse_angle for part in field.metadata)
-
-
-def _model(name: str, keys: Mapping[str, Any], *, required: bool = True) -> type[Section]:
-    default = ... if required else None
-    fields: dict[str, Any] = {key: (annotation, default) for key, annotation in keys.items()}
-    return create_model(name, __base__=Section, **fields)
+    return section_model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)

@@ -65,7 +65,7 @@ def prove_special(
     kind : one of ``BRACKETED``: a bifurcation, or a change of the mode sequence or of the impact.
     width : of the bracket in the parameter; None for the narrowest whose ends can be told apart.
     """
-    value = float(gait.p[gait.system.parameters.index(parameter)])
+    value = gait.dynamics.parameter(parameter)
     for interval in brackets(value, WIDTHS if width is None else (width,)):
         proof = _prove(gait, _texts(gait, {parameter: interval}), progress, varied=parameter, special=kind)
         if proof.proved:

@@ -81,6 +81,11 @@ class Proof:
             multipliers=union_of_multipliers(piece.multipliers for piece in pieces if piece.multipliers),
         )
 
+    def __repr__(self) -> str:
+        stability = {True: ", stable", False: ", unstable", None: ""}[self.stable]
+        proved = sum(claim.proved for claim in self.claims)
+        return f"<Proof about {self.problem}: {proved} of {len(self.claims)} claims proved{stability}>"
+
     @property
     def proved(self) -> bool:
         """Whether every claim is."""

@@ -3,14 +3,14 @@
 xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot go on.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait.attractor import Attractor
 from gaitopt.mechanics import CONTACTS
 from gaitopt.problem import Problem
@@ -50,13 +50,8 @@ class Outcomes:
     phases: Codes
     impacts: Codes
 
-    @classmethod
-    def joined(cls, parts: "list[Outcomes]") -> Self:
-        """Several one after the other."""
-        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
 
-
-def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callable[[], bool] | None = None) -> Outcomes:
+def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Stop = None) -> Outcomes:
     """Walk from every state until it settles, fails, or has made ``max_steps`` steps.
 
     Parameters
@@ -64,11 +59,6 @@ def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Callabl
     step_map : the return map.
     xi : ndarray, shape (n, k) - section coordinates just after an impact, ``dx`` included.
     should_stop : polled before every step.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` became true.
     """
     n = len(xi)
     past = np.full((MAX_PERIOD, *xi.shape), np.nan)  # the last states, the latest first, and the steps that led there

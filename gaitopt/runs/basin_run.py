@@ -1,13 +1,12 @@
 """A basin on disk: tiles of states, stored as they finish, so that a run that was killed goes on where it was."""
 
-import hashlib
-import json
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait import Gait
 from gaitopt.problem import Problem
@@ -15,27 +14,19 @@ from gaitopt.runs.basin import Outcomes, follow
 from gaitopt.runs.basin_tiles import BASIN_FILE, NUMBER, STATE_BYTES_MEMORY, Basin, assembled
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.simulation import Engine, choose_engine
-from gaitopt.store import (
-    begin_run,
-    has_tile,
-    json_text,
-    replacing,
-    write_tile,
-    write_whole,
-    writing,
-)
+from gaitopt.store import begin_run, has_tile, json_file, seal, write_files, write_tile, writing
 from gaitopt.store.files import make_folder
 from gaitopt.store.manifest import MANIFEST_FILE
 from gaitopt.store.tiles import TILE_FILE
 from gaitopt.study.return_map import section_states, step_map
-from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 
 TILE, SCIPY_TILE = 4096, 64
 """States of one tile on heyoka and on scipy: some seconds of walking, and what is lost by a kill."""
 STEPS_OF_A_STATE = 10
 """About so many steps a state takes until it settles or fails."""
 STATE_BYTES_DISK = 48
-"""Of the fate of one state, compressed."""
+"""Of the outcome of one state, compressed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,39 +35,39 @@ class BasinPlan:
 
     Attributes
     ----------
-    start : problem or gait; the coordinates that the grid leaves out are those of its state.
+    problem : whose walker walks.
+    p : its parameters, where they are not those of the problem.
+    base : the section coordinates that the grid does not vary.
     max_steps : steps after which a state is undecided.
     folder : of the run; the basin has a folder of its own in it.
     """
 
-    start: Problem | Gait
+    problem: Problem
+    p: tuple[float, ...] | None
+    base: dict[str, float]
     grid: Grid
     max_steps: int
     engine: str
     folder: Path
 
-    @property
-    def problem(self) -> Problem:
-        """The problem that is walked."""
-        return self.start.problem if isinstance(self.start, Gait) else self.start
-
-    @property
-    def base(self) -> dict[str, float]:
-        """Section coordinates of the state that the grid varies; those of the grid itself left out."""
-        names = self.problem.walker.section_names(slipping=True)
-        if isinstance(self.start, Gait):
-            state = dict(zip(self.start.system.state_names, self.start.state.tolist(), strict=True))
+    @classmethod
+    def around(cls, start: Problem | Gait, grid: Grid, *, max_steps: int, engine: str, folder: Path) -> Self:
+        """The basin of a grid around the state of a gait, or around a problem's guess."""
+        if isinstance(start, Gait):
+            problem, p = start.problem, tuple(start.p.tolist())
+            state = dict(zip(start.system.state_names, start.state.tolist(), strict=True))
         else:
-            state = dict(self.start.guess.state)
-        varied = {axis.key for axis in self.grid.axes}
-        return {name: float(state[name]) for name in names if name not in varied}
+            problem, p, state = start, None, dict(start.guess.state)
+        varied = {axis.key for axis in grid.axes}
+        names = (name for name in problem.walker.section_names(slipping=True) if name not in varied)
+        base = {name: float(state[name]) for name in names}
+        return cls(problem=problem, p=p, base=base, grid=grid, max_steps=max_steps, engine=engine, folder=folder)
 
     @property
     def key(self) -> str:
         """Names the basin by all that its tiles depend on."""
-        identity = {"grid": [str(axis) for axis in self.grid.axes], "base": self.base, "steps": self.max_steps}
-        identity |= {"engine": str(self.chosen_engine), "tile": self.tile_size}
-        return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:8]
+        identity = {"grid": [*map(str, self.grid.axes)], "base": self.base, "steps": self.max_steps}
+        return key_of(identity | {"engine": str(self.chosen_engine), "tile": self.tile_size})[:8]
 
     @property
     def chosen_engine(self) -> Engine:
@@ -106,70 +97,32 @@ def check_basin(plan: BasinPlan) -> None:
     ------
     UnknownNameError
         If the grid is not over section coordinates, or the engine is not there.
-    StorageError
-        If the grid does not fit in memory or on disk.
     """
     plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
     choose_engine(plan.engine)
     check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
 
 
-def walk_basin(
-    plan: BasinPlan,
-    workers: Workers,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> Basin:
-    """Walk what is not yet on disk, and say where every state goes.
-
-    Parameters
-    ----------
-    plan : checked by ``check_basin``.
-    workers : where the tiles are walked.
-    progress : called with the number of tiles done and of all tiles.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full; finished tiles are kept.
-    SolveError
-        If a tile kills its workers.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
-    """
+def walk_basin(plan: BasinPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Basin:
+    """Walk what is not yet on disk, and say where every state goes; a tile that kills its workers is a SolveError."""
     with writing(plan.folder, plan.problem):
         if not (plan.folder / MANIFEST_FILE).exists():
             begin_run(plan.folder, plan.problem)
         make_folder(plan.place, parents=False)
         _walk_tiles(plan, workers, progress, should_stop)
         basin = assembled(plan.place, plan.problem, plan.grid, plan.base)
-        names = [TILE_FILE.format(tile) for tile in plan.tiles]
-        with replacing(plan.folder, *(f"{plan.place.name}/{name}" for name in (*names, BASIN_FILE))):
-            write_whole(plan.place / BASIN_FILE, json_text(basin.to_record(), indent=2) + "\n")
+        own = plan.place.name
+        seal(plan.folder, *(f"{own}/{TILE_FILE.format(tile)}" for tile in plan.tiles))
+        write_files(plan.folder, {f"{own}/{BASIN_FILE}": json_file(basin.to_record())})
     return basin
 
 
-def _walk_tiles(
-    plan: BasinPlan,
-    workers: Workers,
-    progress: Callable[[int, int], None] | None,
-    should_stop: Callable[[], bool] | None,
-) -> None:
+def _walk_tiles(plan: BasinPlan, workers: Workers, progress: Counted, should_stop: Stop) -> None:
     """Walk the tiles that are not on disk, each written as soon as it is finished."""
     missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
     done, total = len(plan.tiles) - len(missing), len(plan.tiles)
-    p = tuple(plan.start.p.tolist()) if isinstance(plan.start, Gait) else None
-    task = TileTask(
-        problem=plan.problem,
-        p=p,
-        engine=plan.chosen_engine,
-        grid=plan.grid,
-        size=plan.tile_size,
-        base=plan.base,
-        max_steps=plan.max_steps,
-    )
-    jobs = [Job(key=f"{plan.key}-{tile}", argument=(task, tile)) for tile in missing]
+    fixed = replace(plan, engine=plan.chosen_engine)  # a worker might choose another one
+    jobs = [Job(key=f"{plan.key}-{tile}", argument=(fixed, tile)) for tile in missing]
     for key, outcomes in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
         tile = int(key.rpartition("-")[2])
         if isinstance(outcomes, FailedJob):
@@ -182,33 +135,12 @@ def _walk_tiles(
         raise KeyboardInterrupt
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TileTask:
-    """What a worker has to know of a basin."""
-
-    problem: Problem
-    p: tuple[float, ...] | None
-    engine: Engine
-    grid: Grid
-    size: int
-    base: dict[str, float]
-    max_steps: int
-
-
-def walk_tile(
-    argument: tuple[TileTask, int], _: None = None, should_stop: Callable[[], bool] | None = None
-) -> Outcomes:
-    """Outcomes of the states of one tile; runs in any process.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` became true.
-    """
-    task, tile = argument
-    numbers = np.arange(tile * task.size, min((tile + 1) * task.size, task.grid.size))
-    values = dict(zip([axis.key for axis in task.grid.axes], task.grid.points(numbers).T, strict=True))
-    names = task.problem.walker.section_names(slipping=True)
-    xi = np.column_stack([values.get(name, np.full(len(numbers), task.base.get(name))) for name in names])
-    walk = step_map(task.problem, task.p, task.engine)
-    return follow(walk, section_states(task.problem, xi), task.max_steps, should_stop=should_stop)
+def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop = None) -> Outcomes:
+    """Outcomes of the states of one tile; runs in any process."""
+    plan, tile = argument
+    numbers = np.arange(tile * plan.tile_size, min((tile + 1) * plan.tile_size, plan.grid.size))
+    values = dict(zip([axis.key for axis in plan.grid.axes], plan.grid.points(numbers).T, strict=True))
+    names = plan.problem.walker.section_names(slipping=True)
+    xi = np.column_stack([values.get(name, np.full(len(numbers), plan.base.get(name))) for name in names])
+    walk = step_map(plan.problem, plan.p, plan.chosen_engine)
+    return follow(walk, section_states(plan.problem, xi), plan.max_steps, should_stop=should_stop)

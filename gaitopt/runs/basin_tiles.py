@@ -40,7 +40,7 @@ class Basin(Plotted, ReadOnlyArrays):
     ----------
     problem, grid : of the request.
     base : the section coordinates that the grid does not vary.
-    attractors : the gaits that were found; ``labels`` counts them.
+    attractors : the gaits on which states settle; ``labels`` are indices into them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
     endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Outcomes``.
     steps : ndarray, grid's shape - steps until it settled or failed.
@@ -98,13 +98,7 @@ class Basin(Plotted, ReadOnlyArrays):
 
 
 def read_basin(place: Path) -> Basin:
-    """The basin in its own folder, which lies in the run folder of its problem.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no finished basin, or is broken.
-    """
+    """The basin in its own folder, which lies in the run folder of its problem."""
     run, own = place.resolve().parent, place.resolve().name
     stored = validated(_Stored, read_object(run, f"{own}/{BASIN_FILE}"), place / BASIN_FILE)
     grid = validated(Grid, {"axes": stored.over}, place / BASIN_FILE)
@@ -113,13 +107,7 @@ def read_basin(place: Path) -> Basin:
 
 
 def stored_attractor(place: Path, index: str) -> Attractor:
-    """The attractor with a number, counted from 0 in the order of the table, of the basin in a folder.
-
-    Raises
-    ------
-    StorageError
-        If there is no such attractor, or no basin.
-    """
+    """The attractor with a number, counted from 0 in the order of the table, of the basin in a folder."""
     attractors = read_basin(place).attractors
     if not index.isdecimal() or int(index) >= len(attractors):
         known = f"0 to {len(attractors) - 1}" if attractors else "none"
@@ -141,7 +129,7 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:
-        outcomes = _fates(place, tile, grid.size - done)
+        outcomes = _tile_outcomes(place, tile, grid.size - done)
         rows = slice(done, done + len(outcomes.steps))
         labels[rows], endings[rows], steps[rows] = attractors.add(outcomes), outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
@@ -151,14 +139,8 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
     )  # fmt: skip
 
 
-def _fates(place: Path, tile: int, most: int) -> Outcomes:
-    """The outcomes of one tile, of no more than ``most`` states.
-
-    Raises
-    ------
-    StorageError
-        If the file holds anything else.
-    """
+def _tile_outcomes(place: Path, tile: int, most: int) -> Outcomes:
+    """The outcomes of one tile, of no more than ``most`` states."""
     arrays = read_tile(place, tile)
     run, own = place.resolve().parent, place.resolve().name
     name = TILE_FILE.format(tile)

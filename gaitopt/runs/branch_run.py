@@ -1,11 +1,12 @@
 """A branch in its run folder: every record is on the disk before it is used, and a walk that was cut short goes on."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from gaitopt.callbacks import Stop
 from gaitopt.families import Request, follow_family, resumable
 from gaitopt.gait import Gait, SpecialPoint, branch_header, branch_rows
 from gaitopt.problem import Problem
@@ -50,34 +51,19 @@ class BranchRun:
         return self.output or branch_folder(self.problem, self.head)
 
     def stored(self) -> list[dict[str, Any]]:
-        """All records that are on the disk, without the request.
-
-        Raises
-        ------
-        StorageError
-            If the folder holds something else, or a branch with another request.
-        """
+        """All records that are on the disk, without the request."""
         return stored_records(self.folder, self.problem, self.head)
 
-    def walk(
-        self, start: Gait | SpecialPoint, *, should_stop: Callable[[], bool] | None = None
-    ) -> tuple[list[Record], Iterator[Record]]:
+    def walk(self, start: Gait | SpecialPoint, *, should_stop: Stop = None) -> tuple[list[Record], Iterator[Record]]:
         """The records that are there, and those to come, each on the disk when it is yielded.
 
         The folder is held for writing by the caller.
-
-        Raises
-        ------
-        StorageError
-            As ``stored``, or if the disk is full; what was found before is kept.
         """
         done = resumable(self.stored())
         begin_branch(self.folder, self.problem, self.head, done)
         return done, self._new(start, done, should_stop)
 
-    def _new(
-        self, start: Gait | SpecialPoint, done: list[Record], should_stop: Callable[[], bool] | None
-    ) -> Iterator[Record]:
+    def _new(self, start: Gait | SpecialPoint, done: list[Record], should_stop: Stop) -> Iterator[Record]:
         with growing(self.folder, BRANCH_FILE) as lines:
             for point in follow_family(start, self.request, done=done, should_stop=should_stop):
                 record = point.to_record()

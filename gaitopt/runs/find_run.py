@@ -1,18 +1,15 @@
-"""A search for gaits whose parts are kept line by line, so that the same search goes on where it was."""
+"""A search for gaits whose parts are kept in a run folder, so that the same search goes on where it was."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gaitopt.problem import Problem
+from gaitopt.callbacks import Counted, Stop
+from gaitopt.runs.kept import ResultFile, kept_results
 from gaitopt.search.distinct import Gaits
-from gaitopt.search.find import STARTS, Part, SearchPlan, Task, Within, opened, search
-from gaitopt.store import growing, stored_lines
-from gaitopt.store.records import validated
-from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
-
-PARTS_FILE = "find.jsonl"
+from gaitopt.search.find import Part, SearchPlan, Task, search
+from gaitopt.store import begin_run, writing
+from gaitopt.workers.jobs import Job, Workers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,50 +22,18 @@ class PartRecord:
     candidates: list[dict[str, Any]]
 
 
-def find_durably(
-    problem: Problem,
-    folder: Path,
-    workers: Workers,
-    *,
-    starts: int = STARTS,
-    seed: int = 0,
-    within: Within | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> Gaits:
-    """As ``find``, with the parts of the search kept in ``folder``, held for writing by the caller.
+PARTS = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 
-    Raises
-    ------
-    StorageError
-        If the disk is full, or what the folder holds is broken; finished parts are kept.
-    KeyboardInterrupt
-        If ``should_stop`` said so.
-    """
-    known = _stored(folder)
+
+def find_durably(
+    plan: SearchPlan, folder: Path, workers: Workers, *, progress: Counted = None, should_stop: Stop = None
+) -> Gaits:
+    """The search of a plan, with its parts kept in a run folder of its problem; errors as of ``kept_results``."""
 
     def run(task: Task, jobs: list[Job]) -> list[Part]:
-        parts: dict[str, Part] = {job.key: known[job.key] for job in jobs if job.key in known}
-        missing = [job for job in jobs if job.key not in parts]
-        with growing(folder, PARTS_FILE) as log:
-            for key, part in run_jobs(task, missing, workers, should_stop=should_stop):
-                parts[key] = part
-                if not isinstance(part, FailedJob):
-                    log.append({"part": key, **part})
-                if progress is not None:
-                    progress(len(parts), len(jobs))
-        if len(parts) < len(jobs):
-            raise KeyboardInterrupt
-        return [parts[job.key] for job in jobs]
+        results = kept_results(task, jobs, workers, folder, PARTS, progress=progress, should_stop=should_stop)
+        return [results[job.key] for job in jobs]
 
-    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
-    return search(plan, run, should_stop=should_stop)
-
-
-def _stored(folder: Path) -> dict[str, dict[str, Any]]:
-    """The parts that a folder holds, by their keys."""
-    records = {}
-    for number, record in enumerate(stored_lines(folder, PARTS_FILE), start=1):
-        validated(PartRecord, record, folder / PARTS_FILE, number)
-        records[record["part"]] = record
-    return records
+    with writing(folder, plan.problem):
+        begin_run(folder, plan.problem)
+        return search(plan, run, should_stop=should_stop)

@@ -4,26 +4,27 @@ The chain is walked in both directions, because a design is a local optimum and 
 gaits for the same number the better one is kept. Its Pareto front are the points that no other one beats in both aims.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
-from gaitopt.errors import ProblemError
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import data_frame
 from gaitopt.problem import Problem
-from gaitopt.problem.scalars import SCALARS, unit_of
+from gaitopt.problem.faults import nearest_keys
+from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
-from gaitopt.store import begin_run, writing
+from gaitopt.store import begin_run, json_text, read_object, read_problem, write_files, writing
 from gaitopt.workers.jobs import Workers
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Progress = Callable[[int, int], None]
 Record = dict[str, Any]
 TIE = 1e-9
 """Relative difference of objectives below which a gait does not beat another."""
@@ -99,38 +100,41 @@ class Front(Plotted, Sequence[FrontPoint]):
 
 
 def design_front(
-    problem: Problem,
-    axis: Axis,
-    folder: Path,
-    *,
-    progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> list[FrontPoint]:
-    """Designs for every value of an axis, in its order.
-
-    Parameters
-    ----------
-    problem : a design with an objective.
-    axis : dotted key of a number of the problem, for instance ``constraints.speed.min``, and its values.
-    folder : that keeps every design as soon as it is found; the same call goes on where it was.
-    progress : called with the number of designs done and their total.
-    should_stop : polled between designs.
-
-    Raises
-    ------
-    ProblemError
-        If the problem has no objective, or a value is wrong for it.
-    StorageError
-        If the designs do not fit in memory or on disk.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
-    """
+    problem: Problem, axis: Axis, folder: Path, *, progress: Counted = None, should_stop: Stop = None
+) -> Front:
+    """Designs for every value of an axis of a problem, kept in its run folder; see ``check_front`` for its errors."""
     check_front(problem, axis, folder)
     problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
         begin_run(folder, problem)
         best = _walk(problems, folder, progress, should_stop)
-    return [FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems]
+        points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems)
+        front = Front(problem=problem, key=axis.key, points=tuple(points))
+        write_files(folder, {front_file(axis.key): json_text(front_record(front, axis)) + "\n"})
+    return front
+
+
+def front_file(key: str) -> str:
+    """Name of the file of a front over this key in its run folder."""
+    return f"front-{key}.json"
+
+
+def front_record(front: Front, axis: Axis) -> Record:
+    """The JSON object of the front along an axis."""
+    return {"problem": front.problem.name, "over": str(axis), "points": front.to_records()}
+
+
+def read_fronts(folder: Path) -> list[Front]:
+    """The fronts in a run folder."""
+    problem, fronts = read_problem(folder), list[Front]()
+    for path in sorted(folder.glob(front_file("*"))):
+        record = read_object(folder, path.name)
+        try:
+            points = [FrontPoint(value=r["value"], gait=r, pareto=r["pareto"]) for r in record["points"]]
+            fronts.append(Front(problem=problem, key=record["over"].partition("=")[0], points=tuple(points)))
+        except (KeyError, TypeError, AttributeError) as error:
+            raise StorageError(f"{path} does not hold a front ({error!r})") from error
+    return fronts
 
 
 def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
@@ -140,22 +144,21 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
     ------
     ProblemError
         If the problem has no objective, or is none at an end of the axis.
-    StorageError
-        If the designs do not fit in memory or on disk.
+    UnknownNameError
+        If it has no such number.
     """
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
+    keys = (*problem.parameters, *(f"constraints.{name}" for name in DESIGN_SCALARS))
+    if axis.key not in keys and "." not in axis.key:
+        words = f"{axis.key}: no number of {problem.name}{nearest_keys(axis.key, keys)}"
+        raise UnknownNameError(words).about("over")
     check_jobs_fit(2 * axis.count, folder)
     for value in axis.numbers(problem)[:: max(axis.count - 1, 1)]:
         at_point(problem, {axis.key: value})
 
 
-def _walk(
-    problems: dict[float, Problem],
-    folder: Path,
-    progress: Progress | None,
-    should_stop: Callable[[], bool] | None,
-) -> dict[float, Record]:
+def _walk(problems: dict[float, Problem], folder: Path, progress: Counted, should_stop: Stop) -> dict[float, Record]:
     """The better gait of both directions for every value."""
     best: dict[float, Record] = {}
     neighbour: Record | None = None
@@ -168,7 +171,7 @@ def _walk(
     return best
 
 
-def _design(problem: Problem, neighbour: Record | None, folder: Path, should_stop: Callable[[], bool] | None) -> Record:
+def _design(problem: Problem, neighbour: Record | None, folder: Path, should_stop: Stop) -> Record:
     """From the neighbour's gait, or from the guess where there is none or it leads nowhere."""
     job = problem_job(problem, None if neighbour is None else neighbour["job"])
     known = {} if neighbour is None else {neighbour["job"]: neighbour}

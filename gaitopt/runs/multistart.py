@@ -4,13 +4,13 @@ A start changes every section coordinate of the guess, the guess of every freed 
 curve at random. The starts depend on the seed alone, not on how many processes work on them.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.gait import Status
 from gaitopt.mechanics import BezierTracking
 from gaitopt.problem import Problem
@@ -18,6 +18,7 @@ from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
 from gaitopt.study.system import build_system
+from gaitopt.study.warm import free_guesses
 from gaitopt.workers.jobs import Workers
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
@@ -62,7 +63,7 @@ class Optimum:
         return float(self.record["spectral_radius"])
 
     def to_record(self) -> dict[str, Any]:
-        """What tells it from the other solutions."""
+        """What distinguishes it from the other solutions."""
         kept = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
         kkt = self.record["solver"].get("kkt")
         return {
@@ -82,27 +83,10 @@ def multistart(
     seed: int = 0,
     spread: float = 0.3,
     workers: Workers | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    progress: Counted = None,
+    should_stop: Stop = None,
 ) -> list[Optimum]:
-    """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
-
-    Parameters
-    ----------
-    problem : a design, or a problem without unknowns (then its distinct gaits are found).
-    folder : that keeps what each start has found; the same call goes on where it was.
-    seed : of the samples.
-    spread : how far a sample goes: coordinates and freed numbers by this part of themselves, control points of a curve
-        by this part of the curve's range, all within their bounds.
-    workers : where the starts are worked on; by default all cores.
-    progress : called with the number of starts done and their total.
-    should_stop : polled; True ends the search with a KeyboardInterrupt, and what is finished is kept.
-
-    Raises
-    ------
-    StorageError
-        If the starts do not fit in memory or on disk.
-    """
+    """As ``gaitopt.multistart``; ``folder`` keeps the results of all starts, on all cores if not said otherwise."""
     check_jobs_fit(starts, folder)
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
     jobs = [problem_job(p) for p in problems]
@@ -123,10 +107,9 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[P
         changes: dict[str, object] = {
             f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names
         }
-        for key, free in problem.free.items():
-            size = abs(free.guess) or free.upper - free.lower
-            guess = float(np.clip(free.guess + spread * size * rng.uniform(-1, 1), free.lower, free.upper))
-            changes[key] = {"free": [free.lower, free.upper], "guess": guess}
+        sizes = {key: abs(free.guess) or free.upper - free.lower for key, free in problem.free.items()}
+        guesses = {key: problem.free[key].guess + spread * size * rng.uniform(-1, 1) for key, size in sizes.items()}
+        changes |= free_guesses(problem, guesses)
         for name, points in curves.items():
             row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
             within = control.unknowns[f"reference.{name}.0"]

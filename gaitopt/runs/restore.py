@@ -1,94 +1,111 @@
-"""A gait from its run folder, with everything that a fresh solution has except the solver's own nodes."""
+"""Gaits and walks from run folders, with everything that fresh ones have except the solver's own nodes."""
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate, groupby, pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import Array
 from gaitopt.errors import SolveError, StorageError
-from gaitopt.gait import Arc, Gait, Status, Step, measure
-from gaitopt.mechanics import Cycle, HybridSystem, Mode
+from gaitopt.gait import Arc, Ending, Gait, Status, Step, Trajectory, measure
+from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.search.distinct import closed
-from gaitopt.store import Run, Table
-from gaitopt.store.run import restored_problem
-from gaitopt.study.system import build_system
+from gaitopt.store import Table, read_problem, read_run, read_walk
+from gaitopt.study.simulate import Walk
+from gaitopt.study.system import problem_dynamics
 
 SAME_TIME = 1e-14
 """Of the period: the end of one arc and the start of the next may differ by rounding, points inside an arc do not."""
 
 
-def restore_gait(run: Run) -> Gait:
-    """The gait that a run holds.
+def restore_gait(folder: Path) -> Gait:
+    """The gait in a run folder.
 
     Raises
     ------
-    StorageError
-        If the records of the run do not fit together.
     SolveError
         If the run holds a failed attempt.
     """
-    problem = restored_problem(run.folder, run.resolved, run.problem_text)
-    if run.gait.get("status") != Status.CONVERGED:
-        raise SolveError(f"{run.folder} holds no gait: {run.gait.get('status')}, {run.gait.get('message')}")
+    (record, table), problem = read_run(folder), read_problem(folder)
+    if record.get("status") != Status.CONVERGED:
+        raise SolveError(f"{folder} holds no gait: {record.get('status')}, {record.get('message')}")
     if problem.is_open:
-        problem = replace(closed(problem, run.gait), origin=problem)
-    system = build_system(problem)
+        problem = replace(closed(problem, record), origin=problem)
     try:
-        freed = {name: float(value) for name, value in run.gait["parameters"].items()}
-        p = system.values(problem.parameters | freed)
-        periods = [float(step["period"]) for step in run.gait.get("steps", (run.gait,))]
-        steps = tuple(_steps(system, problem.cycle, p, run.trajectory, periods))
-        multipliers = np.array([complex(m["re"], m["im"]) for m in run.gait["multipliers"]])
+        freed = {name: float(value) for name, value in record["parameters"].items()}
+        dynamics = problem_dynamics(problem).at(freed)
+        periods = [float(step["period"]) for step in record.get("steps", (record,))]
+        began = list(accumulate(periods[:-1], initial=0.0))
+        steps = _table_steps(dynamics, table, began, problem.cycle.impacts)
+        multipliers = np.array([complex(m["re"], m["im"]) for m in record["multipliers"]])
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise StorageError(f"{run.folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
+        raise StorageError(f"{folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
     return Gait(
         problem=problem,
-        system=system,
-        p=p,
+        dynamics=dynamics,
         status=Status.CONVERGED,
-        message=str(run.gait.get("message", "")),
+        message=str(record.get("message", "")),
         steps=steps,
         multipliers=multipliers,
-        measures=measure(system, p, steps),
+        measures=measure(dynamics, steps),
         freed=freed,
-        solver=dict(run.gait.get("solver", {})),
-        verification=run.gait.get("verification"),
+        solver=dict(record.get("solver", {})),
+        verification=record.get("verification"),
     )
 
 
-def _steps(system: HybridSystem, cycle: Cycle, p: Array, table: Table, periods: Sequence[float]) -> Iterator[Step]:
-    """The steps of a table, in which time runs on over the impacts."""
-    began = list(accumulate(periods[:-1], initial=0.0))
-    arcs = list(table_arcs(system, table, began))
-    for step, impact in enumerate(cycle.impacts):
-        own = tuple(arc for index, arc in arcs if index == step)
-        standing = system.walker.standing(p, system.walker.side(step))
-        yield Step(arcs=own, impact=impact_record(system, impact, own[-1].states[-1], standing))
+def restore_walk(folder: Path) -> Walk:
+    """The walk that a run folder holds."""
+    record, table = read_walk(folder)
+    problem = read_problem(folder)
+    try:
+        dynamics = problem_dynamics(problem).at(record["parameters"])
+        system = dynamics.system
+        section = record["section"]
+        began = [float(point["time"]) for point in section]
+        impacts = [Mode(point["impact"]) for point in section[1:]]
+        start, *_ = (np.array([point["state"][name] for name in system.state_names]) for point in section)
+        gait = [[float(state[name]) for name in system.state_names] for state in record["gait_states"]]
+        ending, message = Ending(record["status"]), str(record["message"])
+        steps = _table_steps(dynamics, table, began, impacts) if table.rows else ()
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise StorageError(f"{folder}: walk.json or walk.csv does not hold a walk ({error!r})") from error
+    trajectory = Trajectory(names=system.state_names, start=start, steps=steps, ending=ending, message=message)
+    return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=np.array(gait))
 
 
-def table_arcs(system: HybridSystem, table: Table, began: Sequence[float]) -> Iterator[tuple[int, Arc]]:
-    """Every arc of a table and the index of its step; a time that occurs twice separates two arcs."""
-    rows: list[Any] = list(table.rows)
-    same = SAME_TIME * rows[-1][0]
-    splits = np.cumsum([0, *(later[0] - earlier[0] <= same for earlier, later in pairwise(rows))])
+def _table_steps(dynamics: Dynamics, table: Table, began: Sequence[float], impacts: Sequence[Mode]) -> tuple[Step, ...]:
+    """The steps of a table, in which time runs on over the impacts; the last one of a walk may have no impact.
+
+    A time that occurs twice separates two arcs.
+    """
+    system, rows = dynamics.system, list[Any](table.rows)
+    splits = np.cumsum([0, *(later[0] - earlier[0] <= SAME_TIME * rows[-1][0] for earlier, later in pairwise(rows))])
+    arcs: dict[int, list[Arc]] = {}
     for _, group in groupby(zip(splits, rows, strict=True), key=lambda pair: pair[0]):
         points = [row for _, row in group]
         if len(points) < 2:
             raise ValueError(f"an arc of one point at {points[0][0]}")
         step = bisect_right(began, (points[0][0] + points[-1][0]) / 2) - 1
         times = np.array([row[0] for row in points]) - began[step]
-        yield (
-            step,
-            Arc(
-                mode=Mode(points[0][1]),
-                segment=bisect_right(system.control.breakpoints, (times[0] + times[-1]) / 2),
-                times=times,
-                states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
-                side=system.walker.side(step),
-            ),
+        arc = Arc(
+            mode=Mode(points[0][1]),
+            segment=bisect_right(system.control.breakpoints, (times[0] + times[-1]) / 2),
+            times=times,
+            states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
+            side=system.walker.side(step),
         )
+        arcs.setdefault(step, []).append(arc)
+    return tuple(
+        Step(
+            arcs=tuple(arcs[k]),
+            impact=impact_record(dynamics.standing(arcs[k][0].side), impacts[k], arcs[k][-1].states[-1])
+            if k < len(impacts)
+            else None,
+        )
+        for k in range(max(len(impacts), 1 + max(arcs)))
+    )

@@ -1,26 +1,24 @@
-"""Problems solved and verified, each once: what is found is kept in a file of a run folder, line by line.
+"""Problems solved and verified, each once: the results are in one file that all sweeps and starts of a problem share.
 
-A job is named by the hash of its resolved problem. Its result is on disk before the next one is taken in, in a file
-that all sweeps and starts of a problem share, so that nothing is solved twice, whatever happens in between.
+A job is named by the hash of its resolved problem.
 """
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait import Status
 from gaitopt.problem import Problem
+from gaitopt.runs.kept import ResultFile, kept_results
 from gaitopt.search.solve import solve
-from gaitopt.store import growing, stored_lines
-from gaitopt.store.records import validated
 from gaitopt.study.verify import verify
 from gaitopt.study.warm import guessed_from
-from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers
 
-JOBS_FILE = "jobs.jsonl"
 SET_ASIDE = "set_aside"
 """Status of a job that has no result."""
 
@@ -41,6 +39,9 @@ class JobRecord:
     solver: dict[str, Any] = field(default_factory=dict)
 
 
+JOBS = ResultFile(name="jobs.jsonl", key="job", model=JobRecord)
+
+
 def problem_job(problem: Problem, parent: str | None = None) -> Job:
     """The job of a problem that starts cold, or from the gait of the job ``parent``."""
     key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
@@ -53,60 +54,30 @@ def solve_all(
     workers: Workers,
     *,
     known: Mapping[str, Any] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    progress: Counted = None,
+    should_stop: Stop = None,
 ) -> dict[str, dict[str, Any]]:
-    """Records of the gaits of all jobs by their keys, those on disk included.
+    """Records of the gaits of all jobs by their keys; arguments and errors are those of ``kept_results``.
 
     Parameters
     ----------
     jobs : with a ``Problem`` as argument; the gait of the parent is the guess that is tried first.
-    folder : of the run that keeps the results, held for writing by the caller.
-    known : records of parents that are not among the jobs.
-    progress : called with the number of jobs done and their total.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full, or what the folder holds is broken; finished jobs are kept.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
     """
-    unsolved = {job.key: job for job in jobs}
-    records = {key: record for key, record in _stored(folder) if key in unsolved}
-    total, missing = len(unsolved), [job for key, job in unsolved.items() if key not in records]
-    with growing(folder, JOBS_FILE) as log:
-        done = {**(known or {}), **records}
-        for key, result in run_jobs(solve_job, missing, workers, done=done, should_stop=should_stop):
-            if isinstance(result, FailedJob):
-                records[key] = {"status": SET_ASIDE, "message": result.reason}
-            else:
-                records[key] = {"job": key, **result}
-                log.append(records[key])
-            if progress is not None:
-                progress(len(records), total)
-    if len(records) < total:
-        raise KeyboardInterrupt
-    return records
+    results = kept_results(
+        solve_job, jobs, workers, folder, JOBS, known=known, progress=progress, should_stop=should_stop
+    )
+    return {
+        key: {"status": SET_ASIDE, "message": result.reason} if isinstance(result, FailedJob) else result
+        for key, result in results.items()
+    }
 
 
-def _stored(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    for number, record in enumerate(stored_lines(folder, JOBS_FILE), start=1):
-        validated(JobRecord, record, folder / JOBS_FILE, number)
-        yield record["job"], record
-
-
-def solve_job(
-    problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Callable[[], bool] | None = None
-) -> dict[str, Any]:
-    """The record of a problem's gait with its verification; runs in any process.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C was pressed here, or ``should_stop`` became true.
-    """
-    for start, candidate in _starts(problem, neighbour):
+def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Stop = None) -> dict[str, Any]:
+    """The record of a problem's verified gait, from that of a neighbour if there is one; runs in any process."""
+    starts = {"cold": problem}
+    if neighbour is not None and neighbour["status"] == Status.CONVERGED:
+        starts = {"warm": guessed_from(problem, neighbour, neighbour["parameters"])} | starts
+    for start, candidate in starts.items():
         try:
             gait = solve(candidate, should_stop=should_stop)
         except SolveError as error:
@@ -119,10 +90,3 @@ def solve_job(
             gait = gait.verified(verify(gait).to_record())
             break
     return {**gait.to_record(), "start": start}
-
-
-def _starts(problem: Problem, neighbour: Mapping[str, Any] | None) -> Iterable[tuple[str, Problem]]:
-    """The problem with the neighbour's gait as its guess, if there is one; then as it is."""
-    if neighbour is not None and neighbour["status"] == Status.CONVERGED:
-        yield "warm", guessed_from(problem, neighbour, neighbour["parameters"])
-    yield "cold", problem

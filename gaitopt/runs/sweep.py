@@ -1,22 +1,19 @@
 """A grid of problems, each solved and verified: what a gait becomes over one or several parameters."""
 
-import hashlib
-import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.problem import Problem
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
-from gaitopt.runs.solved import SET_ASIDE, problem_job, solve_all
-from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, sweep_table
-from gaitopt.store import begin_run, csv_text, json_text, replacing, write_whole, writing
+from gaitopt.runs.solved import problem_job, solve_all
+from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, Sweep, sweep_record, sweep_table
+from gaitopt.store import begin_run, csv_text, json_file, write_files, writing
 from gaitopt.store.files import make_folder
-from gaitopt.workers.jobs import Job, Workers
+from gaitopt.workers.jobs import Job, Workers, key_of
 
 
 @dataclass(frozen=True)
@@ -39,13 +36,7 @@ class SweepPlan:
 
     @cached_property
     def jobs(self) -> list[Job]:
-        """One job per point of the grid, in its order.
-
-        Raises
-        ------
-        ProblemError
-            If a point of the grid is no valid problem.
-        """
+        """One job per point of the grid, in its order."""
         jobs: list[Job] = []
         for number in range(self.grid.size):
             problem = at_point(self.problem, self.point(number))
@@ -56,8 +47,7 @@ class SweepPlan:
     @cached_property
     def place(self) -> Path:
         """Folder of the sweep's table and figures."""
-        identity = json.dumps([*(str(axis) for axis in self.grid.axes), self.warm])
-        return self.folder / f"sweep-{hashlib.sha256(identity.encode()).hexdigest()[:8]}"
+        return self.folder / f"sweep-{key_of([*map(str, self.grid.axes), self.warm])[:8]}"
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""
@@ -87,53 +77,21 @@ def check_sweep(sweep: SweepPlan) -> None:
         If the grid is over something that is not a parameter.
     ProblemError
         If a point of the grid is no valid problem.
-    StorageError
-        If the grid does not fit in memory or on disk.
     """
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
     check_jobs_fit(sweep.grid.size, sweep.folder)
     _ = sweep.jobs
 
 
-def run_sweep(
-    sweep: SweepPlan,
-    workers: Workers,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> list[dict[str, Any]]:
-    """Solve and verify what is not on disk yet; the records of all points in order.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full, or another process sweeps the same problem; finished jobs are kept.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
-    """
+def run_sweep(sweep: SweepPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Sweep:
+    """Solve and verify what is not on disk yet."""
     with writing(sweep.folder, sweep.problem):
         begin_run(sweep.folder, sweep.problem)
         solved = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
         records = [{**solved[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
+        swept = Sweep(problem=sweep.problem, grid=sweep.grid, records=records)
         make_folder(sweep.place, parents=False)
-        with replacing(sweep.folder, *(f"{sweep.place.name}/{name}" for name in (TABLE_FILE, SWEEP_FILE))):
-            write_whole(sweep.place / TABLE_FILE, csv_text(sweep_table(sweep.grid, records)))
-            write_whole(sweep.place / SWEEP_FILE, json_text(sweep_record(sweep, records), indent=2) + "\n")
-    return records
-
-
-def sweep_record(sweep: SweepPlan, records: list[dict[str, Any]]) -> dict[str, Any]:
-    """One JSON object about a whole sweep."""
-    statuses = [record["status"] for record in records]
-    verified = [(record.get("verification") or {}).get("passed") for record in records]
-    return {
-        "problem": sweep.problem.name,
-        "over": [asdict(axis) for axis in sweep.grid.axes],
-        "jobs": len(records),
-        "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
-        "verified": verified.count(True),
-        "refuted": verified.count(False),
-        "set_aside": [
-            {"at": record["at"], "reason": record["message"]} for record in records if record["status"] == SET_ASIDE
-        ],
-    }
+        table, record = csv_text(sweep_table(sweep.grid, records)), json_file(sweep_record(swept))
+        own = sweep.place.name
+        write_files(sweep.folder, {f"{own}/{TABLE_FILE}": table, f"{own}/{SWEEP_FILE}": record})
+    return swept

@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from gaitopt.mechanics.modes import Mode
 from gaitopt.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.runs.grid import Grid
+from gaitopt.runs.solved import SET_ASIDE
 from gaitopt.store import Table, read_object, read_problem, read_sealed
 from gaitopt.store.files import parsed
 from gaitopt.store.records import validated
@@ -78,13 +79,7 @@ class Sweep(Plotted):
 
 
 def read_sweep(place: Path) -> Sweep:
-    """Status and scalars of every point of the sweep in its own folder.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds no finished sweep, or is broken.
-    """
+    """Status and scalars of every point of the sweep in its own folder."""
     run, own = place.resolve().parent, place.resolve().name
     path = place / TABLE_FILE
     grid = validated(Grid, {"axes": read_object(run, f"{own}/{SWEEP_FILE}").get("over")}, place / SWEEP_FILE)
@@ -117,6 +112,26 @@ def _parse_rows(text: str) -> list[dict[str, Any]]:
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"line {reader.line_num}: {error!r}") from error
     return rows
+
+
+def sweep_record(sweep: Sweep) -> dict[str, Any]:
+    """One JSON object about a whole sweep."""
+    records = sweep.records
+    statuses = [record["status"] for record in records]
+    verified = [(record.get("verification") or {}).get("passed") for record in records]
+    return {
+        "problem": sweep.problem.name,
+        "over": [asdict(axis) for axis in sweep.grid.axes],
+        "jobs": len(records),
+        "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
+        "verified": verified.count(True),
+        "refuted": verified.count(False),
+        "set_aside": [
+            {"at": record["at"], "reason": record.get("message", "")}
+            for record in records
+            if record["status"] == SET_ASIDE
+        ],
+    }
 
 
 def sweep_table(grid: Grid, records: Sequence[Mapping[str, Any]]) -> Table:

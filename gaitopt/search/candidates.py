@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Status, Step
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode
 from gaitopt.nlp import free_parameters
 from gaitopt.nlp.complementarity.program import Complementarity, Proposal
 from gaitopt.nlp.complementarity.swing import shapes_before, swing
@@ -24,6 +25,7 @@ from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.study.return_map import step_map
 
 Record = dict[str, Any]
+Phases = tuple[tuple[Mode, float], ...]
 
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
 """Half widths of the default box of start states, in rad and natural units."""
@@ -39,7 +41,7 @@ PERIODS = (0.7, 3.0)
 """Range of the guessed periods in natural units."""
 TYPICAL_PERIOD = 1.7
 WALK = 8
-"""Steps of a walk on which a near-return is looked for."""
+"""Steps of a walk within which a near-return counts."""
 TRIES = 40
 """Walks of one job from which Newton's method starts, those that come closest to themselves first."""
 WALKS, GUESSES = 250, 4
@@ -76,27 +78,21 @@ class SearchJob:
     n_steps: int = 1
 
 
-def search_part(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
-    """Candidates of one part of a search, and how many starts it has made.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C was pressed here, or ``should_stop`` became true.
-    """
+def search_part(job: SearchJob, _: None = None, should_stop: Stop = None) -> Record:
+    """Candidates of one part of a search, and how many starts it took."""
     stop = should_stop or (lambda: False)
     step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process
-    system, p = step.system, step.p
-    box, rng = start_box(job.problem, system, p, job.within), np.random.default_rng([job.seed, job.number])
+    dynamics = step.dynamics
+    box, rng = start_box(job.problem, dynamics, job.within), np.random.default_rng([job.seed, job.number])
     search = _walks if job.method == "simulation" else _guesses
-    candidates, starts = search(job, system, p, box, rng, stop)
+    candidates, starts = search(job, dynamics, box, rng, stop)
     return {"method": job.method, "starts": starts, "candidates": candidates}
 
 
-def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[str, tuple[float, float]]) -> Box:
+def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[float, float]]) -> Box:
     """The box of start states: that of the walker, changed by ``within``."""
     names = problem.walker.section_names(slipping=True)
-    units = dict(zip(system.state_names, system.state_scales(system.scales(p)), strict=True))
+    units = dict(zip(dynamics.system.state_names, dynamics.state_units, strict=True))
     sizes = {"dx": SLIP} | dict.fromkeys(problem.walker.section, ANGLE)
     rate = RATE_OF_FLIGHT if problem.walker.flies else RATE
     half = np.array([sizes.get(name, rate) * units[name] for name in names])
@@ -107,15 +103,16 @@ def start_box(problem: Problem, system: HybridSystem, p: Array, within: Mapping[
 
 
 def _walks(
-    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
+    job: SearchJob, dynamics: Dynamics, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Fixed points of the return map and of its powers next to the walks from sampled states."""
-    xi, standing = _samples(system, p, box, rng), STANDING * system.scales(p).time
+    system = dynamics.system
+    xi, standing = _samples(dynamics, box, rng), STANDING * dynamics.scales.time
     if job.problem.start is not None and job.number == 0:
         xi[0] = [job.problem.start.state[name] for name in job.problem.walker.section_names(slipping=True)]
     engine = choose_engine(Engine.AUTO, steps=WALKS * WALK)
     history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
-    simulator = Simulator(system, p, stepper=make_stepper(system, p, engine))
+    simulator = Simulator(dynamics, stepper=make_stepper(dynamics, engine))
     candidates = []
     sides = system.walker.n_sides()
     for n_returns in range(1, job.n_steps // sides + 1):
@@ -131,26 +128,28 @@ def _walks(
     return candidates, len(xi)
 
 
-def _samples(system: HybridSystem, p: Array, box: Box, rng: np.random.Generator) -> Array:
+def _samples(dynamics: Dynamics, box: Box, rng: np.random.Generator) -> Array:
     """Start states, every other one at rest, in boxes of all sizes unless a box is given; shape (WALKS, n_xi)."""
+    walker = dynamics.system.walker
     xi = rng.uniform(box.lower, box.upper, (WALKS, box.lower.size))
     if not box.given:
         xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
-        if not system.walker.flies:
-            _turn_forward(system, p, xi)
-    if system.walker.massless_feet:
+        if not walker.flies:
+            _turn_forward(dynamics, xi)
+    if walker.massless_feet:
         xi[:, -1] = 0.0  # they cannot slip
     elif box.lower[-1] <= 0 <= box.upper[-1]:
         xi[::2, -1] = 0.0
     return xi
 
 
-def _turn_forward(system: HybridSystem, p: Array, xi: Array) -> None:
+def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
     """Mirror postures (n, n_xi) to which a step backward would lead."""
+    system, p = dynamics.system, dynamics.p
     n, n_section = system.n_shape, len(system.walker.section)
     (lifted,) = RowMap(system.lift)(xi, p)
     before = np.zeros_like(lifted)
-    before[:, :n] = shapes_before(system, p, lifted[:, :n])
+    before[:, :n] = shapes_before(dynamics, lifted[:, :n])
     step_lengths = RowMap(system.impact(Mode.STICK))(before, p)[0][:, n]
     xi[step_lengths < 0, :n_section] *= -1
 
@@ -179,53 +178,64 @@ def _near_returns(history: Array, n_steps: int, box: Box) -> Iterator[tuple[int,
 
 
 def _guesses(
-    job: SearchJob, system: HybridSystem, p: Array, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
+    job: SearchJob, dynamics: Dynamics, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
-    walker = system.walker
+    walker = dynamics.system.walker
     if walker.n_sides() > 1 or walker.stops or walker.switches or walker.flies or walker.pushes:
         return [], 0  # the conditions are those of legs that are alike, of which one is always on the ground
-    time, n = system.scales(p).time, len(job.problem.walker.section)
+    time, n = dynamics.scales.time, len(job.problem.walker.section)
     within = {
         name.removeprefix("state."): (span.minimum, span.maximum)
         for name, span in job.problem.constraints.items()
         if name.startswith("state.")
     }
-    free, candidates = free_parameters(job.problem, system), list[Record]()
+    free, candidates = free_parameters(job.problem, dynamics.system), list[Record]()
     for n_steps in range(1, job.n_steps + 1):
         program = Complementarity(
-            system, p, TYPICAL_PERIOD * time, free, within, n_steps=n_steps, should_stop=should_stop
+            dynamics, TYPICAL_PERIOD * time, free, within, n_steps=n_steps, should_stop=should_stop
         )
         xi = rng.uniform(box.lower, box.upper, (GUESSES * n_steps, box.lower.size))
         if not box.given:
-            _turn_forward(system, p, xi)
+            _turn_forward(dynamics, xi)
         for number, shapes in enumerate(np.split(xi[:, :n], GUESSES)):
             period = float(time * np.exp(rng.uniform(*np.log(PERIODS))))
-            result = program.solve(*swing(system, p, shapes, period), period)
+            result = program.solve(*swing(dynamics, shapes, period), period)
             if result is Status.INTERRUPTED:
                 raise KeyboardInterrupt
             if isinstance(result, Proposal):
+                sequences = [
+                    (tuple(zip(step.phases, durations, strict=True)), step.impact)
+                    for step, durations in zip(result.cycle.steps, result.durations, strict=True)
+                ]
                 start = f"{job.method} {job.number}.{number}"
-                candidates.append(_proposal_record(system, result, start))
+                candidates.append(_record(dynamics.system, sequences, list(result.states), result.freed, start))
     return candidates, GUESSES * job.n_steps
 
 
 def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
-    """A simulated cycle, without repetitions, from the smallest of its states in lexical order."""
-    records = [_step_record(step.phases, step.impact.mode) for step in steps if step.impact is not None]
-    return _cycle_record(system, records, [step.arcs[0].states[0] for step in steps], {}, start)
+    """The candidate of a simulated cycle."""
+    sequences = [(step.phases, step.impact.mode) for step in steps if step.impact is not None]
+    return _record(system, sequences, [step.arcs[0].states[0] for step in steps], {}, start)
 
 
-def _cycle_record(
-    system: HybridSystem, steps: Sequence[Record], states: Sequence[Array], freed: Mapping[str, float], start: str
+def _record(
+    system: HybridSystem,
+    steps: Sequence[tuple[Phases, Mode]],
+    states: Sequence[Array],
+    freed: Mapping[str, float],
+    start: str,
 ) -> Record:
+    """A cycle without repetitions, from the smallest of its states in lexical order."""
     sides = system.walker.n_sides()
     n = next(k for k in range(sides, len(steps) + 1, sides) if len(steps) % k == 0 and _repeats(states, k))
     first = min(range(0, n, sides), key=lambda k: tuple(states[k]))
-    turned = [*steps[first:n], *steps[:first]]
     return {
-        "steps": turned,
-        "state": _state_record(system, states[first]),
+        "steps": [
+            {"phases": [{**mode.record, "duration": t} for mode, t in phases], "impact": str(impact)}
+            for phases, impact in (*steps[first:n], *steps[:first])
+        ],
+        "state": dict(zip(system.state_names, map(float, states[first]), strict=True)),
         "parameters": dict(freed),
         "start": start,
     }
@@ -235,19 +245,3 @@ def _repeats(states: Sequence[Array], n: int) -> bool:
     """Whether a cycle of states is one of ``n`` states several times over."""
     size = np.abs(states[0]).max()
     return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
-
-
-def _proposal_record(system: HybridSystem, proposal: Proposal, start: str) -> Record:
-    steps = [
-        _step_record(tuple(zip(step.phases, durations, strict=True)), step.impact)
-        for step, durations in zip(proposal.cycle.steps, proposal.durations, strict=True)
-    ]
-    return _cycle_record(system, steps, list(proposal.states), proposal.freed, start)
-
-
-def _step_record(phases: Sequence[tuple[Mode, float]], impact: Mode) -> Record:
-    return {"phases": [{**mode.record, "duration": t} for mode, t in phases], "impact": str(impact)}
-
-
-def _state_record(system: HybridSystem, state: Array) -> Record:
-    return dict(zip(system.state_names, map(float, state), strict=True))

@@ -1,19 +1,20 @@
 """From the candidates of a search to gaits: each solved with its mode sequence, verified, and counted once."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, overload
 
 import numpy as np
 
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.display import Reported
 from gaitopt.gait import Gait, Status
-from gaitopt.mechanics import Mode
-from gaitopt.nlp.ipopt import Progress
-from gaitopt.problem import Problem
+from gaitopt.mechanics import Cycle
+from gaitopt.problem import Problem, cycle_data
 from gaitopt.search.candidates import SAME, Record
-from gaitopt.study.solve import solve_sequence
+from gaitopt.study.system import solve_sequence
 from gaitopt.study.verify import verify
+from gaitopt.study.warm import free_guesses
 from gaitopt.workers.jobs import FailedJob
 
 ATTEMPTS = 3
@@ -24,11 +25,11 @@ SAME_GAIT = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Gaits(Reported, Sequence[Gait]):
-    """The gaits that a search has found, stable ones first.
+    """The gaits of a search, stable ones first.
 
     Attributes
     ----------
-    problem : what was asked.
+    problem : the problem of the search.
     gaits : verified gaits.
     starts : for every gait the starts that led to it.
     searched : what was tried, and what became of it.
@@ -67,38 +68,26 @@ def gaits_of(
     parts: Sequence[Record | FailedJob],
     *,
     known: Sequence[Gait] = (),
-    progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    progress: Valued = None,
+    should_stop: Stop = None,
 ) -> Gaits:
-    """The gaits behind the candidates of all parts of a search.
-
-    Parameters
-    ----------
-    known : gaits that need not be solved again.
-    progress, should_stop : of the solver, see ``solve``.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` said so.
-    """
+    """The gaits behind the candidates of all parts of a search; ``known`` ones need not be solved again."""
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
-    groups = list(_grouped(problem, [c for c in candidates if _is_wanted(problem, c)]))
+    part = np.inf if problem.free or problem.objective else SAME  # a design finds its own motion
     listed: list[tuple[Gait, list[str]]] = []
     rejected = []
-    for group in groups:
+    for group in _grouped([c for c in candidates if _fits(problem, c)], part):
         starts = [candidate["start"] for candidate in group]
-        gait = next((gait for gait in known if _same(problem, gait.to_record(), group[0])), None)
+        gait = next((gait for gait in known if _same(gait.to_record(), group[0], part)), None)
         gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
-        same = next((entry for entry in listed if _same_gait(entry[0], gait)), None)
         if not gait.converged or not (gait.verification or {}).get("passed"):
             words = gait.message if not gait.converged else "the simulator does not confirm it"
             rejected.append({"sequence": str(gait.problem.cycle), "reason": words, "starts": starts})
-        elif same is not None:
-            same[1].extend(starts)
-        else:
-            listed.append((gait, starts))
+            continue
+        record = gait.to_record()
+        same = next((own for other, own in listed if _same(other.to_record(), record, SAME_GAIT)), None)
+        listed.append((gait, starts)) if same is None else same.extend(starts)
     listed.sort(key=lambda entry: _rank(entry[0]))
     methods = dict.fromkeys(part["method"] for part in done)
     searched = {
@@ -118,28 +107,19 @@ def gaits_of(
 
 def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
     """A problem with the mode sequence of a candidate or of a gait's record, and its motion as the guess."""
-    steps = candidate.get("steps") or [candidate]
-    names = problem.walker.section_names(slipping=steps[-1]["impact"] != Mode.STICK)
+    cycle = Cycle.from_record(candidate)
+    names = problem.walker.section_names(slipping=cycle.impact.slips)
+    phases = [phase for step in candidate.get("steps", (candidate,)) for phase in step["phases"]]
     guess = {
         "state": {name: candidate["state"][name] for name in names},
-        "durations": [phase["duration"] for step in steps for phase in step["phases"]],
+        "durations": [phase["duration"] for phase in phases],
     }
-    sequences = [
-        {"phases": [Mode.from_record(phase).data for phase in step["phases"]], "impact": step["impact"]}
-        for step in steps
-    ]
-    cycle = sequences[0] if len(sequences) == 1 else {"steps": sequences}
-    changes: dict[str, object] = {"gait": {**cycle, "guess": guess}}
-    for key, free in problem.free.items():
-        if key in candidate["parameters"]:
-            value = float(np.clip(candidate["parameters"][key], free.lower, free.upper))
-            changes[key] = {"free": [free.lower, free.upper], "guess": value}
-    return problem.replace(changes)
+    return problem.replace(
+        {"gait": {**cycle_data(cycle), "guess": guess}, **free_guesses(problem, candidate.get("parameters", {}))}
+    )
 
 
-def _solved(
-    problem: Problem, candidates: Sequence[Record], progress: Progress | None, should_stop: Callable[[], bool] | None
-) -> Gait:
+def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, should_stop: Stop) -> Gait:
     """The gait of the first candidate that leads to one, verified; or the last attempt."""
     for candidate in candidates:
         gait = solve_sequence(closed(problem, candidate), progress=progress, should_stop=should_stop)
@@ -154,42 +134,26 @@ def _solved(
     return gait
 
 
-def _is_wanted(problem: Problem, candidate: Record) -> bool:
+def _fits(problem: Problem, candidate: Record) -> bool:
+    """Whether a candidate has no more steps than the problem allows, and its impact if that is stated."""
     impact = getattr(problem.modes, "impact", None)
     short = len(candidate["steps"]) <= getattr(problem.modes, "steps", 1)
     return short and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
 
 
-def _grouped(problem: Problem, candidates: list[Record]) -> Iterator[list[Record]]:
-    """Candidates of the same gait together; of a design, those of the same mode sequence."""
+def _grouped(candidates: Sequence[Record], part: float) -> list[list[Record]]:
     groups: list[list[Record]] = []
     for candidate in candidates:
-        group = next((g for g in groups if _same(problem, g[0], candidate)), None)
+        group = next((g for g in groups if _same(g[0], candidate, part)), None)
         groups.append([candidate]) if group is None else group.append(candidate)
-    yield from groups
+    return groups
 
 
-def _same(problem: Problem, first: Record, second: Record) -> bool:
-    if problem.free or problem.objective:  # a design finds its own motion
-        return _sequence(first) == _sequence(second)
-    return _sequence(first) == _sequence(second) and _near(first["state"], second["state"], SAME)
-
-
-def _sequence(record: Mapping[str, Any]) -> tuple[Any, ...]:
-    steps = record.get("steps") or [record]
-    return tuple((step["impact"], *(Mode.from_record(phase) for phase in step["phases"])) for step in steps)
-
-
-def _near(first: Mapping[str, float], second: Mapping[str, float], part: float) -> bool:
-    a, b = (np.array(list(state.values())) for state in (first, second))
-    return bool(np.abs(a - b).max() < part * np.abs(a).max())
-
-
-def _same_gait(known: Gait, gait: Gait) -> bool:
-    if not gait.converged:
-        return False
-    first, second = known.to_record(), gait.to_record()
-    return _sequence(first) == _sequence(second) and _near(first["state"], second["state"], SAME_GAIT)
+def _same(first: Mapping[str, Any], second: Mapping[str, Any], part: float) -> bool:
+    """Whether two records have the same mode sequence, and states that differ by less than a part of their size."""
+    a, b = (np.array(list(record["state"].values())) for record in (first, second))
+    near = np.abs(a - b).max() < part * np.abs(a).max()
+    return bool(near) and Cycle.from_record(first) == Cycle.from_record(second)
 
 
 def _rank(gait: Gait) -> tuple[bool, float, float]:

@@ -2,32 +2,38 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from textwrap import shorten
 from typing import Any
 
+from gaitopt.callbacks import Stop
+from gaitopt.display import Tabulated
 from gaitopt.errors import SolveError
 from gaitopt.gait import Cause, Gait, Status
 from gaitopt.nlp import free_parameters
 from gaitopt.problem import Problem
 from gaitopt.search.distinct import Gaits
-from gaitopt.search.find import STARTS, find
+from gaitopt.search.find import STARTS, SearchPlan, in_memory, opened, search
 from gaitopt.search.nearest import Nearest, changed_parameters, nearest_values, own_gait
 from gaitopt.search.solve import solve
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.verify import verify
+from gaitopt.workers.jobs import Workers
 
 INDIRECT = ("search", "motion", "event", "periodicity", "duration", "touchdown", "slip_velocity", "equations")
-"""Causes that tell where a search has ended; the end of a family of gaits tells more."""
+"""Causes that only state where a search ended; the end of a family of gaits comes before them."""
+LONGEST = 120
+"""Characters of a cause in one line."""
 WALK = 20
 """Steps of the walk from the guess."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explanation:
+class Explanation(Tabulated):
     """Why there is no gait.
 
     Attributes
     ----------
-    problem : what was asked.
+    problem : the problem without a gait.
     gait : the attempt, where ``exists`` the gait; None where the reference of a PD law already failed.
     exists : whether the gait exists after all.
     causes : violated conditions, the decisive one first.
@@ -44,6 +50,10 @@ class Explanation:
     instead: Gaits | None = None
     walk: Walk | None = None
     nearest: tuple[Nearest, ...] = ()
+
+    def __repr__(self) -> str:
+        why = self.causes[0].words if self.causes else "no cause is known"
+        return f"<Explanation of {self.problem.name}: {'the gait exists' if self.exists else shorten(why, LONGEST)}>"
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""
@@ -64,13 +74,13 @@ def explain(
     seed: int = 0,
     workers: int = 1,
     progress: Callable[[str], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Explanation:
     """Why a problem has no gait: the violated conditions, what happens instead, and where the gait begins to exist.
 
     Parameters
     ----------
-    starts, seed, workers : of the search for gaits of other mode sequences, see ``find``.
+    starts, seed, workers : of the search for gaits of other mode sequences, see ``gaitopt.find``.
     progress : called with what is done next.
     should_stop : polled at every iteration.
 
@@ -92,24 +102,25 @@ def explain(
     if gait.converged and not refuted:
         return Explanation(problem=problem, gait=gait, exists=True)
     say("searching for gaits of any mode sequence")
-    instead = find(problem, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
+    run = in_memory(Workers(count=workers), None, should_stop)
+
+    def gaits_at(given: Problem) -> Gaits:
+        plan = SearchPlan(problem=opened(given), starts=starts, seed=seed)
+        return search(plan, run, should_stop=should_stop)
+
+    instead = gaits_at(problem)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
-    nearest, changed = list[Nearest](), list[str]()
-    given = _given(problem, gait)
+    own, nearest, given = None, list[Nearest](), _given(problem, gait)
     if given is not None:
         say("following families of gaits to where the mode sequence begins")
         own = own_gait(problem, should_stop)
-        changed = [] if own is None else changed_parameters(problem, own)
-        others = instead if given is problem else _others(given, starts, seed, workers, should_stop)
+        others: Sequence[Gait] = instead
+        if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
+            others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
         nearest = nearest_values(given, own, others, problem.free, should_stop)
+    causes = _causes(problem, gait, refuted or gait.causes, nearest, own)
     return Explanation(
-        problem=problem,
-        gait=gait,
-        exists=False,
-        causes=_causes(problem, gait, refuted or gait.causes, nearest, changed),
-        instead=instead,
-        walk=walk,
-        nearest=tuple(nearest),
+        problem=problem, gait=gait, exists=False, causes=causes, instead=instead, walk=walk, nearest=tuple(nearest)
     )
 
 
@@ -122,17 +133,8 @@ def _given(problem: Problem, gait: Gait) -> Problem | None:
         return None
     if not problem.free:
         return problem
-    values = dict(zip(gait.system.parameters, map(float, gait.p), strict=True))
+    values = gait.dynamics.parameters
     return replace(problem, free={}, objective={}, constraints={}).replace({key: values[key] for key in problem.free})
-
-
-def _others(
-    given: Problem, starts: int, seed: int, workers: int, should_stop: Callable[[], bool] | None
-) -> Sequence[Gait]:
-    """Gaits of other mode sequences; none where that of the problem exists, so that only constraints exclude it."""
-    if solve(given, should_stop=should_stop).converged:
-        return ()
-    return find(given, starts=starts, seed=seed, workers=workers, should_stop=should_stop)
 
 
 def _refuted(gait: Gait) -> tuple[Cause, ...]:
@@ -152,16 +154,16 @@ def _refuted(gait: Gait) -> tuple[Cause, ...]:
 
 
 def _causes(
-    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest], changed: list[str]
+    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest], own: Gait | None
 ) -> tuple[Cause, ...]:
-    """The conditions that the attempt violates; before those that only tell where it ended, the end of the family.
+    """The conditions that the attempt violates; before those that only state where it ended, the end of the family.
 
     Along a parameter that has been changed that is the end of the file's own gait, else the nearest of all.
     """
     causes = direct or (Cause(what="search", words=gait.message),)
     if causes[0].what not in INDIRECT or not nearest:
         return causes
-    values = problem.parameters
+    values, changed = problem.parameters, [] if own is None else changed_parameters(problem, own)
     along = [n for n in nearest if n.parameter in changed] or nearest
     first = min(along, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
     words = f"{first.reason} at {first.parameter} = {first.value:.6g}; here it is {values[first.parameter]:.6g}"

@@ -1,24 +1,22 @@
-"""All gaits at given parameters, whatever their mode sequence: candidates, each solved, verified and counted once.
+"""All gaits at given parameters, of any mode sequence: candidates, each solved, verified and counted once.
 
 Nothing is claimed about gaits that no start has led to: ``searched`` says what was tried.
 """
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from gaitopt.callbacks import Counted, Stop, Valued
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Gait, Status
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem
 from gaitopt.search.candidates import GUESSES, WALKS, Record, SearchJob, search_part
 from gaitopt.search.distinct import Gaits, closed, gaits_of, is_stable
 from gaitopt.search.neighbours import search_family, varied
-from gaitopt.study.system import build_system
-from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
+from gaitopt.study.system import problem_dynamics
+from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 
 STARTS = 1000
 """Start states of the search by simulation."""
@@ -41,7 +39,7 @@ class SearchPlan:
 
     @property
     def n_steps(self) -> int:
-        """Length of the longest cycle that is looked for."""
+        """Length of the longest cycle of the search."""
         return getattr(self.problem.modes, "steps", 1)
 
     def job(self, problem: Problem, method: str, number: int, parameter: str = "") -> Job:
@@ -55,57 +53,11 @@ class SearchPlan:
             parameter=parameter,
             n_steps=self.n_steps,
         )
-        fields = {
-            "problem": problem.digest,
-            "method": method,
-            "number": number,
-            "seed": self.seed,
-            "within": {name: list(span) for name, span in self.within.items()},
-            "parameter": parameter,
-            "n_steps": self.n_steps,
-        }
-        return Job(key=hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest(), argument=part)
+        identity = {entry.name: getattr(part, entry.name) for entry in fields(part)}
+        return Job(key=key_of(identity | {"problem": problem.digest, "within": dict(self.within)}), argument=part)
 
 
-def find(
-    problem: Problem,
-    *,
-    starts: int = STARTS,
-    seed: int = 0,
-    within: Within | None = None,
-    workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> Gaits:
-    """All gaits at a problem's parameters that two searches lead to, whatever their mode sequence.
-
-    Parameters
-    ----------
-    problem : its phases are ignored if it has some; a guess is one of the starts. Where parameters are free, the best
-        gait of every mode sequence is listed.
-    starts : start states of the search by simulation.
-    seed : of the samples.
-    within : range of the start states by name of a section coordinate, where it is not to be the walker's default.
-    workers : processes.
-    progress : called with the number of finished parts of the search and their total.
-    should_stop : polled; True ends the search with a KeyboardInterrupt.
-
-    Returns
-    -------
-    gaits : each solved to 1e-10 and verified; stable ones first, then by spectral radius.
-
-    Raises
-    ------
-    UnknownNameError
-        If ``within`` names something that is no section coordinate.
-    """
-    plan = SearchPlan(problem=opened(problem), starts=starts, seed=seed, within=within or {})
-    return search(plan, in_memory(Workers(count=workers), progress, should_stop), should_stop=should_stop)
-
-
-def find_best(
-    problem: Problem, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
-) -> Gait:
+def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """The gait that a problem with an open mode sequence asks for; see ``solve``."""
     run = in_memory(Workers(count=1), None, should_stop)
     try:
@@ -115,20 +67,10 @@ def find_best(
     return best_gait(gaits)
 
 
-def search(
-    plan: SearchPlan, run: Run, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
-) -> Gaits:
+def search(plan: SearchPlan, run: Run, *, progress: Valued = None, should_stop: Stop = None) -> Gaits:
     """The gaits that two searches lead to, and those on the families of these gaits that no start has led to.
 
-    Parameters
-    ----------
-    run : runs a task for all jobs and returns the results, or raises a KeyboardInterrupt.
-    progress, should_stop : of the solver, see ``solve``.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` said so.
+    ``run`` runs a task for all jobs and returns the results; ``progress`` is that of the solver.
     """
     parts = run(search_part, search_jobs(plan))
     gaits = gaits_of(plan.problem, parts, progress=progress, should_stop=should_stop)
@@ -139,9 +81,7 @@ def search(
     return gaits_of(plan.problem, parts, known=gaits, progress=progress, should_stop=should_stop)
 
 
-def in_memory(
-    workers: Workers, progress: Callable[[int, int], None] | None, should_stop: Callable[[], bool] | None
-) -> Run:
+def in_memory(workers: Workers, progress: Counted, should_stop: Stop) -> Run:
     """A ``run`` of ``search`` that keeps nothing."""
 
     def run(task: Task, jobs: list[Job]) -> list[Part]:
@@ -178,13 +118,7 @@ def opened(problem: Problem) -> Problem:
 
 
 def search_jobs(plan: SearchPlan) -> list[Job]:
-    """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity.
-
-    Raises
-    ------
-    UnknownNameError
-        If ``within`` names something that is no section coordinate.
-    """
+    """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity."""
     names = plan.problem.walker.section_names(slipping=True)
     unknown = [name for name in plan.within if name not in names]
     if unknown:
@@ -207,5 +141,4 @@ def family_jobs(plan: SearchPlan, gaits: Gaits) -> list[Job]:
 
 
 def _none(problem: Problem, status: Status, message: str) -> Gait:
-    system = build_system(problem)
-    return Gait(problem=problem, system=system, p=system.values(problem.parameters), status=status, message=message)
+    return Gait(problem=problem, dynamics=problem_dynamics(problem), status=status, message=message)

@@ -1,6 +1,6 @@
 """The nearest values of parameters at which a mode sequence does exist: where families of gaits gain or lose it.
 
-A family is followed from a gait that exists: from that of the problem's own file towards the values asked for, and
+A family is followed from a gait that exists: from that of the problem's own file towards the new values, and
 from the gaits that other mode sequences have at these values. The special point on the way is the answer, located to
 rounding.
 """
@@ -11,25 +11,26 @@ from typing import Any
 
 import numpy as np
 
+from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
 from gaitopt.problem import Free, Problem
 from gaitopt.search.own import own_problem
-from gaitopt.study.solve import solve_sequence
+from gaitopt.study.system import solve_sequence
 
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
 """Special points beyond which a mode sequence does not go on, or not in the same direction."""
 MAX_POINTS = 200
 """Bound on the work for one family, which answers within some tens of points if it does."""
 WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
-"""Largest friction and slope [rad] at which a gait is looked for."""
+"""Largest friction and slope [rad] of the search."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nearest:
-    """A value of one parameter at which the mode sequence begins to exist, the others being as asked.
+    """A value of one parameter at which the mode sequence begins to exist, the others being those of the problem.
 
     Attributes
     ----------
@@ -51,7 +52,7 @@ class Nearest:
         return record | {"gait": None if self.gait is None else self.gait.to_record()}
 
 
-def own_gait(problem: Problem, should_stop: Callable[[], bool] | None = None) -> Gait | None:
+def own_gait(problem: Problem, should_stop: Stop = None) -> Gait | None:
     """The gait of the problem's own file, from which overrides have changed parameter values; None if there is none."""
     own = own_problem(problem)
     gait = None if own is None else solve_sequence(own, should_stop=should_stop)
@@ -60,24 +61,23 @@ def own_gait(problem: Problem, should_stop: Callable[[], bool] | None = None) ->
 
 def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
     """Dotted keys whose values in the problem are not those of the gait."""
-    values = dict(zip(gait.system.parameters, gait.p.tolist(), strict=True))
+    values = gait.dynamics.parameters
     return [key for key, value in problem.parameters.items() if key in values and values[key] != value]
 
 
-def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Callable[[], bool] | None) -> Nearest | None:
+def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Nearest | None:
     """Where a gait's mode sequence ends on the way to a value of a parameter; None where it gets there."""
     cycle, request = gait.problem.cycle, _request(parameter, value)
     for record in follow_family(gait, request, should_stop=should_stop):
         if isinstance(record, SpecialPoint) and record.type in ENDS:
-            return None if _is_at(record, value) else _nearest(parameter, record)
+            is_there = np.isclose(record.value, value, rtol=1e-12, atol=1e-14)
+            return None if is_there else _nearest(parameter, record)
         if isinstance(record, BranchPoint) and record.gait.problem.cycle != cycle:
             return None
     return None
 
 
-def begin_of_sequence(
-    gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Callable[[], bool] | None
-) -> Nearest | None:
+def begin_of_sequence(gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Stop) -> Nearest | None:
     """Where the family of a gait changes to a mode sequence on the way to a value of a parameter."""
     for record in follow_family(gait, _request(parameter, value), should_stop=should_stop):
         if isinstance(record, SpecialPoint) and record.after == cycle:
@@ -86,11 +86,7 @@ def begin_of_sequence(
 
 
 def nearest_values(
-    problem: Problem,
-    own: Gait | None,
-    others: Iterable[Gait],
-    free: Mapping[str, Free],
-    should_stop: Callable[[], bool] | None = None,
+    problem: Problem, own: Gait | None, others: Iterable[Gait], free: Mapping[str, Free], should_stop: Stop = None
 ) -> list[Nearest]:
     """For friction, slope, free numbers and what differs from the file the nearest value at which the modes exist.
 
@@ -103,8 +99,10 @@ def nearest_values(
     """
     changed = [] if own is None else changed_parameters(problem, own)
     gaits, values = list(others), problem.parameters
-    ranges = {key: _widened(problem, key, span) for key, span in free.items()} | _ranges(problem)
-    found = []
+    ranges = {key: _widened(problem, key, span) for key, span in free.items()}
+    ranges |= {key: (0.0, WIDEST_FRICTION) for key in values if key.partition(".")[0] == "friction"}
+    ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in values if key == "walker.slope"}
+    answers = list[Nearest]()
     for parameter in dict.fromkeys([*changed, *ranges]):
         best: Nearest | None = None
         if own is not None and changed == [parameter]:
@@ -115,8 +113,9 @@ def nearest_values(
                 if target != values[parameter]:
                     closer = _attempt(begin_of_sequence, gait, parameter, target, problem.cycle, should_stop)
                     best = closer or best
-        found += [] if best is None else [best]
-    return found
+        if best is not None:
+            answers.append(best)
+    return answers
 
 
 def _no_further(value: float, bound: float, best: Nearest | None) -> float:
@@ -133,14 +132,6 @@ def _attempt(follow: Callable[..., Nearest | None], gait: Gait, *arguments: Any)
         return None
 
 
-def _ranges(problem: Problem) -> dict[str, tuple[float, ...]]:
-    """Ranges of the parameters in which a gait is looked for: friction and slope."""
-    ranges: dict[str, tuple[float, ...]] = {}
-    ranges |= {key: (0.0, WIDEST_FRICTION) for key in problem.parameters if key.partition(".")[0] == "friction"}
-    ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in problem.parameters if key == "walker.slope"}
-    return ranges
-
-
 def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
     """The range of a free number and as much again on either side, where the walker can have it."""
     width = span.upper - span.lower
@@ -150,10 +141,6 @@ def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
 
 def _request(parameter: str, value: float) -> Request:
     return Request(parameter=parameter, to=(value,), max_points=MAX_POINTS, verify_every=0)
-
-
-def _is_at(special: SpecialPoint, value: float) -> bool:
-    return bool(np.isclose(special.value, value, rtol=1e-12, atol=1e-14))
 
 
 def _nearest(parameter: str, special: SpecialPoint) -> Nearest:

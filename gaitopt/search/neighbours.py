@@ -4,14 +4,15 @@ Where a mode sequence is about to change, the branch turns or other branches beg
 of which some attract no walk. Each time that a branch of the family crosses the parameter's own value there is one.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
+from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait
 from gaitopt.problem import Problem
 from gaitopt.search.candidates import Record, SearchJob, cycle_record
-from gaitopt.study.solve import solve_sequence
+from gaitopt.study.system import solve_sequence
 
 REACH = 0.25
 """Part of a parameter's value by which a family is followed to either side."""
@@ -25,14 +26,8 @@ def varied(problem: Problem) -> list[str]:
     return [key for key in keys if problem.parameters[key]]
 
 
-def search_family(job: SearchJob, _: None = None, should_stop: Callable[[], bool] | None = None) -> Record:
-    """Candidates on the family of one gait, that of the job's closed problem, along the job's parameter.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` became true.
-    """
+def search_family(job: SearchJob, _: None = None, should_stop: Stop = None) -> Record:
+    """Candidates on the family of one gait, that of the job's closed problem, along the job's parameter."""
     gait = solve_sequence(job.problem, should_stop=should_stop)
     candidates = list[Record]()
     if gait.converged:
@@ -47,7 +42,7 @@ def search_family(job: SearchJob, _: None = None, should_stop: Callable[[], bool
     return {"method": job.method, "starts": 1, "candidates": candidates}
 
 
-def _crossings(gait: Gait, job: SearchJob, to: float, should_stop: Callable[[], bool] | None) -> Iterator[Gait]:
+def _crossings(gait: Gait, job: SearchJob, to: float, should_stop: Stop) -> Iterator[Gait]:
     """Gaits of a family next to which a branch crosses the value at which it begins, on the way to another one."""
     value = job.problem.parameters[job.parameter]
     request = Request(
@@ -55,9 +50,7 @@ def _crossings(gait: Gait, job: SearchJob, to: float, should_stop: Callable[[], 
         to=(to,),
         max_points=MAX_POINTS,
         verify_every=0,
-        branch_points=1,
-        mode_changes=1,
-        doublings=job.n_steps // (2 * len(gait.steps)),
+        follow={"branch_points": 1, "mode_changes": 1, "doublings": job.n_steps // (2 * len(gait.steps))},
     )
     before: BranchPoint | None = None
     try:

@@ -1,17 +1,16 @@
 """A named gait stays itself: with other parameter values it is followed from those of its own file.
 
-p(s) = (1 - s) p_file + s p_asked,      s from 0 to 1, in steps that halve where the gait is lost or jumps
+p(s) = (1 - s) p_file + s p_new,        s from 0 to 1, in steps that halve where the gait is lost or jumps
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Gait, Status, in_words
 from gaitopt.nlp import Family
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.problem import Problem, lacks_energy, parse_problem
 from gaitopt.search.solve import solve
 from gaitopt.study.warm import guessed_from
@@ -30,7 +29,7 @@ class Followed:
 
     Attributes
     ----------
-    gait : the last gait; that of the parameters asked for where ``s`` is 1.
+    gait : the last gait; where ``s`` is 1, that of the new parameters.
     s : how far it got.
     reason : why it got no further, in words.
     """
@@ -40,9 +39,7 @@ class Followed:
     reason: str = ""
 
 
-def solve_as_own(
-    problem: Problem, *, progress: Progress | None = None, should_stop: Callable[[], bool] | None = None
-) -> Gait:
+def solve_as_own(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """The gait of a problem; of one with overrides, the continuation of the gait of the file itself.
 
     Where the direct solution is close to the file's gait it is taken as it is. Otherwise the file's gait is followed to
@@ -65,8 +62,7 @@ def solve_as_own(
         return (
             direct if same else replace(followed.gait, message="solved, followed from the gait of the problem's file")
         )
-    values = {key: _blend(own, problem, key, followed.s) for key in _changed(own, problem)}
-    place = ", ".join(f"{key} = {value:.6g}" for key, value in values.items())
+    place = ", ".join(f"{key} = {value:.6g}" for key, value in _between(own, problem, followed.s).items())
     words = f"the family of the file's own gait ends near {place}: {followed.reason}"
     return replace(direct, message=f"{direct.message}; {'another gait, ' if direct.converged else ''}{words}")
 
@@ -78,16 +74,18 @@ def own_problem(problem: Problem) -> Problem | None:
     own = parse_problem(problem.text, problem.path, walkers=(type(problem.walker),))
     fixed = ("modes", "impact_law", "reference", "free", "objective", "constraints")
     same = all(getattr(own, name) == getattr(problem, name) for name in fixed)
-    return own if same and own.parameters.keys() == problem.parameters.keys() and _changed(own, problem) else None
+    before, after = own.parameters, problem.parameters
+    return own if same and before.keys() == after.keys() and before != after else None
 
 
-def follow(start: Gait, problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> Followed:
+def follow(start: Gait, problem: Problem, *, should_stop: Stop = None) -> Followed:
     """Follow a gait along the straight line to the parameters of a problem with the same modes."""
     family, gait, s, step = Family(start, should_stop=should_stop), start, 0.0, FIRST_STEP
     while s < 1:
         ahead = min(s + step, 1.0)
         try:
-            following = family.solve(_between(start.problem, problem, ahead))
+            values = _between(start.problem, problem, ahead)
+            following = family.solve(problem if ahead == 1 else start.problem.replace(values))
         except ProblemError as error:  # values between may not fit together
             return Followed(gait=gait, s=s, reason=str(error))
         if following.status is Status.INTERRUPTED:
@@ -102,7 +100,7 @@ def follow(start: Gait, problem: Problem, *, should_stop: Callable[[], bool] | N
     return Followed(gait=gait, s=s)
 
 
-def _why(gait: Gait, following: Gait, should_stop: Callable[[], bool] | None) -> str:
+def _why(gait: Gait, following: Gait, should_stop: Stop) -> str:
     """What the next gait would violate."""
     if following.converged:
         return "the next gait is another one"
@@ -110,19 +108,10 @@ def _why(gait: Gait, following: Gait, should_stop: Callable[[], bool] | None) ->
     return in_words(attempt.causes) or following.message
 
 
-def _between(own: Problem, problem: Problem, s: float) -> Problem:
-    """The problem at a part ``s`` of the way."""
-    if s == 1:
-        return problem
-    return own.replace({key: _blend(own, problem, key, s) for key in _changed(own, problem)})
-
-
-def _blend(own: Problem, problem: Problem, key: str, s: float) -> float:
-    return (1 - s) * own.parameters[key] + s * problem.parameters[key]
-
-
-def _changed(own: Problem, problem: Problem) -> list[str]:
-    return [key for key, value in problem.parameters.items() if own.parameters[key] != value]
+def _between(own: Problem, problem: Problem, s: float) -> dict[str, float]:
+    """Values of the parameters that differ, at a part ``s`` of the way."""
+    before = own.parameters
+    return {key: (1 - s) * before[key] + s * value for key, value in problem.parameters.items() if before[key] != value}
 
 
 def _change(first: Gait, second: Gait) -> float:

@@ -1,47 +1,49 @@
-"""The gait of a problem, whether its mode sequence is given or open."""
+"""The gait of a problem, whether its mode sequence is given or open, or that of an attractor of the simulator."""
 
-from collections.abc import Callable
-
+from gaitopt.callbacks import Stop, Valued
+from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Gait
 from gaitopt.gait.attractor import Attractor
+from gaitopt.orbit import ReturnMap
 from gaitopt.problem import Problem
-from gaitopt.search.attractor import solve_attractor
-from gaitopt.study.solve import solve_sequence
+from gaitopt.search.candidates import cycle_record
+from gaitopt.search.distinct import closed
+from gaitopt.search.find import find_best
+from gaitopt.simulation import Simulator
+from gaitopt.study.system import problem_dynamics, solve_sequence
 
 
 def solve(
-    problem: Problem | Attractor,
-    *,
-    start: Gait | None = None,
-    progress: Callable[[int, float], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    problem: Problem | Attractor, *, start: Gait | None = None, progress: Valued = None, should_stop: Stop = None
 ) -> Gait:
-    """Solve a problem for its gait; the reference of a PD law is solved first.
-
-    Where the mode sequence is open, the gait is the stable one of those that ``find`` lists (the one nearest to the
-    guess if there is one), else the least unstable; of a design the one with the best objective.
-
-    Parameters
-    ----------
-    problem : from ``load_problem``; where parameters are free it is a design, the best gait that meets its constraints.
-        Or an attractor of a basin: its cycle, with the modes that the simulator sees, becomes a gait.
-    start : a gait of the same walker, control law and mode sequence from which a design starts instead of the guess.
-    progress : called at every iteration of IPOPT with its number and the largest violation of a constraint.
-    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
-
-    Returns
-    -------
-    gait : ``gait.status`` says whether it may be trusted; a failure to converge is not an error.
-
-    Raises
-    ------
-    SolveError
-        If the reference of a PD law is not a gait.
-    """
+    """As ``gaitopt.solve``; ``progress`` is called with the iteration and the largest violation of a constraint."""
     if isinstance(problem, Attractor):
         return solve_attractor(problem, progress=progress, should_stop=should_stop)
     if problem.is_open:
-        from gaitopt.search.find import find_best  # the search among mode sequences, which most problems do without
-
         return find_best(problem, progress=progress, should_stop=should_stop)
     return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)
+
+
+def solve_attractor(attractor: Attractor, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
+    """The gait of an attractor; of a cycle that repeats itself, the shortest one.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has free parameters, whose values an attractor does not know.
+    SolveError
+        If the simulator does not walk the cycle.
+    """
+    problem = attractor.problem
+    if problem.free:
+        raise ProblemError(
+            f"{problem.name} has free parameters: fix them at the values of the design, then walk its basin"
+        )
+    dynamics = problem_dynamics(problem, should_stop=should_stop)
+    mode = attractor.impact
+    xi = attractor.state if mode.slips else attractor.state[:-1]
+    walked = ReturnMap(Simulator(dynamics), mode, attractor.period * dynamics.system.walker.n_sides())(xi)
+    if walked.xi is None:
+        raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
+    guessed = closed(problem, cycle_record(dynamics.system, walked.steps, "attractor"))
+    return solve_sequence(guessed, progress=progress, should_stop=should_stop)

@@ -13,21 +13,19 @@ the swing foot comes down, v_n < 0 just before it, and
     stick             F_n > 0 and |F_t| <= mu F_n
     slip with sign s  F_n > 0 and s v_t > 0 just after it
 
-where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. Which of these hold is
-found out, not assumed; none or several is a named ending.
+where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. All of them are
+checked; where none or several hold, the motion ends by name.
 """
 
 from dataclasses import dataclass
 from math import isfinite
 
-import numpy as np
-
 from gaitopt.arrays import Array
 from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import ONSETS, HybridSystem, ImpactLaw, Mode, margin_names
+from gaitopt.mechanics import ONSETS, Dynamics, ImpactLaw, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
-from gaitopt.simulation.natural import natural_system, units
+from gaitopt.simulation.natural import PointFunctions, units
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +65,17 @@ class ContactResolver:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters.
+    dynamics : the walker under its control law, at its parameters.
     """
 
-    def __init__(self, system: HybridSystem, p: Array) -> None:
-        self._system, self._law, self._p = system, system.law, np.array(p)
-        self._friction, self._drops = float(system.static_friction(p)), system.friction_drops(p)
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._system = system = dynamics.system
+        self._law, self._p = system.law, dynamics.p
+        self._friction, self._drops = dynamics.static_friction, dynamics.friction_drops
         self._n_x = system.n_shape
         self._ground = tuple(contact for contact in system.walker.contacts() if contact is not Mode.FLIGHT)
-        self._units = units(system, p)
-        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in system.walker.modes()}
+        self._units = units(dynamics)
+        self._point = PointFunctions(dynamics, self._units)
         self._approach, self._push = BufferedFunction(system.approach), BufferedFunction(system.push)
         self._impacts = {mode: BufferedFunction(system.impact(mode)) for mode in system.walker.modes()}
 
@@ -220,10 +218,6 @@ class ContactResolver:
 
     def _painleve(self, mode: Mode, t: float, z: Array, data: Array) -> float:
         return float(self._system.margins(mode)(t, z, self._p, data)[margin_names(mode).index("painleve")])
-
-    def _point(self, mode: Mode, tau: float, zeta: Array, data: Array) -> tuple[Array, ...]:
-        """Rate of the state, margins and their rates; valid until the next call."""
-        return self._points[mode](tau, zeta, self._units.parameters[mode], data)
 
     def _margins(self, mode: Mode, tau: float, zeta: Array, data: Array) -> dict[str, float]:
         margins = self._point(mode, tau, zeta, data)[1]

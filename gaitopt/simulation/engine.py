@@ -3,9 +3,8 @@
 from enum import StrEnum
 from importlib.util import find_spec
 
-from gaitopt.arrays import Array
 from gaitopt.errors import UnknownNameError
-from gaitopt.mechanics import HybridSystem
+from gaitopt.mechanics import Dynamics
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.stepper import Stepper
 
@@ -46,8 +45,8 @@ def choose_engine(engine: str, *, steps: int = 1) -> Engine:
     return Engine(engine)
 
 
-def make_stepper(system: HybridSystem, p: Array, engine: str = Engine.AUTO, *, steps: int = 1) -> Stepper:
-    """The stepper of an engine for a system at parameters ``p``, shape (n_p,).
+def make_stepper(dynamics: Dynamics, engine: str = Engine.AUTO, *, steps: int = 1) -> Stepper:
+    """The stepper of an engine for a walker under its control law.
 
     Raises
     ------
@@ -55,7 +54,7 @@ def make_stepper(system: HybridSystem, p: Array, engine: str = Engine.AUTO, *, s
         As ``choose_engine``.
     """
     if choose_engine(engine, steps=steps) is Engine.SCIPY:
-        return ScipyStepper(system, p)
+        return ScipyStepper(dynamics)
     from gaitopt.simulation.heyoka.stepper import HeyokaStepper  # optional, and 0.2 s to import
 
-    return HeyokaStepper(system, p)
+    return HeyokaStepper(dynamics)

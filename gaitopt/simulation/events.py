@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from gaitopt.arrays import Array
+from gaitopt.iteration import bracketed_root
 from gaitopt.mechanics.margins import margin as known
 
 PRIORITY = (
@@ -168,15 +168,15 @@ def first_event(
     def within(t: float) -> Point:
         return before if t <= before.time else after if t >= after.time else reach(t)
 
-    found = []
+    falls = []
     for k, name in enumerate(names):
         bracket = _bracket(k, before, after, armed[k], within)
         if bracket is not None:
-            found.append((name, *_root(k, *bracket, within)))
-    if not found:
+            falls.append((name, *_root(k, *bracket, within)))
+    if not falls:
         return None
-    earliest = min(time for _, time, _ in found)
-    simultaneous = [event for event in found if event[1] <= earliest + SIMULTANEOUS]
+    earliest = min(time for _, time, _ in falls)
+    simultaneous = [event for event in falls if event[1] <= earliest + SIMULTANEOUS]
     return min(simultaneous, key=lambda event: priority(event[0]))
 
 
@@ -202,7 +202,7 @@ def _between_tangents(k: int, before: Point, after: Point) -> float:
 
 
 def _extremum(k: int, before: Point, after: Point, reach: Reach) -> Point:
-    return reach(float(brentq(lambda t: reach(t).rates[k], before.time, after.time, xtol=SIMULTANEOUS)))
+    return reach(bracketed_root(lambda t: reach(t).rates[k], before.time, after.time, SIMULTANEOUS))
 
 
 def _root(k: int, before: Point, after: Point, reach: Reach) -> tuple[float, Array]:

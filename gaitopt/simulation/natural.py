@@ -14,7 +14,8 @@ import numpy as np
 from casadi import SX, Function, cse, repmat, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import HybridSystem, Mode, margin_names, margin_scales
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names, margin_scales
+from gaitopt.mechanics.buffered import BufferedFunction
 
 PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")
 """Its place among the margins of every slip."""
@@ -52,11 +53,10 @@ class Units:
         return np.asarray(y[n_z:].reshape((n_z, -1), order="F") * sizes * self.state[:, None])
 
 
-def units(system: HybridSystem, p: Array) -> Units:
-    """Natural units at parameters ``p``, shape (n_p,)."""
-    scales = system.scales(p)
-    state = system.state_scales(scales)
-    modes = system.walker.modes()
+def units(dynamics: Dynamics) -> Units:
+    """Natural units of a walker under its control law."""
+    p, scales, state = dynamics.p, dynamics.scales, dynamics.state_units
+    modes = dynamics.system.walker.modes()
     units = {mode: margin_scales(mode, scales) for mode in modes}
     most = max(map(len, units.values()))
     parameters = {
@@ -137,6 +137,30 @@ class NaturalSystem:
             arguments = [self._time * self._tau, scale * zeta, self._p, self._r]
             self._functions[name] = Function(name, [self._tau, zeta, self._all, self._r], outputs(arguments))
         return self._functions[name]
+
+
+class PointFunctions:
+    """Rate of the state, margins and their rates in every mode of a system at fixed parameters.
+
+    Parameters
+    ----------
+    dynamics : the walker under its control law, at its parameters.
+    units : its natural units.
+    """
+
+    def __init__(self, dynamics: Dynamics, units: Units) -> None:
+        natural, modes = natural_system(dynamics.system), dynamics.system.walker.modes()
+        self._functions = {mode: BufferedFunction(natural.point(mode)) for mode in modes}
+        for mode, function in self._functions.items():
+            function.inputs[2][:] = units.parameters[mode]
+
+    def __call__(self, mode: Mode, tau: float, zeta: Array, data: Array) -> tuple[Array, ...]:
+        """The three of them at a point; valid until the next call."""
+        function = self._functions[mode]
+        time, state, _, segment = function.inputs
+        time[0], state[:], segment[:] = tau, zeta, data
+        function.evaluate()
+        return function.outputs
 
 
 def _reversed(mode: Mode) -> Mode:

@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
+from gaitopt.mechanics import Dynamics, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
-from gaitopt.simulation.dop853 import CompiledStep, Integration, StepSizeError
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival
@@ -36,22 +36,20 @@ class ScipyStepper:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters.
+    dynamics : the walker under its control law, at its parameters.
     rtol, atol : tolerances of one integration step, ``atol`` in natural units.
     """
 
-    def __init__(self, system: HybridSystem, p: Array, *, rtol: float = RTOL, atol: float = ATOL) -> None:
-        self._system = system
-        self._natural, self._units = natural_system(system), units(system, p)
+    def __init__(self, dynamics: Dynamics, *, rtol: float = RTOL, atol: float = ATOL) -> None:
+        self._natural, self._units = natural_system(dynamics.system), units(dynamics)
         self._tolerances = rtol, atol
         self._fields: dict[Mode, _Field] = {}
         self._variations: dict[tuple[Mode, int], tuple[CompiledStep, BufferedFunction]] = {}
 
-    def at(self, p: Array) -> "ScipyStepper":
+    def at(self, dynamics: Dynamics) -> "ScipyStepper":
         """The same tolerances at other parameters; see ``Stepper``."""
         rtol, atol = self._tolerances
-        return ScipyStepper(self._system, p, rtol=rtol, atol=atol)
+        return ScipyStepper(dynamics, rtol=rtol, atol=atol)
 
     @np.errstate(all="ignore")  # a motion that blows up is seen from a vanishing step size
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:

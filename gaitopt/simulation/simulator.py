@@ -12,7 +12,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
-from gaitopt.mechanics import ONSETS, PHASE_MARGINS, HybridSystem, Mode
+from gaitopt.mechanics import ONSETS, PHASE_MARGINS, Dynamics, Mode
 from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
@@ -48,7 +48,7 @@ class StepOutcome:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """Where a step has got to."""
+    """How far a step has come."""
 
     time: float
     state: Array
@@ -61,28 +61,26 @@ class Simulator:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters in the order of ``system.parameters``.
+    dynamics : the walker under its control law, at its parameters.
     rtol, atol : tolerances of the default stepper, ``atol`` in natural units.
     max_step_time : longest time from impact to impact [s]; ``MAX_STEP_TIME`` natural units unless given.
     max_switches : largest number of mode switches within a step.
     stepper : what integrates the arcs; scipy's DOP853 unless given.
-    side : which leg stands at parameters ``p``, see ``Walker.side``.
+    side : which leg stands at these parameters, see ``Walker.side``.
 
     Attributes
     ----------
-    system, p : as given.
+    dynamics, system : as given.
 
     Raises
     ------
     ValueError
-        If ``p`` does not have one finite value per parameter of the system.
+        If the parameters do not have one finite value per parameter of the system.
     """
 
     def __init__(
         self,
-        system: HybridSystem,
-        p: Array,
+        dynamics: Dynamics,
         *,
         rtol: float = RTOL,
         atol: float = ATOL,
@@ -91,12 +89,13 @@ class Simulator:
         stepper: Stepper | None = None,
         side: int = 0,
     ) -> None:
-        p = _finite_vector("parameters", p, system.parameters)
-        self.system, self.p = system, p
+        _finite_vector("parameters", dynamics.p, dynamics.system.parameters)
+        self.dynamics = dynamics
+        self.system = system = dynamics.system
         self._max_switches, self._max_step_time, self._side = max_switches, max_step_time, side
-        self.stepper = ScipyStepper(system, p, rtol=rtol, atol=atol) if stepper is None else stepper
-        self._resolver = ContactResolver(system, p)
-        self._units = units(system, p)
+        self.stepper = ScipyStepper(dynamics, rtol=rtol, atol=atol) if stepper is None else stepper
+        self._resolver = ContactResolver(dynamics)
+        self._units = units(dynamics)
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         self._limit = min(longest, system.control.horizon)
         self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
@@ -106,11 +105,9 @@ class Simulator:
         """The simulator itself and, where the legs differ, that of the steps in which the other leg stands."""
         others = []
         for side in range(1, self.system.walker.n_sides()):
-            p = self.system.walker.standing(self.p, side)
-            stepper, longest, switches = self.stepper.at(p), self._max_step_time, self._max_switches
-            others.append(
-                Simulator(self.system, p, max_step_time=longest, max_switches=switches, stepper=stepper, side=side)
-            )
+            dynamics = self.dynamics.standing(side)
+            stepper, longest, switches = self.stepper.at(dynamics), self._max_step_time, self._max_switches
+            others.append(Simulator(dynamics, max_step_time=longest, max_switches=switches, stepper=stepper, side=side))
         return (self, *others)
 
     def run(
@@ -126,9 +123,9 @@ class Simulator:
         Parameters
         ----------
         state : ndarray, shape (n_z,) - (shape [rad], x [m], rates [rad/s], dx [m/s]); x is counted from zero.
-        steps : number of steps wanted.
+        steps : number of steps.
         dense : sample every arc at Chebyshev points instead of its two ends.
-        should_stop : asked before every step; when true the trajectory ends with the steps made so far.
+        should_stop : called before every step; True ends the trajectory with the steps completed so far.
 
         Raises
         ------
@@ -138,23 +135,25 @@ class Simulator:
         if steps < 1:
             raise ValueError(f"steps = {steps}: at least one step is needed")
         start = z = self._after_impact(state)
-        made: list[Step] = []
+        completed: list[Step] = []
         ending = Ending.COMPLETED
-        while len(made) < steps:
+        while len(completed) < steps:
             if should_stop is not None and should_stop():
-                message = f"{len(made)} of {steps} steps, then stopped on request"
+                message = f"{len(completed)} of {steps} steps, then stopped on request"
                 break
-            simulator = self.sides[self.system.walker.side(len(made))]
-            outcome = simulator.step(z, dense=dense, number=len(made) + 1)
+            simulator = self.sides[self.system.walker.side(len(completed))]
+            outcome = simulator.step(z, dense=dense, number=len(completed) + 1)
             if outcome.step is not None:
-                made.append(outcome.step)
+                completed.append(outcome.step)
             if outcome.step is None or outcome.step.impact is None:
                 ending, message = outcome.ending, outcome.message
                 break
             z = outcome.step.impact.state
         else:
             message = f"{steps} of {steps} steps"
-        return Trajectory(names=self.system.state_names, start=start, steps=tuple(made), ending=ending, message=message)
+        return Trajectory(
+            names=self.system.state_names, start=start, steps=tuple(completed), ending=ending, message=message
+        )
 
     def step(self, state: Array, *, dense: bool = False, number: int = 1) -> StepOutcome:
         """Simulate one step from a state just after an impact; ``number`` is its number in the message."""

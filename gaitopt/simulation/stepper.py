@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import Dynamics, Mode
 
 Indices = NDArray[np.intp]
 
@@ -61,8 +61,8 @@ class Arrivals:
 class Stepper(Protocol):
     """An integrator of one system at fixed parameters."""
 
-    def at(self, p: Array) -> "Stepper":
-        """The same integrator at other parameters, shape (n_p,)."""
+    def at(self, dynamics: Dynamics) -> "Stepper":
+        """The same integrator for the system at other parameters."""
 
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``.

@@ -12,10 +12,9 @@ from typing import Any
 
 from gaitopt.errors import StorageError
 from gaitopt.problem import Problem
-from gaitopt.store.files import write_whole
 from gaitopt.store.folder import check_folder, stored_lines
 from gaitopt.store.lines import lines_text
-from gaitopt.store.manifest import replacing
+from gaitopt.store.manifest import write_files
 from gaitopt.store.run import begin_run, run_folder
 from gaitopt.store.text import Table, csv_text
 
@@ -57,19 +56,15 @@ def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -
 
 def begin_branch(
     folder: Path, problem: Problem, request: Mapping[str, Any], records: Sequence[Mapping[str, Any]]
-) -> Path:
-    """Write the request and the records from which a branch goes on; returns the file to append to."""
+) -> None:
+    """Write the request and the records from which a branch goes on."""
     begin_run(folder, problem)
-    with replacing(folder, BRANCH_FILE):
-        write_whole(folder / BRANCH_FILE, lines_text((request, *records)))
-    return folder / BRANCH_FILE
+    write_files(folder, {BRANCH_FILE: lines_text((request, *records))})
 
 
-def write_branch_table(folder: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
+def write_branch_table(folder: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write the table of a branch beside it."""
-    with replacing(folder, BRANCH_TABLE):
-        write_whole(folder / BRANCH_TABLE, csv_text(Table(header=tuple(header), rows=list(rows))))
-    return folder / BRANCH_TABLE
+    write_files(folder, {BRANCH_TABLE: csv_text(Table(header=tuple(header), rows=list(rows)))})
 
 
 def _core(request: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,13 +17,13 @@ Parsed = TypeVar("Parsed")
 
 TEMPORARY_SUFFIX = ".tmp"
 TEMPORARY_NAME = re.compile(r"\..+\.(?P<pid>\d+)-[0-9a-f]{16}\.tmp")
-"""Of the temporary file of a process, which tells leftovers of a killed one."""
+"""Of the temporary file of a process; those of killed processes are leftovers."""
 OWN_FILE = os.O_NOFOLLOW | os.O_CLOEXEC if os.name == "posix" else os.O_BINARY  # type: ignore[attr-defined]
 """Flags with which every file is opened for writing."""
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write ``content`` to ``path``; whoever looks finds the old file or the new one, even after a crash.
+    """Write ``content`` to ``path``; a reader finds the old file or the new one, even after a crash.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def write_all(descriptor: int, content: bytes) -> None:
 
 
 def make_folder(folder: Path, *, parents: bool = True) -> None:
-    """Make ``folder`` and its parents, durably; one that exists is left as it is.
+    """Make ``folder`` and its parents, durably; one that exists is left alone.
 
     Raises
     ------
@@ -69,6 +69,17 @@ def make_folder(folder: Path, *, parents: bool = True) -> None:
         sync_folder(folder.parent)
     except (OSError, ValueError) as error:
         raise StorageError(f"cannot make the folder {folder}: {reason(error)}; nothing was written") from error
+
+
+def entries(folder: Path) -> list[Path]:
+    """What a folder holds; nothing if it is not there."""
+    try:
+        return list(folder.iterdir())
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        words = f"cannot use {folder} as a run folder: {reason(error)}; name another"
+        raise StorageError(words).about("output") from error
 
 
 def clear_leftovers(*folders: Path) -> None:
@@ -89,13 +100,7 @@ def _is_alive(pid: int) -> bool:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a file.
-
-    Raises
-    ------
-    StorageError
-        If it is missing or unreadable.
-    """
+    """Read a file."""
     try:
         return path.read_bytes()
     except FileNotFoundError as error:

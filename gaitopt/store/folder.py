@@ -8,7 +8,7 @@ from typing import Any
 
 from gaitopt.errors import StorageError
 from gaitopt.problem import Problem
-from gaitopt.store.files import TEMPORARY_SUFFIX, clear_leftovers, make_folder, reason
+from gaitopt.store.files import TEMPORARY_SUFFIX, clear_leftovers, entries, make_folder, reason
 from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.lock import LOCK_FILE, WRITER_FILE, only_writer
 from gaitopt.store.manifest import read_manifest, seal
@@ -22,7 +22,9 @@ def check_folder(folder: Path, problem: Problem) -> None:
     StorageError
         If it holds another problem's run, anything that is not a run, a broken run, or a newer one.
     """
-    if not _entries(folder):
+    names = [path.name for path in entries(folder)]
+    left = [n for n in names if n.startswith(".") and n.endswith(TEMPORARY_SUFFIX)]  # by a writer that was killed
+    if not set(names) - {LOCK_FILE, WRITER_FILE, *left}:
         check_writable(folder)
         return
     manifest = read_manifest(folder)
@@ -54,13 +56,7 @@ def check_writable(path: Path) -> None:
 
 @contextmanager
 def writing(folder: Path, problem: Problem) -> Iterator[None]:
-    """Hold the run folder of a problem for writing, made if it is not there; may be nested.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else, another process holds it, or it cannot be used.
-    """
+    """Hold the run folder of a problem for writing, made if it is not there; may be nested."""
     check_folder(folder, problem)
     make_folder(folder)
     with only_writer(folder):
@@ -70,13 +66,7 @@ def writing(folder: Path, problem: Problem) -> Iterator[None]:
 
 @contextmanager
 def growing(folder: Path, name: str) -> Iterator[LineWriter]:
-    """Append to a file of records of a run folder; how far it got is entered into the manifest at the end.
-
-    Raises
-    ------
-    StorageError
-        If the file is broken or cannot be written.
-    """
+    """Append to a file of records of a run folder; how far it got is entered into the manifest at the end."""
     for _ in stored_lines(folder, name):
         pass  # checks what is there against the manifest
     complete = False
@@ -100,11 +90,6 @@ def adding(folder: Path, place: Path) -> Iterator[list[Path]]:
     ----------
     folder : the run folder that they are about.
     place : where they go, made if it is not there: in the run folder, or elsewhere.
-
-    Raises
-    ------
-    StorageError
-        If another process writes the run folder, or one of them cannot be written.
     """
     added: list[Path] = []
     if not place.resolve().is_relative_to(folder.resolve()):
@@ -119,27 +104,7 @@ def adding(folder: Path, place: Path) -> Iterator[list[Path]]:
 
 
 def stored_lines(folder: Path, name: str) -> Iterator[dict[str, Any]]:
-    """The records of a file of a run folder in order; none if it is not there.
-
-    Raises
-    ------
-    StorageError
-        If the folder is no run, or a line is altered, missing or moved.
-    """
+    """The records of a file of a run folder in order; none if it is not there."""
     known = read_manifest(folder).files.get(name)
     if known is not None or (folder / name).exists():
         yield from read_lines(folder / name, known)
-
-
-def _entries(folder: Path) -> list[str]:
-    """Names in a folder that may not exist yet, apart from what a killed writer left behind."""
-    try:
-        names = [path.name for path in folder.iterdir()]
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another").about(
-            "output"
-        ) from error
-    ours = {LOCK_FILE, WRITER_FILE}
-    return [n for n in names if n not in ours and not (n.startswith(".") and n.endswith(TEMPORARY_SUFFIX))]

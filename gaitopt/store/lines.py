@@ -103,11 +103,6 @@ def read_lines(path: Path, known: FileSum | None = None) -> Iterator[dict[str, A
     Parameters
     ----------
     known : what the manifest says of the file, if it was finished; it may have grown since.
-
-    Raises
-    ------
-    StorageError
-        If a line is altered, missing or moved; the message names it.
     """
     return (line.record for line in _whole_lines(path, known))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from gaitopt.errors import StorageError
-from gaitopt.store.files import clear_leftovers, parsed, read_bytes, reason, write_whole
+from gaitopt.store.files import clear_leftovers, entries, parsed, read_bytes, reason, write_whole
 from gaitopt.store.records import validated
 from gaitopt.store.text import json_text, parse_object
 
@@ -49,7 +49,7 @@ def only_writer(folder: Path) -> Iterator[None]:
     outermost = lock.lock_counter == 1
     try:
         if outermost:
-            clear_leftovers(folder, *_folders(folder))
+            clear_leftovers(folder, *(path for path in entries(folder) if path.is_dir() and not path.is_symlink()))
             since = datetime.now().astimezone().isoformat(timespec="seconds")
             writer = Writer(pid=os.getpid(), command=" ".join(sys.argv), since=since)
             write_whole(folder / WRITER_FILE, json_text(asdict(writer)) + "\n")
@@ -61,15 +61,6 @@ def only_writer(folder: Path) -> Iterator[None]:
             _leave(folder)
         with suppress(OSError):  # the folder may be gone
             lock.release()
-
-
-def _folders(folder: Path) -> list[Path]:
-    try:
-        return [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
-    except OSError as error:
-        raise StorageError(f"cannot use {folder} as a run folder: {reason(error)}; name another").about(
-            "output"
-        ) from error
 
 
 def _writer(folder: Path) -> Writer:

@@ -6,8 +6,7 @@ has none there is therefore unfinished.
 
 import hashlib
 import platform
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
@@ -18,7 +17,7 @@ from gaitopt.errors import StorageError
 from gaitopt.store.files import parsed, read_bytes, write_whole
 from gaitopt.store.records import validated
 from gaitopt.store.sums import FileSum, check_content, file_sum
-from gaitopt.store.text import json_text, parse_object
+from gaitopt.store.text import json_file, json_text, parse_object
 
 MANIFEST_FILE = "manifest.json"
 FORMAT = "gaitopt run"
@@ -62,14 +61,8 @@ def new_manifest(problem: str, digest: str) -> Manifest:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write the manifest of a run folder.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be written.
-    """
-    write_whole(folder / MANIFEST_FILE, json_text(manifest.to_record(), indent=2) + "\n")
+    """Write the manifest of a run folder."""
+    write_whole(folder / MANIFEST_FILE, json_file(manifest.to_record()))
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -103,35 +96,19 @@ def read_manifest(folder: Path) -> Manifest:
     return validated(Manifest, record, path)
 
 
-@contextmanager
-def replacing(folder: Path, *names: str) -> Iterator[None]:
-    """Replace files of a run folder within the block; they count as unfinished until it is left without an error.
-
-    Parameters
-    ----------
-    names : paths within the folder.
-
-    Raises
-    ------
-    StorageError
-        If the folder is no run, or cannot be written.
-    """
+def write_files(folder: Path, contents: Mapping[str, str]) -> None:
+    """Write files of a run folder by their paths within it; they count as unfinished until all of them are written."""
     manifest = read_manifest(folder)
-    kept = {name: known for name, known in manifest.files.items() if name not in names}
+    kept = {name: known for name, known in manifest.files.items() if name not in contents}
     if kept != manifest.files:
         write_manifest(folder, replace(manifest, files=kept))
-    yield
-    seal(folder, *names)
+    for name, content in contents.items():
+        write_whole(folder / name, content)
+    seal(folder, *contents)
 
 
 def seal(folder: Path, *names: str) -> None:
-    """Enter the checksums of files, as they are now, into the manifest.
-
-    Raises
-    ------
-    StorageError
-        If one cannot be read, or the manifest cannot be written.
-    """
+    """Enter the checksums of files, as they are now, into the manifest."""
     manifest = read_manifest(folder)
     sums = {name: file_sum(folder / name, read_bytes(folder / name)) for name in names}
     if not sums.items() <= manifest.files.items():

@@ -1,30 +1,28 @@
 """The run folder: a problem, what it resolves to, its gait and its trajectory, under one hash.
 
 The manifest is written first, so that a folder knows its problem, and the gait last, so that a folder with a gait is
-complete. A run that was killed in between is simply written again. Whoever writes holds the folder.
+complete. A run that was killed in between is simply written again. A writer holds the folder.
 """
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.problem import Problem, restore_problem
-from gaitopt.store.files import parsed, write_whole
+from gaitopt.store.files import parsed
 from gaitopt.store.folder import check_folder, writing
 from gaitopt.store.manifest import (
     MANIFEST_FILE,
-    Manifest,
     new_manifest,
     read_manifest,
     read_sealed,
-    replacing,
-    seal,
+    write_files,
     write_manifest,
 )
-from gaitopt.store.text import Table, csv_text, json_text, parse_csv, parse_object
+from gaitopt.store.text import Table, csv_text, json_file, parse_csv, parse_object
 
 RESULTS = Path("results")
 """Where runs go unless the user names a folder."""
@@ -38,18 +36,6 @@ LONGEST_NAME = 60
 """Characters of a problem's name that go into its folder's: four bytes each still fit every file system."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
-    """A run as read back; the store does not interpret the records."""
-
-    folder: Path
-    manifest: Manifest
-    problem_text: str
-    resolved: Mapping[str, Any]
-    gait: Mapping[str, Any]
-    trajectory: Table
-
-
 def run_folder(problem: Problem, results: Path = RESULTS) -> Path:
     """Folder of a problem's run, ``results/NAME-HASH8``; no name leads out of ``results``."""
     name = re.sub(r"[^\w.-]+", "-", problem.name)[:LONGEST_NAME].strip(".-") or "problem"
@@ -57,21 +43,11 @@ def run_folder(problem: Problem, results: Path = RESULTS) -> Path:
 
 
 def begin_run(folder: Path, problem: Problem) -> Path:
-    """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else or cannot be written.
-    """
+    """Make ``folder`` the run folder of ``problem``: its manifest, the problem verbatim, and what it resolves to."""
     with writing(folder, problem):
         files = dict(read_manifest(folder).files) if (folder / MANIFEST_FILE).exists() else {}
-        for name in (PROBLEM_FILE, RESOLVED_FILE):
-            files.pop(name, None)
         write_manifest(folder, replace(new_manifest(problem.name, problem.digest), files=files))
-        write_whole(folder / PROBLEM_FILE, problem.text)
-        write_whole(folder / RESOLVED_FILE, json_text(problem.resolved(), indent=2) + "\n")
-        seal(folder, PROBLEM_FILE, RESOLVED_FILE)
+        write_files(folder, {PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(problem.resolved())})
     return folder
 
 
@@ -82,100 +58,56 @@ def write_run(folder: Path, *, problem: Problem, gait: Mapping[str, Any], trajec
     ----------
     gait : the JSON object of the gait.
     trajectory : header and rows of ``trajectory.csv``.
-
-    Raises
-    ------
-    StorageError
-        If the folder belongs to something else or cannot be written; the message says what was kept.
     """
-    return _write_motion(folder, problem, (GAIT_FILE, gait), (TRAJECTORY_FILE, trajectory))
+    return _write_motion(folder, problem, {TRAJECTORY_FILE: csv_text(trajectory), GAIT_FILE: json_file(gait)})
 
 
 def write_walk(folder: Path, *, problem: Problem, walk: Mapping[str, Any], trajectory: Table) -> Path:
-    """Write a simulated walk into the run folder of its problem, beside the gait if there is one.
-
-    Parameters and errors are those of ``write_run``.
-    """
-    return _write_motion(folder, problem, (WALK_FILE, walk), (WALK_TRAJECTORY_FILE, trajectory))
+    """Write a simulated walk into the run folder of its problem, beside the gait if there is one."""
+    return _write_motion(folder, problem, {WALK_TRAJECTORY_FILE: csv_text(trajectory), WALK_FILE: json_file(walk)})
 
 
-def _write_motion(
-    folder: Path, problem: Problem, record: tuple[str, Mapping[str, Any]], table: tuple[str, Table]
-) -> Path:
+def _write_motion(folder: Path, problem: Problem, contents: Mapping[str, str]) -> Path:
     with writing(folder, problem):
         begin_run(folder, problem)
-        with replacing(folder, record[0], table[0]):
-            write_whole(folder / table[0], csv_text(table[1]))
-            write_whole(folder / record[0], json_text(record[1], indent=2) + "\n")
+        write_files(folder, contents)
     return folder
 
 
 def is_complete(folder: Path) -> bool:
-    """Whether a folder holds a gait whose writer got to its end.
-
-    Raises
-    ------
-    StorageError
-        If its manifest is broken or newer.
-    """
+    """Whether a folder holds a gait whose writer got to its end."""
     if not (folder / GAIT_FILE).is_file():
         return False
     return {GAIT_FILE, TRAJECTORY_FILE} <= read_manifest(folder).files.keys()
 
 
-def read_run(folder: Path) -> Run:
-    """Read a run.
-
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, or the run is unfinished, broken or newer.
-    """
+def read_run(folder: Path) -> tuple[dict[str, Any], Table]:
+    """The record and the table of the gait in a run folder."""
     manifest = read_manifest(folder)
     if not (folder / GAIT_FILE).is_file():
         raise StorageError(f"{folder} is unfinished (no {GAIT_FILE}): solve {manifest.problem} again to complete it")
-    return Run(
-        folder=folder,
-        manifest=manifest,
-        problem_text=_read_text(folder, PROBLEM_FILE),
-        resolved=read_object(folder, RESOLVED_FILE),
-        gait=read_object(folder, GAIT_FILE),
-        trajectory=parsed(parse_csv, read_sealed(folder, TRAJECTORY_FILE), folder / TRAJECTORY_FILE),
-    )
+    return _read_motion(folder, GAIT_FILE, TRAJECTORY_FILE)
 
 
 def read_walk(folder: Path) -> tuple[dict[str, Any], Table]:
-    """The record and the table of the walk in a run folder.
+    """The record and the table of the walk in a run folder."""
+    return _read_motion(folder, WALK_FILE, WALK_TRAJECTORY_FILE)
 
-    Raises
-    ------
-    StorageError
-        If it is missing, unfinished, broken or newer.
-    """
-    record = read_object(folder, WALK_FILE)
-    table = parsed(parse_csv, read_sealed(folder, WALK_TRAJECTORY_FILE), folder / WALK_TRAJECTORY_FILE)
-    return record, table
+
+def _read_motion(folder: Path, record: str, table: str) -> tuple[dict[str, Any], Table]:
+    return read_object(folder, record), parsed(parse_csv, read_sealed(folder, table), folder / table)
 
 
 def read_problem(folder: Path) -> Problem:
-    """The problem of a run folder, whatever else it holds.
+    """The problem of a run folder.
 
     Raises
     ------
     StorageError
-        If the folder is not a run, broken or newer.
+        If what it resolves to is no problem, or not that of the manifest.
     """
-    return restored_problem(folder, read_object(folder, RESOLVED_FILE), _read_text(folder, PROBLEM_FILE))
-
-
-def restored_problem(folder: Path, resolved: Mapping[str, Any], text: str) -> Problem:
-    """The problem that a run folder resolves to.
-
-    Raises
-    ------
-    StorageError
-        If it is none, or not that of the manifest.
-    """
+    resolved = read_object(folder, RESOLVED_FILE)
+    text = parsed(str, read_sealed(folder, PROBLEM_FILE), folder / PROBLEM_FILE)
     try:
         problem = replace(restore_problem(resolved), text=text)
     except (GaitoptError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -186,28 +118,12 @@ def restored_problem(folder: Path, resolved: Mapping[str, Any], text: str) -> Pr
 
 
 def read_object(folder: Path, name: str) -> dict[str, Any]:
-    """Read a finished file of a run folder that is one JSON object.
-
-    Raises
-    ------
-    StorageError
-        If it is missing, unfinished, altered or anything else.
-    """
+    """Read a finished file of a run folder that is one JSON object."""
     return parsed(parse_object, read_sealed(folder, name), folder / name)
 
 
-def _read_text(folder: Path, name: str) -> str:
-    return parsed(str, read_sealed(folder, name), folder / name)
-
-
 def find_run(problem: Problem, results: Path = RESULTS) -> Path | None:
-    """Folder of the finished run of ``problem``, if there is one.
-
-    Raises
-    ------
-    StorageError
-        If its place is taken by something else.
-    """
+    """Folder of the finished run of ``problem``, if there is one."""
     folder = run_folder(problem, results)
     check_folder(folder, problem)
     return folder if (folder / GAIT_FILE).is_file() else None

@@ -1,4 +1,4 @@
-"""Checksums of files: SHA-256 of the whole, and a short code of every line that tells which one is another.
+"""Checksums of files: SHA-256 of the whole, and a short code of every line, which locates a change.
 
 code(line) = the last 16 bits of its CRC-32
 """
@@ -45,13 +45,7 @@ def file_sum(path: Path, content: bytes) -> FileSum:
 
 
 def check_content(path: Path, content: bytes, known: FileSum) -> None:
-    """Refuse a file that is not the one that was written.
-
-    Raises
-    ------
-    StorageError
-        The message names the file, and the first line that differs.
-    """
+    """Refuse a file that is not the one that was written."""
     if hashlib.sha256(content).hexdigest() != known.sha256:
         line = _first_difference(content, known)
         place = f"{path}:{line}" if line else f"{path}"

@@ -27,12 +27,19 @@ def json_text(record: Mapping[str, Any], *, indent: int | None = None) -> str:
     return json.dumps(_plain(record), indent=indent, allow_nan=False)
 
 
+def json_file(record: Mapping[str, Any]) -> str:
+    """The same, indented, as a file of its own."""
+    return json_text(record, indent=2) + "\n"
+
+
 def csv_text(table: Table) -> str:
     """CSV of a table: floats to the last digit, NaN and infinities as empty cells."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table.header)
-    writer.writerows([_cell(value) for value in row] for row in table.rows)
+    writer.writerows(
+        ["" if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in row] for row in table.rows
+    )
     return text.getvalue()
 
 
@@ -106,7 +113,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(entry) for entry in value]
     return value
-
-
-def _cell(value: Cell) -> Cell:
-    return "" if isinstance(value, float) and not math.isfinite(value) else value

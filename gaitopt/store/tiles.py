@@ -18,13 +18,7 @@ BROKEN = (OSError, ValueError, KeyError, EOFError, NotImplementedError, TypeErro
 
 
 def write_tile(folder: Path, number: int, arrays: Mapping[str, Any]) -> None:
-    """Write the arrays of one tile.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full or the folder cannot be written; tiles before this one are kept.
-    """
+    """Write the arrays of one tile."""
     packed = BytesIO()
     np.savez_compressed(packed, **arrays)
     write_whole(folder / TILE_FILE.format(number), packed.getvalue())
@@ -36,13 +30,7 @@ def has_tile(folder: Path, number: int) -> bool:
 
 
 def read_tile(folder: Path, number: int) -> dict[str, Any]:
-    """Read the arrays of one tile.
-
-    Raises
-    ------
-    StorageError
-        If the file is missing or broken.
-    """
+    """Read the arrays of one tile."""
     path = folder / TILE_FILE.format(number)
     try:
         with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as arrays:

@@ -3,8 +3,7 @@
 from gaitopt.study.claims import Claim, Verification
 from gaitopt.study.return_map import Returns, return_map
 from gaitopt.study.simulate import Walk, simulate
-from gaitopt.study.solve import solve_sequence
-from gaitopt.study.system import build_system, gait_reference
+from gaitopt.study.system import build_system, gait_reference, problem_dynamics, solve_sequence
 from gaitopt.study.verify import verify
 
 __all__ = [
@@ -14,6 +13,7 @@ __all__ = [
     "Walk",
     "build_system",
     "gait_reference",
+    "problem_dynamics",
     "return_map",
     "simulate",
     "solve_sequence",

@@ -18,9 +18,9 @@ INTERIOR_AGREEMENT = 1e-8
 
 def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
     """Times and states of the simulated steps ``walked`` against those of the gait."""
-    scales, growth = gait.system.scales(gait.p), _growth(gait)
-    unit = gait.system.state_scales(scales)
-    ours, theirs = (_switching_times(steps) / scales.time for steps in (gait.steps, walked))
+    scales, unit, growth = gait.dynamics.scales, gait.dynamics.state_units, _growth(gait)
+    durations = ([duration for step in steps for _, duration in step.phases] for steps in (gait.steps, walked))
+    ours, theirs = (np.cumsum(own) / scales.time for own in durations)
     yield claim("period", abs(ours[-1] - theirs[-1]), growth * AGREEMENT, "in units of sqrt(l / g)")
     yield claim("switching times", np.abs(ours - theirs).max(), growth * AGREEMENT, "in units of sqrt(l / g)")
     returned = np.abs((_impacts(walked)[-1].state - gait.state) / unit).max()
@@ -32,8 +32,8 @@ def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
 
 def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
     """The scalars that the gait states, and what it records of its impacts, against the simulated steps."""
-    scales, tolerance = gait.system.scales(gait.p), _growth(gait) * INTERIOR_AGREEMENT
-    theirs, units = measure(gait.system, gait.p, walked), measure_scales(scales)
+    scales, tolerance = gait.dynamics.scales, _growth(gait) * INTERIOR_AGREEMENT
+    theirs, units = measure(gait.dynamics, walked), measure_scales(scales)
     errors = {name: _error(gait.measures.get(name), value, units[name]) for name, value in theirs.items()}
     yield _worst("measures", errors, tolerance)
     errors = {}
@@ -41,10 +41,6 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
         place = f" of step {number}" if len(gait.steps) > 1 else ""
         errors |= {f"{name}{place}": e for name, e in _impact_errors(gait, ours, simulated, scales).items()}
     yield _worst("impact", errors, tolerance)
-
-
-def _switching_times(steps: Sequence[Step]) -> Array:
-    return np.cumsum([duration for step in steps for _, duration in step.phases])
 
 
 def _impacts(steps: Sequence[Step]) -> list[ImpactRecord]:
@@ -73,7 +69,7 @@ def _states(step: Step, ours: Arc) -> Array:
 
 
 def _impact_errors(gait: Gait, ours: ImpactRecord, theirs: ImpactRecord, scales: Scales) -> dict[str, float]:
-    unit = gait.system.state_scales(scales)
+    unit = gait.dynamics.state_units
     return {
         "impulse": float(np.abs(ours.impulse - theirs.impulse).max() / scales.impulse),
         "stick impulse": float(np.abs(ours.stick_impulse - theirs.stick_impulse).max() / scales.impulse),

@@ -27,7 +27,7 @@ tolerance serves all walkers; the gaits of the paper stay below 1e-5.
 def return_map_claims(gait: Gait, return_map: ReturnMap) -> Iterator[Claim]:
     """Fixed point, multipliers and a perturbation, all on the simulator's return map."""
     section = gait.system.section(gait.problem.cycle.impact)
-    xi, unit = gait.state[section], gait.system.state_scales(gait.system.scales(gait.p))[section]
+    xi, unit = gait.state[section], gait.dynamics.state_units[section]
     point = return_map.fixed_point(xi)
     if point.jacobian is None:
         yield failed_claim("state", AGREEMENT, f"no fixed point of the simulated return map: {point.message}")
@@ -89,14 +89,13 @@ def _edge_claim(return_map: ReturnMap, point: FixedPoint, unit: Array) -> Claim:
 
     A design whose optimum is limited by friction lies there.
     """
-    simulator, system, worst = return_map.simulator, return_map.simulator.system, 0.0
+    simulator, dynamics, worst = return_map.simulator, return_map.simulator.dynamics, 0.0
     deviation = unit * PERTURBATION / np.sqrt(unit.size)
-    units = system.state_scales(system.scales(simulator.p))
-    target = system.lift_state(point.xi, simulator.p)
+    target = dynamics.lift(point.xi)
     for sign in (1, -1):
-        start = system.lift_state(point.xi + sign * deviation, simulator.p)
+        start = dynamics.lift(point.xi + sign * deviation)
         walk = simulator.run(start, steps=PERTURBED_STEPS * return_map.n_steps)
-        distance = float(np.linalg.norm((walk.section_states[-1] - target) / units)) / PERTURBATION
+        distance = float(np.linalg.norm((walk.section_states[-1] - target) / dynamics.state_units)) / PERTURBATION
         worst = max(worst, distance if walk.ending is Ending.COMPLETED else np.inf)
     return claim("perturbation", worst, 1.0, f"left of it after {PERTURBED_STEPS} steps, at an edge")
 

@@ -1,21 +1,21 @@
 """The return map of thousands of states at once: arrays in, arrays and named outcomes out."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Gait
-from gaitopt.mechanics import CONTACTS, HybridSystem, Mode
+from gaitopt.mechanics import CONTACTS, Dynamics, Mode
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine
 from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, followed_by, phase_names, stack_outcomes
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 if TYPE_CHECKING:
@@ -68,12 +68,7 @@ class Returns(ReadOnlyArrays):
 
 
 def return_map(
-    start: Problem | Gait,
-    states: Array,
-    *,
-    engine: str = Engine.AUTO,
-    workers: int = 1,
-    should_stop: Callable[[], bool] | None = None,
+    start: Problem | Gait, states: Array, *, engine: str = Engine.AUTO, workers: int = 1, should_stop: Stop = None
 ) -> Returns:
     """Walk one step, or where the legs differ one with either of them, from each of many states just after an impact.
 
@@ -135,18 +130,19 @@ def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array],
 class StepMap:
     """The return map of one system at fixed parameters for arrays of section coordinates (n, k)."""
 
-    def __init__(self, system: HybridSystem, p: Array, engine: Engine) -> None:
-        self.system, self.p, self._engine = system, p, engine
+    def __init__(self, dynamics: Dynamics, engine: Engine) -> None:
+        self.dynamics, self._engine = dynamics, engine
+        system = dynamics.system
         self.names = system.walker.section_names(slipping=True)
         self._indices = system.section(Mode.SLIP_FORWARD)
         self._lift = RowMap(system.lift)
 
     def __call__(self, xi: Array) -> Returns:
         """One return of every state, a step or, where the legs differ, one with either; see ``section_states``."""
-        (states,) = self._lift(xi, self.p)
-        modes = self.system.walker.modes()
+        (states,) = self._lift(xi, self.dynamics.p)
+        modes = self.dynamics.system.walker.modes()
         walked = self._step(states, 0)
-        for side in range(1, self.system.walker.n_sides()):
+        for side in range(1, self.dynamics.system.walker.n_sides()):
             going = np.flatnonzero(walked.endings == 0)
             if going.size:
                 walked = followed_by(walked, self._step(walked.states[going], side), going, modes)
@@ -157,46 +153,43 @@ class StepMap:
     def _batches(self) -> "list[BatchSimulator]":
         from gaitopt.simulation.batch.simulator import BatchSimulator  # needs heyoka, which is optional
 
-        walker = self.system.walker
-        return [BatchSimulator(self.system, walker.standing(self.p, side)) for side in range(walker.n_sides())]
+        walker = self.dynamics.system.walker
+        return [BatchSimulator(self.dynamics.standing(side)) for side in range(walker.n_sides())]
 
     @cached_property
     def _simulator(self) -> Simulator:
-        return Simulator(self.system, self.p)
+        return Simulator(self.dynamics)
 
     def _step(self, states: Array, side: int) -> BatchSteps:
         """One step of every state, shape (n, n_z), while the leg of this ``side`` stands."""
         if self._engine is Engine.HEYOKA:
             return self._batches[side].step(states)
         simulator = self._simulator.sides[side]
-        return stack_outcomes([simulator.step(state) for state in states], states, self.system.walker.modes())
+        return stack_outcomes([simulator.step(state) for state in states], states, self.dynamics.system.walker.modes())
+
+
+@dataclass(frozen=True, slots=True)
+class _Key:
+    """What a map depends on: the problem by its digest."""
+
+    digest: str
+    p: tuple[float, ...] | None
+    engine: Engine
+    problem: Problem = field(compare=False)
 
 
 @lru_cache(maxsize=8)
-def _step_map(key: "_ByDigest", p: tuple[float, ...] | None, engine: Engine) -> StepMap:
-    system = build_system(key.problem)
-    return StepMap(system, np.array(p) if p else system.values(key.problem.parameters), engine)
+def _step_map(key: _Key) -> StepMap:
+    dynamics = problem_dynamics(key.problem)
+    return StepMap(Dynamics(dynamics.system, np.array(key.p)) if key.p else dynamics, key.engine)
 
 
 def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
     """The map of a problem, built once in every process; ``p`` if the parameters are not those of the problem."""
-    return _step_map(_ByDigest(problem), p, engine)
-
-
-class _ByDigest:
-    """A problem that is equal to another if its digest is."""
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem, self._digest = problem, problem.digest
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByDigest) and self._digest == other._digest
-
-    def __hash__(self) -> int:
-        return hash(self._digest)
+    return _step_map(_Key(problem.digest, p, engine, problem))
 
 
 def _joined(parts: list[Returns]) -> Returns:
-    fields = ("states", "endings", "times", "step_lengths", "phases", "impacts")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in fields}
-    return Returns(names=parts[0].names, modes=parts[0].modes, **joined)
+    names = ("states", "endings", "times", "step_lengths", "phases", "impacts")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return replace(parts[0], **joined)

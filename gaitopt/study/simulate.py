@@ -1,6 +1,6 @@
 """Walking forward from a state, without any knowledge of the mode sequence."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.callbacks import Stop
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
 from gaitopt.gait.table import motion_frame, motion_set
-from gaitopt.mechanics import HybridSystem
+from gaitopt.mechanics import Dynamics, HybridSystem
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, make_stepper
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -29,21 +30,30 @@ class Walk(Moving, ReadOnlyArrays):
     Attributes
     ----------
     problem : whose walker, control and friction were used.
-    system, p : the hybrid system and its parameter vector.
+    dynamics : the hybrid system at its parameters.
     trajectory : steps, ending and message.
-    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait that it started from; no rows
+    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait that it is compared with; no rows
         if it started from a problem.
     """
 
     problem: Problem
-    system: HybridSystem
-    p: Array
+    dynamics: Dynamics
     trajectory: Trajectory
     gait_states: Array
 
     def __repr__(self) -> str:
         count, ending = len(self.complete_steps), self.trajectory.ending
         return f"<Walk {self.problem.name}: {count} step{'' if count == 1 else 's'}, {ending}>"
+
+    @property
+    def system(self) -> HybridSystem:
+        """The hybrid system that walked."""
+        return self.dynamics.system
+
+    @property
+    def p(self) -> Array:
+        """Parameter vector, shape (n_p,); see ``Dynamics``."""
+        return self.dynamics.p
 
     @cached_property
     def complete_steps(self) -> tuple[Step, ...]:
@@ -54,6 +64,7 @@ class Walk(Moving, ReadOnlyArrays):
         """One JSON object with the keys of a gait as far as a simulation knows them; scalars are of the last step."""
         last = self.complete_steps[-1] if self.complete_steps else None
         state = self.trajectory.section_states[-1]
+        impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
         return {
             "problem": self.problem.name,
             "status": str(self.trajectory.ending),
@@ -63,8 +74,11 @@ class Walk(Moving, ReadOnlyArrays):
             "phases": [] if last is None else [{**m.record, "duration": d} for m, d in last.phases],
             "impact": None if last is None or last.impact is None else str(last.impact.mode),
             "state": self._state_record(state),
-            **(dict.fromkeys(MEASURES) if last is None else measure(self.system, self.p, [last])),
-            "section": self._section_records(),
+            **(dict.fromkeys(MEASURES) if last is None else measure(self.dynamics, [last])),
+            "section": [
+                {"time": float(t), "impact": mode, "state": self._state_record(z)}
+                for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
+            ],
             "gait_states": [self._state_record(state) for state in self.gait_states],
             "parameters": self._freed(),
         }
@@ -77,14 +91,8 @@ class Walk(Moving, ReadOnlyArrays):
     def _freed(self) -> dict[str, float]:
         """Parameters of the gait that it started from, where they are not those of the problem."""
         stated = self.system.values(self.problem.parameters)
-        values = zip(self.system.parameters, self.p, stated, strict=True)
-        return {name: float(value) for name, value, own in values if value != own}
-
-    def _section_records(self) -> list[dict[str, Any]]:
-        """Time, impact and state just after it, the start first."""
-        impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
-        points = zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
-        return [{"time": float(t), "impact": mode, "state": self._state_record(z)} for t, mode, z in points]
+        values = zip(self.dynamics.parameters.items(), stated, strict=True)
+        return {name: value for (name, value), own in values if value != own}
 
     def _state_record(self, state: Array) -> dict[str, float]:
         return dict(zip(self.system.state_names, map(float, state), strict=True))
@@ -92,12 +100,12 @@ class Walk(Moving, ReadOnlyArrays):
     def to_frame(self) -> "DataFrame":
         """All steps as a pandas data frame: the columns of ``walk.csv``, units in ``attrs["units"]``."""
         ending = str(self.trajectory.ending)
-        return motion_frame(self.system, self.p, self.trajectory.steps, problem=self.problem.name, ending=ending)
+        return motion_frame(self.dynamics, self.trajectory.steps, problem=self.problem.name, ending=ending)
 
     def to_xarray(self) -> "Dataset":
         """The same as an xarray dataset over ``sample``, with units as attributes."""
         ending = str(self.trajectory.ending)
-        return motion_set(self.system, self.p, self.trajectory.steps, problem=self.problem.name, ending=ending)
+        return motion_set(self.dynamics, self.trajectory.steps, problem=self.problem.name, ending=ending)
 
 
 def simulate(
@@ -107,7 +115,7 @@ def simulate(
     *,
     dense: bool = True,
     engine: str = Engine.AUTO,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Walk:
     """Simulate steps from a state just after an impact.
 
@@ -127,24 +135,23 @@ def simulate(
         If ``state`` names something that is not a section coordinate of the walker, or the
         engine is unknown or not installed.
     """
-    problem, system, p = _prepare(start)
-    z = _initial_state(start, system, p, state or {})
-    stepper = make_stepper(system, p, engine, steps=steps)
-    trajectory = Simulator(system, p, stepper=stepper).run(z, steps=steps, dense=dense, should_stop=should_stop)
-    gait = [step.arcs[0].states[0] for step in start.steps] if isinstance(start, Gait) else []
-    states = np.array(gait).reshape(-1, len(system.state_names))
-    return Walk(problem=problem, system=system, p=p, trajectory=trajectory, gait_states=states)
+    problem = start.problem if isinstance(start, Gait) else start
+    dynamics = start.dynamics if isinstance(start, Gait) else problem_dynamics(start)
+    z = _initial_state(start, dynamics, state or {})
+    stepper = make_stepper(dynamics, engine, steps=steps)
+    trajectory = Simulator(dynamics, stepper=stepper).run(z, steps=steps, dense=dense, should_stop=should_stop)
+    width = len(dynamics.system.state_names)
+    states = section_states(start) if isinstance(start, Gait) else np.empty(0)
+    return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width))
 
 
-def _prepare(start: Gait | Problem) -> tuple[Problem, HybridSystem, Array]:
-    if isinstance(start, Gait):
-        return start.problem, start.system, start.p
-    system = build_system(start)
-    return start, system, system.values(start.parameters)
+def section_states(gait: Gait) -> Array:
+    """States of a gait after each impact; shape (n_steps, n_z)."""
+    return np.array([step.arcs[0].states[0] for step in gait.steps])
 
 
-def _initial_state(start: Gait | Problem, system: HybridSystem, p: Array, state: Mapping[str, float]) -> Array:
-    names = system.walker.section_names(slipping=True)
+def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
+    names = dynamics.system.walker.section_names(slipping=True)
     unknown = [name for name in state if name not in names]
     if unknown:
         raise UnknownNameError(
@@ -159,5 +166,5 @@ def _initial_state(start: Gait | Problem, system: HybridSystem, p: Array, state:
     elif not start.steps:
         known = {}
     else:
-        known = dict(zip(system.state_names, start.state, strict=True))
-    return system.lift_state(np.array([float({**known, **state}[name]) for name in names]), p)
+        known = dict(zip(dynamics.system.state_names, start.state, strict=True))
+    return dynamics.lift(np.array([float({**known, **state}[name]) for name in names]))

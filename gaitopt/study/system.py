@@ -1,11 +1,11 @@
-"""From a problem to its hybrid system; the reference of a PD law is solved first, from its own file."""
+"""From a problem to its hybrid system and its gait; the reference of a PD law is solved first, from its own file."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import Arc, Gait, curves
 from gaitopt.mechanics import (
@@ -14,6 +14,7 @@ from gaitopt.mechanics import (
     ConstantTorque,
     Control,
     CoulombFriction,
+    Dynamics,
     HybridSystem,
     ImpactLaw,
     NoControl,
@@ -40,7 +41,7 @@ KEPT = 16
 """Systems that are kept with their compiled functions, some megabytes each."""
 
 
-def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = None) -> HybridSystem:
+def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
     """The hybrid system of a problem's walker, control, impact law and friction.
 
     Problems that differ in parameter values alone share one system, whose functions are compiled once.
@@ -65,6 +66,20 @@ def build_system(problem: Problem, *, should_stop: Callable[[], bool] | None = N
     return _shared_system(structure)
 
 
+def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
+    """That system at the parameters of the problem; raises as ``build_system``."""
+    system = build_system(problem, should_stop=should_stop)
+    return Dynamics(system, system.values(problem.parameters))
+
+
+def solve_sequence(
+    problem: Problem, *, start: Gait | None = None, progress: Valued = None, should_stop: Stop = None
+) -> Gait:
+    """Solve a problem whose mode sequence is given, with the arguments and errors of ``gaitopt.solve``."""
+    system = build_system(problem, should_stop=should_stop) if start is None else start.system
+    return find_gait(problem, system, start=start, progress=progress, should_stop=should_stop)
+
+
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
     """The joint angles of a gait as a reference for a PD law, continued past its end.
 
@@ -75,7 +90,7 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
     if beyond_end is not BeyondEnd.FLOW:
         return continued(pieces, gait.period, beyond_end)
     arc, duration = gait.arcs[-1], gait.period
-    unit = gait.system.state_scales(gait.system.scales(gait.p))
+    unit = gait.dynamics.state_units
     while arc.end < (1 + FLOW_PERIODS) * gait.period:
         beyond = _flow_on(gait, arc, duration)
         if curves.tail(beyond.states / unit) > curves.RESOLVED and duration > SHORTEST_PIECE * gait.period:
@@ -95,7 +110,7 @@ class _Structure:
     two_coefficients: bool
     control: tuple[object, ...]
     problem: Problem = field(compare=False)
-    should_stop: Callable[[], bool] | None = field(compare=False)
+    should_stop: Stop = field(compare=False)
 
 
 @lru_cache(maxsize=KEPT)
@@ -116,7 +131,7 @@ def _control_structure(problem: Problem) -> tuple[object, ...]:
     return (spec.type,)
 
 
-def _control(problem: Problem, should_stop: Callable[[], bool] | None) -> Control:
+def _control(problem: Problem, should_stop: Stop) -> Control:
     spec = problem.control
     if isinstance(spec, ConstantTorqueSpec):
         return ConstantTorque(torques=dict(spec.torques))
@@ -129,7 +144,7 @@ def _control(problem: Problem, should_stop: Callable[[], bool] | None) -> Contro
     return NoControl()
 
 
-def _reference_gait(problem: Problem, should_stop: Callable[[], bool] | None) -> Gait:
+def _reference_gait(problem: Problem, should_stop: Stop) -> Gait:
     source = _source(problem)
     if source.walker.shape != problem.walker.shape:
         raise ProblemError(
@@ -180,6 +195,6 @@ def _flow_on(gait: Gait, arc: Arc, duration: float) -> Arc:
     """The motion of an arc's mode for a while after its end."""
     times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
     data = gait.system.control.data(arc.segment)
-    p = gait.system.walker.standing(gait.p, arc.side)
+    p = gait.dynamics.standing(arc.side).p
     states = integrate_to(gait.system, arc.mode, arc.states[-1], times, p, data)
     return replace(arc, times=times, states=states)

@@ -36,7 +36,7 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
         If the engine is unknown or not installed.
     """
     check_gait(gait)
-    simulator = Simulator(gait.system, gait.p, stepper=make_stepper(gait.system, gait.p, engine))
+    simulator = Simulator(gait.dynamics, stepper=make_stepper(gait.dynamics, engine))
     cycle = gait.problem.cycle
     walked = simulator.run(gait.state, steps=len(cycle.steps), dense=True)
     claims = [_sequence_claim(gait, walked), *_margin_claims(gait), _energy_claim(gait)]
@@ -50,7 +50,7 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
 def confirm(gait: Gait) -> Verification:
     """A short examination: the simulator walks one cycle through the same modes back to the same state."""
     check_gait(gait)
-    walked = Simulator(gait.system, gait.p).run(gait.state, steps=len(gait.steps), dense=True)
+    walked = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True)
     claims = [_sequence_claim(gait, walked)]
     if claims[0].passed:
         claims += motion_claims(gait, walked.steps)
@@ -58,13 +58,7 @@ def confirm(gait: Gait) -> Verification:
 
 
 def check_gait(gait: Gait) -> None:
-    """Refuse a failed attempt.
-
-    Raises
-    ------
-    SolveError
-        If there is no gait.
-    """
+    """Refuse a failed attempt."""
     if not gait.steps:
         raise SolveError(f"{gait.problem.name} is {gait.status}, there is no gait to verify: {gait.message}")
 
@@ -84,12 +78,12 @@ def _sequence_claim(gait: Gait, walked: Trajectory) -> Claim:
 
 def _margin_claims(gait: Gait) -> Iterator[Claim]:
     """The margins of each mode, between the nodes too."""
-    friction, scales = float(gait.system.static_friction(gait.p)), gait.system.scales(gait.p)
+    friction, scales = gait.dynamics.static_friction, gait.dynamics.scales
     cone, backward, lowest = -np.inf, 0.0, np.inf
     for arc in gait.arcs:
         if arc.mode.flies:
             continue
-        force = observe(gait.system, gait.p, arc).force
+        force = observe(gait.dynamics, arc).force
         lowest = min(lowest, -curves.maximum(-force[:, 1])[1])
         if arc.mode.sticks:
             ratio = friction_ratio(force)
@@ -106,9 +100,9 @@ def _margin_claims(gait: Gait) -> Iterator[Claim]:
 
 def _energy_claim(gait: Gait) -> Claim:
     """Energy gained equals work of motors and friction less what dampers take, phase by phase."""
-    worst, scale = 0.0, gait.system.scales(gait.p).energy
+    worst, scale = 0.0, gait.dynamics.scales.energy
     for arc in gait.arcs:
-        o = observe(gait.system, gait.p, arc)
+        o = observe(gait.dynamics, arc)
         power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1] - o.loss
         worst = max(worst, abs(o.energy[-1] - o.energy[0] - curves.integral(power, arc.duration)))
         scale = max(scale, abs(o.energy[-1] - o.energy[0]))

@@ -1,6 +1,6 @@
 """The processes that jobs run in: workers of this machine, started and ended here, or those of a Dask scheduler.
 
-Whoever can connect to a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
+A client of a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
 made for the run, stays in memory, and is needed on both sides of every connection.
 """
 
@@ -9,6 +9,7 @@ import logging
 import os
 import re
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -20,7 +21,7 @@ from gaitopt.errors import UnknownNameError
 
 ALLOWED_DEATHS = 2
 """A job may take so many workers with it by bad luck; with the next it is set aside."""
-FAREWELL = 0.5
+GRACE = 0.5
 """Time that a worker has to go by itself [s]; one that is still at a job is then killed."""
 CONNECT_TIMEOUT = 10
 """A scheduler that has not answered by then [s] is not there."""
@@ -90,10 +91,11 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
     with ExitStack() as stack:
         scratch = stack.enter_context(TemporaryDirectory(prefix="gaitopt-", ignore_cleanup_errors=True))
         stack.enter_context(dask.config.set({**SETTINGS, "temporary-directory": scratch}))
+        stack.enter_context(script_not_repeated())
         with uninterrupted():
             cluster = _local_cluster(count)
             stack.enter_context(_closed_at_last(cluster))
-            stack.callback(_dismiss, cluster)
+            stack.callback(_end_workers, cluster)
         yield stack.enter_context(_closed_at_last(Client(cluster)))
 
 
@@ -119,17 +121,17 @@ def _closed_at_last(connection: Any) -> Iterator[Any]:
     finally:
         try:
             connection.close(timeout=CLOSE_TIMEOUT)
-        except (TimeoutError, OSError, AssertionError) as error:  # it asserts that every worker has said goodbye
+        except (TimeoutError, OSError, AssertionError) as error:  # it asserts that every worker has ended
             logging.getLogger(__name__).info("closing %s: %r", type(connection).__name__, error)
 
 
-def _dismiss(cluster: Any) -> None:
+def _end_workers(cluster: Any) -> None:
     """End the workers; those that do not go by themselves are killed, whether or not that is confirmed in time."""
     processes = [nanny.process.process for nanny in cluster.workers.values() if nanny.process is not None]
 
     async def close() -> None:
-        farewells = (nanny.close(timeout=FAREWELL) for nanny in cluster.workers.values())
-        await asyncio.gather(*farewells, return_exceptions=True)
+        closings = (nanny.close(timeout=GRACE) for nanny in cluster.workers.values())
+        await asyncio.gather(*closings, return_exceptions=True)
 
     try:
         cluster.sync(close, callback_timeout=CLOSE_TIMEOUT)
@@ -149,8 +151,26 @@ def _kill(process: Any) -> None:
 
 
 @contextmanager
+def script_not_repeated() -> Iterator[None]:
+    """Processes that are spawned in the block do not import the caller's script.
+
+    A script that calls the library at its top level would start itself again in every worker. What it defines is
+    pickled by value, so that no worker needs it.
+    """
+    main = sys.modules["__main__"]
+    file, spec = main.__dict__.pop("__file__", None), main.__spec__
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        main.__spec__ = spec
+        if file is not None:
+            main.__file__ = file
+
+
+@contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits for the end of the block; no thread or process that is started in it ever hears of one.
+    """Ctrl-C waits for the end of the block; no thread or process that is started in it receives one.
 
     A terminal sends it to all processes, and a worker would answer with a traceback.
     """

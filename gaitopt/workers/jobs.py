@@ -1,16 +1,20 @@
 """Many independent jobs on Dask: processes of this machine, or the workers of a cluster.
 
 Every job has a key and is submitted once. A result lies with the scheduler before its job counts as finished, and is
-handed over from there, so that whoever started the jobs can keep each at once. A worker that dies costs the job it was
+handed over from there, so that the caller can keep each at once. A worker that dies costs the job it was
 at and no other; a job that takes three workers with it is set aside.
 """
 
+import hashlib
+import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from queue import Empty, Queue
 from typing import Any
+
+from gaitopt.callbacks import Stop
 
 AHEAD = 4
 """Jobs submitted per worker beyond the one at hand, so that no worker waits for us."""
@@ -36,6 +40,11 @@ class Job:
     parent: str | None = None
 
 
+def key_of(identity: Any) -> str:
+    """A key out of all that a result depends on, which JSON can hold: its SHA-256."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailedJob:
     """In place of a result: why a job has none."""
@@ -52,13 +61,7 @@ class Workers:
 
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
-    """So many processes of this machine (None: one per core), or those of a scheduler.
-
-    Raises
-    ------
-    UnknownNameError
-        If the address of the scheduler cannot be one, or lacks certificates.
-    """
+    """So many processes of this machine (None: one per core), or those of a scheduler."""
     if scheduler is not None:
         from gaitopt.workers.cluster import check_address
 
@@ -72,7 +75,7 @@ def run_jobs(
     workers: Workers,
     *,
     done: Mapping[str, Any] | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Iterator[tuple[str, Any]]:
     """Run ``task(argument, result of the parent)`` for every job; keys and results as they finish.
 
@@ -100,7 +103,7 @@ def run_jobs(
 
 
 def _run_here(
-    task: Callable[..., Any], jobs: list[Job], results: dict[str, Any], should_stop: Callable[[], bool] | None
+    task: Callable[..., Any], jobs: list[Job], results: dict[str, Any], should_stop: Stop
 ) -> Iterator[tuple[str, Any]]:
     for job in jobs:
         if should_stop is not None and should_stop():
@@ -125,7 +128,7 @@ class _Run:
         self._running: dict[str, Any] = {}
         self._threads, self._counted = 0, -RECOUNT
 
-    def results(self, should_stop: Callable[[], bool] | None) -> Iterator[tuple[str, Any]]:
+    def results(self, should_stop: Stop) -> Iterator[tuple[str, Any]]:
         """Keys and results as they finish."""
         self._submit()
         while self._running and not (should_stop is not None and should_stop()):

@@ -1,12 +1,15 @@
 """Pages in a real browser: they load without a violation, gaits are chosen by click and key, walkers move."""
 
+import math
+import re
+
 import pytest
 from pictured import TORSO, branch, gait
 
 from gaitopt import simulate
 from gaitopt.figures.animation import animation_page
 from gaitopt.figures.motion import motion_of
-from gaitopt.pages import branch_report, comparison_report, gait_report, walk_report
+from gaitopt.pages import branch_report, comparison_report, walk_report
 
 FORCE = ".walker .force"
 
@@ -40,6 +43,15 @@ def test_the_speed_can_be_chosen(visit):
     page = visit(animation_page(motion_of(gait("compass-passive-a"))))
     page.get_by_label("speed").select_option("2")
     page.wait_for_function("() => document.querySelector('.words').textContent.includes('step 3')", timeout=5000)
+
+
+def test_in_flight_there_is_neither_force_nor_mark_on_the_ground(visit):
+    page = visit(animation_page(motion_of(gait("hopper"))), motion="reduce")
+    for place, flying in ((0, False), (40, True), (200, True), (252, False)):
+        page.get_by_role("slider", name="time").fill(str(place))
+        assert ("flight" in page.locator(".words").inner_text()) is flying
+        assert page.locator(FORCE).is_visible() is not flying
+    assert page.locator(".walker .mark").count() == 0
 
 
 def test_who_dislikes_motion_is_not_shown_any_unasked(visit):
@@ -102,6 +114,7 @@ def test_a_special_point_leads_to_its_gait(visit, branch_page):
     page = visit(branch_page)
     page.get_by_role("button", name="branch ends").click()
     assert page.locator("article h2").inner_text().startswith("Branch 1")
+    page.wait_for_function("() => document.querySelector('article').getBoundingClientRect().top < innerHeight / 2")
 
 
 def test_speed_and_pause_outlast_the_choice_of_another_gait(visit, branch_page):
@@ -124,8 +137,9 @@ def test_gaits_side_by_side_share_their_axes_and_show_the_difference(visit):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [360, 768, 1400])
 def test_nothing_is_wider_than_the_screen(visit, branch_page, width, scheme):
-    for text in (gait_report(gait("compass-pd-impact-slip")), branch_page):
+    for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):
         page = visit(text, width=width, scheme=scheme)
+        page.evaluate("document.querySelectorAll('details').forEach((part) => (part.open = true))")
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         ink, paper = (page.evaluate(f"getComputedStyle(document.body).{key}") for key in ("color", "backgroundColor"))
         assert contrast(ink, paper) > 7
@@ -144,9 +158,10 @@ def contrast(first, second):
 
 
 def test_two_steps_have_their_own_jumps_crosses_and_no_slip_between_them(visit):
-    page = visit(gait_report(gait("compass-passive-two-step")))
+    page = visit(comparison_report([gait("compass-passive-two-step")]))
     titles = page.locator("figcaption").all_inner_texts()
     assert "Slip of the stance foot" not in titles
+    assert "2 times stick; impact: stick" in page.locator("article").inner_text()
     portrait, force = page.locator(".chart").nth(0), page.locator(".chart").nth(1)
     assert portrait.locator("circle.dot").count() == 4
     assert portrait.locator(".jump").count() == 4
@@ -154,15 +169,56 @@ def test_two_steps_have_their_own_jumps_crosses_and_no_slip_between_them(visit):
 
 
 def test_multipliers_stand_beside_their_circle_and_motors_that_do_not_exist_nowhere(visit):
-    page = visit(gait_report(gait("compass-passive-a")))
+    page = visit(comparison_report([gait("compass-passive-a")]))
     assert page.locator("h1").inner_text() not in page.locator("h2").all_inner_texts()
-    assert page.locator(".multipliers tbody tr").count() == 3
-    assert "cost of transport" not in page.locator("table").first.inner_text()
+    assert page.locator(".multipliers tbody tr").count() == 2  # a conjugate pair shares a line
+    assert "±" in page.locator(".multipliers tbody").inner_text()
+    assert not re.search("cost of transport|dampers", page.locator("table").first.inner_text())
     assert "x\u0307" in page.locator("table").first.inner_text()
 
 
+def test_figures_that_are_swiped_leave_no_gap_below_the_first(visit):
+    page = visit(comparison_report([gait("compass-passive-a")]), width=390)
+    page.locator("figure", has_text="Largest difference").locator("svg").wait_for()
+    heights = page.evaluate("Array.from(document.querySelectorAll('.charts figure'), (figure) => figure.offsetHeight)")
+    assert max(heights) < 1.25 * heights[0]
+
+
+def test_equal_figures_of_gaits_side_by_side_stand_at_equal_heights(visit):
+    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-passive-stick")]), width=1200)
+    tops = [
+        page.locator("article")
+        .nth(k)
+        .locator("figure")
+        .evaluate_all("all => all.map((f) => f.getBoundingClientRect().top)")
+        for k in (0, 1)
+    ]
+    assert tops[0] == tops[1]
+
+
+def test_a_jump_within_a_step_and_flight_are_drawn(visit):
+    page = visit(comparison_report([gait("kneed-passive")]))
+    portrait = page.locator("figure", has_text="Phase portrait")
+    assert portrait.locator(".jump").count() > len(gait("kneed-passive").system.walker.shape)
+    assert "a stop that locks" in portrait.inner_text()
+    page = visit(comparison_report([gait("hopper")]))
+    assert page.locator("figure", has_text="Normal force").locator("path.flying").count() == 1
+    assert "ẏ" not in page.locator("figure", has_text="Simulation and NLP").inner_text()
+    assert " y" in page.locator("figure", has_text="Simulation and NLP").inner_text()
+
+
+def test_angles_of_a_branch_are_shown_in_degrees_where_the_file_has_them(visit):
+    start = gait("compass-passive-a")
+    point = {"record": "point", "parameter": "walker.slope", "branch": 0, "index": 0, "value": math.radians(1)}
+    point |= start.to_record() | {"parameters": {"walker.slope": math.radians(1)}}
+    page = visit(branch_report(start.problem, "walker.slope", [point]))
+    assert page.locator("article h2").inner_text() == "Branch 0, slope = 1°"
+    assert "slope [°]" in page.locator(".diagram").inner_text()
+    assert "(free)" not in page.locator("article").inner_text()
+
+
 def test_slip_is_drawn_as_a_smooth_curve(visit):
-    page = visit(gait_report(gait("compass-passive-a")))
+    page = visit(comparison_report([gait("compass-passive-a")]))
     chart = page.locator("figure", has_text="Slip of the stance foot").locator("path.curve")
     assert all(chart.nth(k).get_attribute("d").count("L") >= 30 for k in range(chart.count()))
 
@@ -184,6 +240,31 @@ def test_gaits_are_swiped_on_a_phone_and_played_together(visit):
     assert page.get_by_role("button", name="Pause", exact=True).count() == 0
     page.get_by_role("button", name="Overlay").click()
     assert page.locator(".overlay svg").count() == 2
+    first, second = (page.locator(".overlay svg").nth(k).bounding_box() for k in (0, 1))
+    assert first == second
+    page.get_by_role("slider", name="time").first.fill("300")
+    before = page.locator(".overlay .force").nth(1).get_attribute("d")
+    page.get_by_role("slider", name="time").first.fill("400")
+    page.wait_for_function("d => document.querySelectorAll('.overlay .force')[1].getAttribute('d') !== d", arg=before)
+
+
+def test_who_dislikes_motion_is_brought_to_a_gait_at_once(visit):
+    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-passive-b")]), width=390, motion="reduce")
+    page.get_by_role("navigation").get_by_role("button").nth(1).click()
+    assert page.evaluate("document.getElementById('gaits').scrollLeft") > 200
+    assert page.get_by_role("button", name="Play all").is_visible()
+
+
+def test_everything_that_is_operated_or_drawn_has_a_name_for_a_screen_reader(visit, branch_page):
+    for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):
+        page = visit(text, motion="reduce")
+        page.locator(".chart svg").first.wait_for()
+        nameless = page.evaluate(
+            """() => Array.from(document.querySelectorAll("button, input, select, [role=img], [tabindex], summary"))
+                .filter((e) => !(e.getAttribute("aria-label") || e.labels?.length || e.textContent.trim()))
+                .map((e) => e.outerHTML.slice(0, 80))"""
+        )
+        assert nameless == []
 
 
 def test_a_walk_is_shown_from_start_to_end(visit):

@@ -41,7 +41,8 @@ def test_json_is_one_record_per_line_and_the_same_on_the_disk(run):
     assert change["from"] == {"phases": ["stick"], "impact": "stick"}
     assert change["to"] == {"phases": ["stick", "slip_forward"], "impact": "stick"}
     assert change["next"] == [1]
-    assert (end["type"], end["value"]) == ("end", pytest.approx(0.8))
+    assert (end["type"], end["value"], end["bound"]) == ("end", pytest.approx(0.8), True)
+    assert "bound" not in change
     assert {point["branch"] for point in points} == {0, 1}
     assert points[0]["verification"]["passed"]
     assert all(point["multipliers"] for point in points)
@@ -119,7 +120,7 @@ def test_gait_that_the_simulator_refutes_ends_the_branch_and_the_command_with_5(
     def refuted_in_the_end(gait):
         check = confirm(gait)
         wrong = [replace(claim, passed=False) if claim.name == "period" else claim for claim in check.claims]
-        return check if gait.p[gait.system.parameters.index("friction")] > 0.95 else Verification(claims=tuple(wrong))
+        return check if gait.dynamics.parameter("friction") > 0.95 else Verification(claims=tuple(wrong))
 
     monkeypatch.setattr(continuer, "confirm", refuted_in_the_end)
     code, out, _ = run(*COMMAND, "--json", "--verify-every", "1")

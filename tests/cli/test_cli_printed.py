@@ -1,6 +1,7 @@
 """What comes from files is shown on a terminal, and never obeyed by it."""
 
 import io
+import json
 
 import pytest
 from named import named, verification
@@ -130,3 +131,12 @@ def test_a_stored_walk_is_drawn_animated_and_reported(run, empty_folder):
     assert {"section.svg", "portrait.png", "animation.html"} <= {path.rpartition("/")[2] for path in out.split()}
     assert run("report", "walk", "-o", "walk.html")[0] == 0
     assert "no longer upright" in (empty_folder / "walk.html").read_text()
+
+
+def test_a_walk_of_a_problem_is_compared_with_its_gait_where_that_is_known(run, empty_folder):
+    command = ("simulate", "rimless-wheel-slip", "--state", "dtheta=0.7", "--json", "--quiet")
+    assert json.loads(run(*command)[1])["gait_states"] == []
+    gait = named("rimless-wheel-slip")
+    gait.save()
+    (state,) = json.loads(run(*command)[1])["gait_states"]
+    assert state["dtheta"] == pytest.approx(gait.to_record()["state"]["dtheta"])

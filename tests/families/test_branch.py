@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gaitopt as go
-from gaitopt.families import continuation
+from gaitopt import continuation
 from gaitopt.gait import Branch
 
 

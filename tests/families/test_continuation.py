@@ -10,16 +10,18 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt import continuation
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.families import continuation
-from gaitopt.families.continuer import Continuer, Limits
+from gaitopt.families.continuer import Continuer
+from gaitopt.families.limits import Limits
+from gaitopt.families.position import Position
 from gaitopt.families.request import Request
 from gaitopt.families.segment import Metric, Point, Segment
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
-from gaitopt.mechanics import Cycle, Mode
+from gaitopt.mechanics import Cycle, Dynamics, Mode
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.transcription import Transcription
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
@@ -86,15 +88,17 @@ def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | Spe
     system, sequence = gait.system, gait.problem.cycle
     durations = tuple(duration for _, duration in gait.phases)
     plan = layout(sequence, durations, ()).refined([intervals] * len(durations))
-    transcription = Transcription(system, plan, ("friction",))
+    transcription = MultipleShooting(system, plan, ("friction",))
     value = float(gait.p[system.parameters.index("friction")])
-    segment = Segment(gait.problem, "friction", transcription, gait.p, Metric.of(gait, gait.period, abs(to - value)))
-    nodes = roll_out(system, gait.p, sequence, gait.state, durations).nodes(plan)
+    segment = Segment(gait.problem, "friction", transcription, gait.p, Metric.of(gait, abs(to - value)))
+    nodes = roll_out(Dynamics(system, gait.p), sequence, gait.state, durations).nodes(plan)
     w = transcription.pack(nodes, np.array(durations), (value,))
     point = segment.start(w, np.append(np.zeros(w.size - 1), to - value))
     assert isinstance(point, Point)
-    limits = Limits(lower=min(to, value), upper=max(to, 2 * value - to))
-    return Continuer(segment, point, limits, numbers=count(1)).records()
+    limits = Limits(
+        request=Request(parameter="friction", to=(to,)), lower=min(to, value), upper=max(to, 2 * value - to)
+    )
+    return Continuer(Position(segment, point, 0, limits), count(1)).records()
 
 
 def test_neighbours_on_a_family_are_neighbours() -> None:

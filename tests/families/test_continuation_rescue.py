@@ -3,7 +3,7 @@
 import pytest
 from named import named
 
-from gaitopt.families import continuation
+from gaitopt import continuation
 from gaitopt.families.segment import Segment
 
 

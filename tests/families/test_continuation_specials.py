@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from simulated_family import SimulatedFamily
 
 import gaitopt as go
-from gaitopt.families import continuation
+from gaitopt import continuation
 from gaitopt.gait import Branch, BranchPoint, SpecialPoint
 from gaitopt.mechanics import Cycle, Mode
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt import continuation
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.families import Request, continuation, follow_family, resumable
+from gaitopt.families import Request, follow_family, resumable
 from gaitopt.families.change import in_turn, with_cycle
-from gaitopt.families.records import restored_special
+from gaitopt.families.records import recorded_special
 from gaitopt.families.segment import Metric, segment_through
 from gaitopt.families.switching import beginnings, motion_of
 from gaitopt.gait import Branch, Gait, SpecialPoint
@@ -68,8 +69,8 @@ def test_gaits_of_the_doubled_family_pass_every_claim_of_the_simulator() -> None
 def test_a_gait_walked_twice_has_the_squared_multipliers() -> None:
     gait = stick()[0].gait
     problem = with_cycle(gait.problem, gait.system, Cycle(gait.problem.cycle.steps * 2), gait.state)
-    metric = Metric.of(gait, gait.period, 0.01)
-    twice, w = segment_through(problem, gait.system, SLOPE, metric, motion_of(gait, 2), gait.p)
+    metric = Metric.of(gait, 0.01)
+    twice, w = segment_through(problem, gait.dynamics, SLOPE, metric, motion_of(gait, 2))
     assert twice.assembled(w).multipliers == pytest.approx(gait.multipliers**2, abs=1e-6)
 
 
@@ -97,8 +98,8 @@ def test_a_gait_walked_twice_meets_the_doubled_family_at_a_branch_point() -> Non
 def test_a_special_point_from_its_record_has_the_same_branches() -> None:
     (doubling,) = stick().special("period_doubling")
     record = json.loads(json.dumps(doubling.to_record()))
-    again = restored_special(stick()[0].gait, SLOPE, record)
-    metric = Metric.of(doubling.gait, doubling.gait.period, 0.01)
+    again = recorded_special(stick()[0].gait, SLOPE, record)
+    metric = Metric.of(doubling.gait, 0.01)
     points = [beginnings(special, SLOPE, metric)[0][1] for special in (doubling, again)]
     assert points[0].gait.state == pytest.approx(points[1].gait.state, abs=1e-8)
     assert points[0].value == pytest.approx(points[1].value, abs=1e-10)
@@ -116,7 +117,7 @@ def test_special_points_without_other_branches_are_refused() -> None:
 
 def with_followed(start: Gait, done: list[dict[str, object]], **follow: int) -> list[dict[str, object]]:
     """Records of a family and of the other branches that begin on it that are not ``done``."""
-    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0, **follow)
+    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0, follow=follow)
     records = follow_family(start, request, done=done)
     return [json.loads(json.dumps(record.to_record())) for record in records]
 
@@ -170,7 +171,7 @@ def test_branches_that_begin_at_a_branch_point_are_followed_on_the_way() -> None
 @pytest.mark.slow
 def test_cascade_of_the_sticking_compass_up_to_sixteen_steps() -> None:
     """The distances between its doublings shrink like those of the logistic map."""
-    request = Request(parameter=SLOPE, to=(radians(6.1),), doublings=4, max_points=60)
+    request = Request(parameter=SLOPE, to=(radians(6.1),), follow={"doublings": 4}, max_points=60)
     records = [r.to_record() for r in follow_family(sticking("compass-passive-stick", 5.3), request)]
     (cascade,) = cascades(records)
     assert cascade.n_steps == (1, 2, 4, 8, 16)

@@ -11,22 +11,26 @@ from pictured import SEQUENCES, TORSO, branch, gait
 
 from gaitopt.figures.branches import UNSTABLE, over_parameter
 from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, informative
-from gaitopt.figures.comparison import differences, simulated
+from gaitopt.figures.comparison import differences, simulated, thinned
 from gaitopt.figures.front import front_figure, pareto_front
-from gaitopt.figures.labels import label, symbol
+from gaitopt.figures.labels import Parameter, label, parameter_of, symbol
 from gaitopt.figures.motion import motion_from_record, motion_of
+from gaitopt.figures.stability import multiplier_paths, multiplier_plane
 from gaitopt.figures.style import SLIP_DASHES, save
 from gaitopt.figures.sweep import sweep
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import Mode
 from gaitopt.runs.grid import Axis, Grid
 
+FRICTION = Parameter(key="friction")
+
 
 def figures():
     one = [((word, name), GAIT_FIGURES[word]([gait(name)])) for name in SEQUENCES for word in informative([gait(name)])]
     pair = [gait("compass-passive-a"), gait("compass-passive-b")]
     two = [((word, "both"), GAIT_FIGURES[word](pair)) for word in informative(pair)]
-    paths = [(word, branch_figure(word, "gait", "friction", branch())) for word in ("multipliers", "spectral_radius")]
+    problem = gait("compass-passive-a").problem
+    paths = [(word, branch_figure(word, problem, "friction", branch())) for word in ("multipliers", "spectral_radius")]
     front = pareto_front({"front": [record for record in branch() if record["record"] == "point"]}, "speed", "period")
     return dict([*one, *two, *paths, ("front", front)])
 
@@ -91,7 +95,7 @@ def test_torques_of_a_passive_walker_are_not_drawn_unasked():
 @pytest.mark.parametrize("name", [*SEQUENCES, TORSO])
 def test_a_record_is_enough_to_draw_the_same_motion(name):
     ours = gait(name)
-    again = motion_from_record(ours.system, ours.p, ours.to_record())
+    again = motion_from_record(ours.dynamics, ours.to_record())
     assert [arc.mode for arc in again.steps[0].arcs] == [arc.mode for arc in ours.steps[0].arcs]
     for one, other in zip(again.steps[0].arcs, ours.steps[0].arcs, strict=True):
         np.testing.assert_allclose(one.states[-1], other.states[-1], atol=1e-9)
@@ -108,6 +112,14 @@ def test_two_roads_agree_and_a_spoiled_gait_is_seen_to_disagree():
     assert max(np.abs(gap).max() for _, gap in differences([spoiled], walked)) > 9e-5
 
 
+def test_at_most_twenty_nodes_are_marked_from_the_first_to_the_last():
+    for count in (3, 20, 39, 65):
+        times, states = thinned(np.arange(count), np.arange(count)[:, None])
+        assert len(times) == min(count, 20)
+        assert (times[0], times[-1]) == (0, count - 1)
+        np.testing.assert_array_equal(states[:, 0], times)
+
+
 def test_arcs_are_not_compared_beyond_a_different_mode():
     motion = motion_of(gait("compass-passive-a"))
     other = replace(
@@ -117,7 +129,7 @@ def test_arcs_are_not_compared_beyond_a_different_mode():
 
 
 def test_stable_gaits_are_thick_and_unstable_ones_dotted():
-    axes = over_parameter({"gait": branch()}, "friction").axes[0]
+    axes = over_parameter({"gait": branch()}, FRICTION).axes[0]
     thick = [line for line in axes.lines if line.get_linewidth() > 2]
     assert [len(line.get_xdata()) for line in thick] == [4]  # gait A, stable throughout
     assert max(thick[0].get_ydata()) < 1
@@ -127,7 +139,7 @@ def test_stable_gaits_are_thick_and_unstable_ones_dotted():
 
 
 def test_special_points_have_a_marker_and_a_word():
-    figure = over_parameter({"gait": branch()}, "friction")
+    figure = over_parameter({"gait": branch()}, FRICTION)
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "Neimark–Sacker" in words
     assert "branch ends" in words
@@ -137,7 +149,7 @@ def test_special_points_have_a_marker_and_a_word():
 
 @pytest.mark.parametrize("word", BRANCH_FIGURES)
 def test_every_scalar_of_a_branch_can_be_drawn(word):
-    assert branch_figure(word, "gait", "friction", branch()).axes
+    assert branch_figure(word, gait("compass-passive-a").problem, "friction", branch()).axes
 
 
 def test_unstable_gaits_of_a_front_are_hollow():
@@ -170,7 +182,7 @@ def test_figures_need_neither_pyplot_nor_a_screen():
 
 def grid_records(values):
     """Records of a sweep over a grid, with the spectral radius of each point, or None where there is no gait."""
-    return [{"status": "not_converged" if v is None else "converged", "spectral_radius": v} for v in values]
+    return [{"status": "infeasible" if v is None else "converged", "spectral_radius": v} for v in values]
 
 
 def heat_map(rows):
@@ -223,13 +235,21 @@ def test_a_sweep_keeps_its_range_marks_what_failed_and_shows_degrees_where_they_
     assert cross == "not with these phases"
 
 
+def test_a_cross_of_a_sweep_claims_no_more_than_is_known():
+    axis = Axis(key="friction", lower=0.1, upper=0.3, count=3)
+    records = [*grid_records([None, 0.5]), {"status": "not_converged", "spectral_radius": None}]
+    for searched, words in ((False, "not with these phases"), (True, "no gait")):
+        figure = sweep(Grid((axis,)), records, "spectral_radius", searched=searched)
+        assert [text.get_text() for text in figure.legends[0].get_texts()] == [words, "not converged"]
+
+
 def test_the_stable_line_reaches_the_bifurcation_and_an_end_that_was_asked_for_is_not_marked():
     point = {"record": "point", "branch": 0, "phases": [{"mode": "stick"}], "impact": "stick"}
     points = [{**point, "index": k, "value": 0.1 + 0.01 * k, "spectral_radius": 0.9 + 0.08 * k} for k in range(3)]
     special = {"record": "special", "branch": 0, "status": "converged", "next": []}
     crossing = special | {"type": "fold", "value": 0.1125, "gait": {"spectral_radius": 1 + 1e-12}}
-    end = special | {"type": "end", "value": 0.12, "reason": "reached friction = 0.12", "gait": {}}
-    figure = over_parameter({"gait": [*points, crossing, end]}, "friction")
+    end = special | {"type": "end", "value": 0.12, "bound": True, "gait": {}}
+    figure = over_parameter({"gait": [*points, crossing, end]}, FRICTION)
     (thick,) = [line for line in figure.axes[0].lines if line.get_linewidth() > 2]
     assert thick.get_xdata()[-1] == 0.1125
     assert "branch ends" not in [text.get_text() for text in figure.legends[0].get_texts()]
@@ -237,7 +257,7 @@ def test_the_stable_line_reaches_the_bifurcation_and_an_end_that_was_asked_for_i
 
 
 def test_mode_sequences_of_a_branch_have_colours_and_names():
-    figure = over_parameter({"gait": branch()}, "friction")
+    figure = over_parameter({"gait": branch()}, FRICTION)
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words[0] == "slip forward, stick, slip backward; impact stick"
     assert len({line.get_color() for line in figure.axes[0].lines if len(line.get_xdata()) > 2}) > 1
@@ -245,10 +265,11 @@ def test_mode_sequences_of_a_branch_have_colours_and_names():
 
 def test_requests_without_a_design_are_ticks_with_their_reason():
     records = [record | {"objective": 0.1, "pareto": True} for record in branch() if record["record"] == "point"]
-    failed = {"value": 9.0, "objective": None, "status": "infeasible", "message": "speed at least 9 m/s"}
+    reason = "speed at least 9 m/s conflicts with the impact, whose lift velocity would be negative: best reached 0.53"
+    failed = {"value": 9.0, "objective": None, "status": "infeasible", "message": reason}
     figure = front_figure(gait("compass-passive-a").problem, "constraints.speed.min", [*records, failed])
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "infeasible: speed at least 9 m/s" in words
+    assert f"infeasible: {reason}" in [text.replace("\n", " ") for text in words]
 
 
 def test_labels_lie_inside_the_canvas(drawn):
@@ -270,10 +291,80 @@ def test_a_doubled_family_begins_in_the_picture_where_the_period_doubles(quantit
     steps = [{**one, "phases": one["phases"], quantity: 0.8 + side * 0.1} for side in (-1, 1)]
     doubled = [{**one, "branch": 1, "index": k, "value": 0.12 + 0.01 * k, "steps": steps} for k in range(2)]
     special = {"record": "special", "branch": 0, "type": "period_doubling", "value": 0.115, "next": [1], "gait": one}
-    axes = over_parameter({"cascade": [*points, special, *doubled]}, "friction", quantity).axes[0]
+    axes = over_parameter({"cascade": [*points, special, *doubled]}, FRICTION, quantity).axes[0]
     begins = [
         line.get_ydata()[0]
         for line in axes.lines
         if np.ravel(line.get_xdata())[0] == 0.115 and len(line.get_xdata()) > 1
     ]
     assert begins == [0.8, 0.8]
+
+
+def test_multipliers_far_beyond_the_circle_leave_it_visible_and_are_written_at_the_edge():
+    figure = multiplier_plane({"gait": np.array([0.5 + 0.5j, 0.5 - 0.5j, -80.0])})
+    (axes,) = figure.axes
+    assert axes.get_xlim() == (-2, 2)
+    assert [text.get_text() for text in axes.texts] == ["80"]
+    points = [{**record, "multipliers": [{"re": 3e4, "im": 0.0}]} for record in branch() if record["record"] == "point"]
+    figure = multiplier_paths(points, FRICTION)
+    assert figure.axes[0].get_xlim() == (-2, 2)
+    assert "at the edge: beyond it, |λ| up to 3e+04" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_legends_of_long_cascades_stay_inside_and_leave_the_axes_their_height():
+    step = {"phases": [{"mode": mode} for mode in ("slip_forward", "stick", "slip_backward")]}
+    point = {"record": "point", "index": 0, "spectral_radius": 0.9}
+    records = [
+        {
+            **point,
+            "branch": k,
+            "value": 0.1 * k,
+            "steps": [{**step, "impact": "slip_forward"}] * k + [{**step, "impact": "stick"}],
+        }
+        for k in range(1, 11)
+    ]
+    figure = over_parameter({"gait": records}, FRICTION)
+    figure.canvas.draw()
+    renderer = figure.canvas.get_renderer()
+    box = figure.legends[0].get_window_extent(renderer)
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1
+    assert figure.axes[0].get_window_extent(renderer).height > 2 * figure.dpi
+    assert len({line.get_color() for line in figure.axes[0].lines}) > 9  # the level of one is a line, too
+
+
+def test_angles_of_a_branch_are_in_degrees_where_the_file_has_them():
+    problem = gait("compass-passive-a").problem
+    shown = parameter_of(problem, "walker.slope")
+    assert str(shown.label) == "slope [°]"
+    assert shown.shown([{"value": np.pi / 60}, {"value": None}]) == [{"value": pytest.approx(3)}, {"value": None}]
+    assert str(parameter_of(problem, "friction").label) == "coefficient of friction μ"
+    bare = replace(problem, text=problem.text.replace("1 deg", "0.0175"))
+    assert str(parameter_of(bare, "walker.slope").label) == "slope [rad]"
+
+
+def test_a_family_that_ends_with_unbounded_multipliers_keeps_its_scale():
+    points = [record for record in branch() if record["record"] == "point" and record["branch"] == 0]
+    end = {"record": "special", "branch": 0, "type": "end", "value": 0.16, "reason": "", "next": []}
+    figure = over_parameter({"gait": [*points, end | {"gait": {"spectral_radius": 1e15}}]}, FRICTION)
+    assert figure.axes[0].get_ylim()[1] < 2
+
+
+def test_the_lock_of_a_knee_is_drawn_as_a_jump():
+    shown = gait("kneed-passive")
+    figure = GAIT_FIGURES["portrait"]([shown])
+    before, after = (arc.states for arc in shown.steps[0].arcs[:2])
+    knee = [shown.system.state_names.index(name) for name in ("theta3", "dtheta3")]
+    jumps = [line.get_xydata() for line in figure.axes[0].lines if line.get_linestyle() == ":"]
+    assert any(np.allclose(jump, [before[-1, knee], after[0, knee]]) for jump in jumps if len(jump) == 2)
+    assert "impact, or a stop locks" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_a_hopper_shows_its_height_and_what_it_presses_on_the_ground():
+    shown = gait("hopper")
+    _, normal = GAIT_FIGURES["force"]([shown]).axes
+    landed, flying = ([line.get_ydata() for line in normal.lines if line.get_linestyle() == own] for own in ("-", ":"))
+    assert max(np.max(force) for force in landed) > 1
+    assert all(np.allclose(force, 0) for force in flying)
+    words = [text.get_text() for text in GAIT_FIGURES["roads"]([shown]).legends[0].get_texts()]
+    assert "y, simulation" in words

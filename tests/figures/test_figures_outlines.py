@@ -57,10 +57,10 @@ def test_masses_of_legs_that_differ_are_drawn_where_they_are():
     gait = named("compass-unequal")
     moved = gait.problem.replace({"walker.leg_com": 0.7})
     motion = motion_of(gait)
-    p = motion.system.values(moved.parameters)
+    dynamics = motion.dynamics.at(moved.parameters)
     state = motion.steps[0].arcs[0].states[:1]
     distances = []
     for side in (0, 1):
-        points = skeleton(replace(motion, p=p), state, [side]).points[0]
+        points = skeleton(replace(motion, dynamics=dynamics), state, [side]).points[0]
         distances.append([np.linalg.norm(points[2] - points[0]), np.linalg.norm(points[4] - points[1])])
     assert distances == [pytest.approx([0.7, 0.8]), pytest.approx([0.8, 0.7])]

@@ -16,7 +16,7 @@ from gaitopt.figures.motion import motion_of
 from gaitopt.figures.packing import CODES, pack
 from gaitopt.figures.skeleton import skeleton, slope
 from gaitopt.mechanics import CompassBiped
-from gaitopt.mechanics.walker import polar
+from gaitopt.mechanics.mechanism import polar
 
 WALKERS = (*SEQUENCES, TORSO)
 
@@ -29,8 +29,10 @@ def drawing(name):
 
 def unpack(packed, name):
     low, step, text = packed["columns"][name]
-    codes = np.frombuffer(base64.b64decode(text), dtype="<u2") if text else np.zeros(packed["rows"])
-    return low + step * codes
+    if not text:
+        return np.full(packed["rows"], low)
+    lower, upper = np.frombuffer(base64.b64decode(text), dtype=np.uint8).reshape(2, -1).astype(int)
+    return low + step * (lower + 256 * upper)
 
 
 @pytest.mark.parametrize("name", WALKERS)
@@ -93,10 +95,10 @@ def test_the_ground_leans_as_the_slope_does(name):
     assert slope(motion_of(gait(name))) == pytest.approx(gait(name).problem.walker.slope, abs=1e-12)
 
 
-def test_columns_come_back_to_five_digits_and_constants_exactly():
+def test_columns_come_back_to_a_part_of_their_range_and_constants_exactly():
     values = np.sin(np.linspace(0, 3, 50)) * 7 - 2
     packed = pack({"sine": values, "still": np.full(50, 0.25)})
-    np.testing.assert_allclose(unpack(packed, "sine"), values, atol=np.ptp(values) / CODES)
+    np.testing.assert_allclose(unpack(packed, "sine"), values, atol=0.6 * np.ptp(values) / CODES)
     assert packed["columns"]["still"][1:] == [0.0, ""]
     np.testing.assert_array_equal(unpack(packed, "still"), 0.25)
 
@@ -104,8 +106,9 @@ def test_columns_come_back_to_five_digits_and_constants_exactly():
 @pytest.mark.parametrize("name", WALKERS)
 def test_the_force_in_the_film_stays_within_the_cone(name):
     shown = film(motion_of(gait(name)))
-    ratio = unpack(shown["frames"], "f_t") / unpack(shown["frames"], "f_n")
-    assert np.abs(ratio).max() <= shown["friction"] * (1 + 1e-4)
+    tangential, normal = (unpack(shown["frames"], name) for name in ("f_t", "f_n"))
+    rounding = np.ptp(tangential) / CODES + shown["friction"] * np.ptp(normal) / CODES
+    assert (np.abs(tangential) <= shown["friction"] * normal + rounding).all()
 
 
 def test_phases_of_the_film_cover_the_step():

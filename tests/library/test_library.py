@@ -11,11 +11,15 @@ import pytest
 from matplotlib.axes import Axes
 from named import named, verification
 from pictured import gait
+from rich.console import Console
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, StorageError
 from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES
+from gaitopt.gait import Cause
+from gaitopt.library.print_results import print_branch
 from gaitopt.problem import SCALARS
+from gaitopt.search.explain import Explanation
 
 pd, xr = pytest.importorskip("pandas"), pytest.importorskip("xarray")
 LONGEST_LINE = 200
@@ -57,6 +61,17 @@ def test_every_result_prints_in_one_line(everything, branch):
         assert len(repr(result)) < LONGEST_LINE
     assert f"radius {named(WHEEL).spectral_radius:.4g}" in repr(named(WHEEL))
     assert "converged" in repr(named(WHEEL))
+
+
+def test_answers_print_in_one_line_and_report_in_words():
+    problem = named(WHEEL).problem
+    why = Explanation(problem=problem, gait=None, exists=False, causes=(Cause(what="search", words="needs more"),))
+    assert repr(why) == f"<Explanation of {WHEEL}: needs more>"
+    assert "needs more" in why._repr_html_()
+    said = []
+    proof = go.prove(named("rimless-wheel-stick"), progress=said.append)
+    assert repr(proof).startswith("<Proof about rimless-wheel-stick: ")
+    assert repr(proof).endswith("claims proved, stable>")
 
 
 def walk_parts(walk):
@@ -163,6 +178,13 @@ def test_a_branch_comes_back_with_its_gaits(branch, run, empty_folder):
     verified = go.verify(again[1].gait)
     assert verified.figure("state") < 1e-9
     assert again[1].gait.problem.friction == again[1].value
+
+
+def test_special_points_over_an_angle_are_told_in_degrees_as_well():
+    written = io.StringIO()
+    special = {"record": "special", "branch": 0, "type": "fold", "value": np.radians(3), "status": "converged"}
+    print_branch(Console(file=written, width=100), [special | {"reason": "", "next": []}], "walker.slope")
+    assert "rad (3 deg): fold" in written.getvalue()
 
 
 def test_a_wrong_range_is_named():

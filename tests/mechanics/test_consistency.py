@@ -11,7 +11,7 @@ from oracles import COMPASS, EXAMPLES, TORSO, WHEEL, TorsoCompass
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics import Body, CompassBiped, Mechanism, RimlessWheel, Walker, check_walker
-from gaitopt.mechanics.walker import polar
+from gaitopt.mechanics.mechanism import polar
 from gaitopt.problem import parse_problem
 
 

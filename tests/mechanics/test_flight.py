@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
+from gaitopt.mechanics import Dynamics
 from gaitopt.simulation import Simulator, make_stepper
 from tests.named import named, verification
 
@@ -140,9 +141,12 @@ def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
     gait = named(name)
     system, p = gait.system, gait.p
     xi, rng = gait.state[system.section(gait.problem.cycle.impact)], np.random.default_rng(0)
-    states = np.array([system.lift_state(xi * (1 + spread * rng.uniform(-1, 1, xi.size)), p) for _ in range(20)])
-    scipy, heyoka = (Simulator(system, p, stepper=make_stepper(system, p, engine)) for engine in ("scipy", "heyoka"))
-    batch = BatchSimulator(system, p).step(states)
+    states = np.array([Dynamics(system, p).lift(xi * (1 + spread * rng.uniform(-1, 1, xi.size))) for _ in range(20)])
+    scipy, heyoka = (
+        Simulator(Dynamics(system, p), stepper=make_stepper(Dynamics(system, p), engine))
+        for engine in ("scipy", "heyoka")
+    )
+    batch = BatchSimulator(Dynamics(system, p)).step(states)
     completed = 0
     for k, state in enumerate(states):
         ours, theirs = scipy.step(state), heyoka.step(state)
@@ -157,7 +161,7 @@ def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
 
 def test_energy_of_a_runner_on_massless_legs_is_what_it_states() -> None:
     gait = named("slip-run")
-    energies = np.concatenate([go.gait.observe(gait.system, gait.p, arc).energy for arc in gait.arcs])
+    energies = np.concatenate([go.gait.observe(gait.dynamics, arc).energy for arc in gait.arcs])
     assert energies[: len(gait.arcs[0].times)] == pytest.approx(1.7, abs=1e-10)
 
 

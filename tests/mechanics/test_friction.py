@@ -8,7 +8,16 @@ import pytest
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.gait import ImpactRecord
-from gaitopt.mechanics import CONTACTS, CompassBiped, HybridSystem, ImpactLaw, Mode, NoControl, StaticKineticFriction
+from gaitopt.mechanics import (
+    CONTACTS,
+    CompassBiped,
+    Dynamics,
+    HybridSystem,
+    ImpactLaw,
+    Mode,
+    NoControl,
+    StaticKineticFriction,
+)
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.contact_resolver import ContactResolver
 from tests.oracles import CASES
@@ -85,7 +94,7 @@ def test_batches_decide_like_single_states(gait):
     rng = np.random.default_rng(3)
     states = gait.state * (1 + 0.2 * rng.uniform(-1, 1, (40, gait.state.size)))
     states[:, 1] = states[:, 0]
-    batch, single = BatchSimulator(gait.system, gait.p).step(states), Simulator(gait.system, gait.p)
+    batch, single = BatchSimulator(gait.dynamics).step(states), Simulator(gait.dynamics)
     reference = stack_outcomes([single.step(z) for z in states], states, CONTACTS)
     for name in ("endings", "phases", "impacts"):
         np.testing.assert_array_equal(getattr(batch, name), getattr(reference, name))
@@ -101,7 +110,7 @@ def test_an_impact_sticks_where_sticking_and_slipping_are_both_consistent():
     ratio = abs(stick[0]) / stick[1]
 
     def impact(static, kinetic):
-        record = ContactResolver(system, np.array([*numbers, static, kinetic, 0])).impact(z)
+        record = ContactResolver(Dynamics(system, np.array([*numbers, static, kinetic, 0]))).impact(z)
         assert isinstance(record, ImpactRecord)
         return record.mode
 
@@ -147,7 +156,7 @@ def test_a_family_ends_by_name_where_the_return_map_jumps(nearly_held):
     for static, first in ((HELD_AT - 1e-9, Mode.SLIP_FORWARD), (HELD_AT + 1e-9, Mode.STICK)):
         p = end.gait.p.copy()
         p[end.gait.system.parameters.index("friction.static")] = static
-        step = Simulator(end.gait.system, p).step(end.gait.state).step
+        step = Simulator(Dynamics(end.gait.system, p)).step(end.gait.state).step
         assert step.phases[0][0] is first
 
 

@@ -10,6 +10,7 @@ from oracles import compass_oracle
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
+from gaitopt.mechanics import Dynamics
 from gaitopt.simulation import Simulator
 from gaitopt.study import return_map
 
@@ -99,7 +100,7 @@ def test_push_needs_the_friction_of_the_direction_of_the_leg():
     for factor, ending in ((1 + 1e-9, "completed"), (1 - 1e-9, "push_slips")):
         p = gait.p.copy()
         p[-1] = factor * needed
-        assert Simulator(gait.system, p).step(gait.state).ending == ending
+        assert Simulator(Dynamics(gait.system, p)).step(gait.state).ending == ending
     state = dict(zip(gait.system.state_names, map(float, gait.state), strict=True))
     changes = {"friction": 0.999 * needed, "gait.guess.state": state}
     failed = go.solve(gait.problem.replace(changes))

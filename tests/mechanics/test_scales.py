@@ -6,6 +6,7 @@ import pytest
 from gaitopt.mechanics import (
     CONTACTS,
     CompassBiped,
+    Dynamics,
     HybridSystem,
     Mode,
     NoControl,
@@ -18,7 +19,7 @@ from gaitopt.mechanics import (
 def test_the_compass_is_measured_by_its_leg_weight_and_fall() -> None:
     walker = CompassBiped(leg_length=1.6, leg_mass=4, leg_com=0.8, hip_mass=2, gravity=9.8, slope=0.02)
     system = HybridSystem(CompassBiped, NoControl())
-    scales = system.scales(np.array([*walker.model_dump().values(), 0.2]))
+    scales = Dynamics(system, np.array([*walker.model_dump().values(), 0.2])).scales
     assert scales.length == pytest.approx(1.6, rel=1e-15)
     assert scales.time == pytest.approx(np.sqrt(1.6 / 9.8), rel=1e-15)
     assert scales.mass == pytest.approx(10, rel=1e-15)
@@ -39,8 +40,8 @@ def test_margins_in_natural_units_do_not_depend_on_the_units_of_the_problem(mode
     dimensionless = []
     for w in (wheel, other):
         p = np.array([*w.model_dump().values(), 0.4])
-        scales = system.scales(p)
-        state = z * system.state_scales(scales)
+        scales = Dynamics(system, p).scales
+        state = z * Dynamics(system, p).state_units
         margins = np.asarray(system.margins(mode)(0, state, p, [])).ravel()
         dimensionless.append(margins / margin_scales(mode, scales))
     assert len(margin_names(mode)) == dimensionless[0].size

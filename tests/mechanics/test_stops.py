@@ -7,7 +7,7 @@ import pytest
 from named import named, verification
 
 import gaitopt as go
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, ModeSequence, NoControl
+from gaitopt.mechanics import Cycle, Dynamics, HybridSystem, Mode, ModeSequence, NoControl
 from gaitopt.mechanics.walkers.kneed import KneedWalker
 from gaitopt.simulation import Simulator
 from gaitopt.study import return_map
@@ -137,7 +137,7 @@ def test_the_knee_needs_the_friction_at_which_its_strike_begins_to_slip():
     for factor, contact in ((1 + 1e-9, "stick"), (1 - 1e-9, "slip_forward")):
         p = gait.p.copy()
         p[-1] = factor * abs(f_t / f_n)
-        step = Simulator(gait.system, p).step(gait.state).step
+        step = Simulator(Dynamics(gait.system, p)).step(gait.state).step
         after = next(arc.mode for arc in step.arcs if arc.mode.locked)
         assert after.contact == contact
 

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt.errors import GaitoptError, SolveError
-from gaitopt.mechanics import HybridSystem, NoControl, Walker, check_walker
+from gaitopt.mechanics import Dynamics, HybridSystem, NoControl, Walker, check_walker
 from gaitopt.mechanics.walkers.unequal_compass import UnequalCompass
 from gaitopt.simulation import Simulator
 from gaitopt.study import return_map
@@ -161,9 +161,9 @@ def test_batches_return_after_a_step_with_either_leg():
     assert (scipy.phases == heyoka.phases).all()
     assert scipy.states == pytest.approx(heyoka.states, abs=1e-9, nan_ok=True)
     p = problem.parameters
-    simulator = Simulator(gait.system, gait.system.values(p))
+    simulator = Simulator(Dynamics(gait.system, gait.system.values(p)))
     row = int(np.flatnonzero(scipy.completed)[0])
-    walked = simulator.run(gait.system.lift_state(xi[row], simulator.p), steps=2)
+    walked = simulator.run(simulator.dynamics.lift(xi[row]), steps=2)
     assert scipy.states[row] == pytest.approx(walked.section_states[-1][[0, 3, 4, 5]], abs=1e-12)
     assert scipy.times[row] == pytest.approx(sum(step.period for step in walked.steps), abs=1e-12)
 

@@ -11,6 +11,7 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.mechanics import (
     CompassBiped,
     Cycle,
+    Dynamics,
     Mode,
     ModeSequence,
     RimlessWheel,
@@ -116,7 +117,7 @@ def test_text_that_is_no_angle_is_refused(text: str) -> None:
 def test_both_feet_are_on_the_ground_after_an_impact() -> None:
     for case in CASES.values():
         xi = np.linspace(0.1, 0.2, case.system.lift.size1_in(0))
-        q, _ = case.coordinates(case.system.lift_state(xi, case.p))
+        q, _ = case.coordinates(Dynamics(case.system, case.p).lift(xi))
         other = case.oracle.swing_foot.position(q)
         if case.n == 1:  # the wheel stands on the spoke that it came from, one before the stance spoke
             q[0] += 2 * np.pi / case.walker.spokes

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from casadi import SX, Function, jacobian, vertcat
-from scipy.sparse import csc_matrix
 
 from gaitopt.nlp.arclength import RESIDUAL, Curve, CurvePoint
+from gaitopt.nlp.sparse import Pattern, SparseMatrix
 from gaitopt.nlp.units import Units
 
 
@@ -37,7 +37,12 @@ def planar(equation: str) -> Planar:
 
 def curve_of(equation: str, scales: tuple[float, float]) -> Curve:
     plane = planar(equation)
-    return Curve(plane, np.zeros(1), np.array(scales), lambda w, p: csc_matrix(np.asarray(plane.residual(w, p)[1])))
+    row = Pattern(shape=(1, 2), pointers=np.arange(3), rows=np.zeros(2, dtype=np.intp))
+
+    def slopes(w: np.ndarray, p: np.ndarray) -> SparseMatrix:
+        return SparseMatrix(pattern=row, data=np.asarray(plane.residual(w, p)[1]).ravel())
+
+    return Curve(plane, np.zeros(1), np.array(scales), slopes)
 
 
 def walked(curve: Curve, start: CurvePoint, length: float, count: int) -> list[CurvePoint]:

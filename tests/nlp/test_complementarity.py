@@ -5,7 +5,7 @@ import pytest
 
 from gaitopt import solve
 from gaitopt.gait import Status
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.nlp.complementarity.program import Complementarity, Proposal
 from gaitopt.nlp.complementarity.swing import shapes_before, swing
 from gaitopt.problem import load_problem
@@ -20,8 +20,8 @@ def program(name, overrides=None, should_stop=None):
     problem = load_problem(name).replace(overrides or {})
     system = build_system(problem)
     p = system.values(problem.parameters)
-    time = system.scales(p).time
-    return system, p, time, Complementarity(system, p, 1.7 * time, should_stop=should_stop)
+    time = Dynamics(system, p).scales.time
+    return system, p, time, Complementarity(Dynamics(system, p), 1.7 * time, should_stop=should_stop)
 
 
 def found(proposal):
@@ -31,14 +31,14 @@ def found(proposal):
 
 def test_the_passive_compass_has_gaits_a_and_b():
     system, p, time, steps = program("compass-passive-a")
-    proposals = [steps.solve(*swing(system, p, np.array([[-a]]), 1.5 * time), 1.5 * time) for a in (0.2, 0.3)]
+    proposals = [steps.solve(*swing(Dynamics(system, p), np.array([[-a]]), 1.5 * time), 1.5 * time) for a in (0.2, 0.3)]
     assert {found(proposal) for proposal in proposals} == {GAIT_A, GAIT_B}
 
 
 def test_a_proposal_is_close_to_the_gait_that_is_solved_with_its_sequence():
     gait = solve(load_problem("compass-passive-a"))
     system, p, time, steps = program("compass-passive-a")
-    proposal = steps.solve(*swing(system, p, np.array([[-0.2]]), 1.5 * time), 1.5 * time)
+    proposal = steps.solve(*swing(Dynamics(system, p), np.array([[-0.2]]), 1.5 * time), 1.5 * time)
     assert found(proposal) == GAIT_A
     np.testing.assert_allclose(proposal.states[0], gait.state, atol=2e-3)
     assert sum(proposal.durations[0]) == pytest.approx(gait.measures["period"], abs=1e-3)
@@ -46,7 +46,7 @@ def test_a_proposal_is_close_to_the_gait_that_is_solved_with_its_sequence():
 
 def test_the_torque_driven_compass_has_gait_i():
     system, p, time, steps = program("compass-torque-slip")
-    assert found(steps.solve(*swing(system, p, np.array([[-0.2]]), 2 * time), 2 * time)) == GAIT_A
+    assert found(steps.solve(*swing(Dynamics(system, p), np.array([[-0.2]]), 2 * time), 2 * time)) == GAIT_A
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_the_torque_driven_compass_has_gait_i():
 )
 def test_the_wheel_slips_the_more_the_less_friction_there_is(friction, sequence):
     system, p, time, steps = program("rimless-wheel-slip", {"friction": friction})
-    assert found(steps.solve(*swing(system, p, np.zeros((1, 0)), time), time)) == sequence
+    assert found(steps.solve(*swing(Dynamics(system, p), np.zeros((1, 0)), time), time)) == sequence
 
 
 @pytest.mark.slow
@@ -67,9 +67,9 @@ def test_a_cycle_of_two_steps_is_found_from_two_unlike_swings():
     """On 5.4 deg, where the period of the sticking gait has doubled."""
     overrides = {"friction": 0.6, "walker.slope": "5.4deg"}
     system, p, time, _ = program("compass-passive-stick", overrides)
-    cycles = Complementarity(system, p, 1.7 * time, n_steps=2)
+    cycles = Complementarity(Dynamics(system, p), 1.7 * time, n_steps=2)
     period = 2.88 * time
-    proposal = cycles.solve(*swing(system, p, np.array([[-0.035], [-0.286]]), period), period)
+    proposal = cycles.solve(*swing(Dynamics(system, p), np.array([[-0.035], [-0.286]]), period), period)
     assert isinstance(proposal, Proposal), proposal
     assert str(proposal.cycle) == "stick; stick | stick; stick"
     gait = solve(load_problem("compass-passive-two-step"))
@@ -80,17 +80,17 @@ def test_a_swing_ends_in_the_shape_that_the_impact_relabels_to_its_start():
     problem = load_problem("compass-passive-a")
     system = build_system(problem)
     p = system.values(problem.parameters)
-    (start,), (end,) = swing(system, p, np.array([[-0.2]]), 0.7)
+    (start,), (end,) = swing(Dynamics(system, p), np.array([[-0.2]]), 0.7)
     after = np.asarray(system.impact(STICK)(end, p)[0]).ravel()
     n = system.n_shape
     np.testing.assert_allclose(after[:n], start[:n], atol=1e-14)
     np.testing.assert_allclose(end[:n] - start[:n], 0.7 * start[n + 1 : 2 * n + 1], atol=1e-14)
-    np.testing.assert_allclose(shapes_before(system, p, start[None, :n])[0], end[:n])
+    np.testing.assert_allclose(shapes_before(Dynamics(system, p), start[None, :n])[0], end[:n])
 
 
 def test_a_stop_on_request_is_told_from_a_failure():
     system, p, time, steps = program("rimless-wheel-slip", should_stop=lambda: True)
-    assert steps.solve(*swing(system, p, np.zeros((1, 0)), time), time) is Status.INTERRUPTED
+    assert steps.solve(*swing(Dynamics(system, p), np.zeros((1, 0)), time), time) is Status.INTERRUPTED
 
 
 @pytest.mark.parametrize("direction", [1, -1])

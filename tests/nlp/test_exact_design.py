@@ -7,15 +7,15 @@ import pytest
 
 from gaitopt import solve, verify
 from gaitopt.gait import curves
-from gaitopt.nlp import neighbourhood
+from gaitopt.nlp.design import neighbourhood
 from gaitopt.nlp.design.moduli import circle_rows, modulus_gradient
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS
 from gaitopt.nlp.design.quadratic import least_distance
 from gaitopt.nlp.design.scalars import Scalars
 from gaitopt.nlp.design.sensitivity import sensitivity
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
-from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import load_problem
 
 SMOOTH = ("period", "step_length", "speed", "work", "absolute_cost_of_transport", "torque_squared", "slip_distance")
@@ -30,8 +30,8 @@ def stable_slip():
 def transcribed(gait, free):
     durations = np.array([duration for _, duration in gait.phases])
     plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
-    t = Transcription(gait.system, plan, free)
-    values = [gait.p[gait.system.parameters.index(key)] for key in free]
+    t = MultipleShooting(gait.system, plan, free)
+    values = [gait.dynamics.parameter(key) for key in free]
     return t, t.pack(gait.shooting.states.T, durations, values)
 
 

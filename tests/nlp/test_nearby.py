@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt.mechanics import Dynamics
 from gaitopt.nlp import nearby, solve, solve_gait
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.nearby import REACH, solve_nearby
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.transcription import transcribe
 from gaitopt.study import build_system
 
 NAMES = (
@@ -25,7 +26,7 @@ def prepared(name):
     system = build_system(problem)
     p = system.values(problem.parameters)
     state = np.array([problem.guess.state[key] for key in system.state_names])
-    rolled = roll_out(system, p, problem.cycle, state)
+    rolled = roll_out(Dynamics(system, p), problem.cycle, state)
     plan = layout(problem.cycle, rolled.durations, system.control.breakpoints)
     transcription = transcribe(system, plan)
     return transcription, transcription.pack(rolled.nodes(plan), np.array(rolled.durations)), p

@@ -11,7 +11,7 @@ from gaitopt import solve
 from gaitopt.mechanics import CompassBiped, Cycle, HybridSystem, Mechanism, Mode, NoControl
 from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.problem import load_problem
 
 P = np.array([1.6, 4, 0.8, 2, 9.8, np.radians(1), 0.05])
@@ -21,7 +21,7 @@ FORWARD, BACKWARD, STICK = Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK
 @pytest.mark.parametrize("mode", [FORWARD, BACKWARD])
 def test_margin_of_a_slipping_impact_is_positive_where_the_foot_slips_as_the_mode_says(mode: Mode) -> None:
     system = HybridSystem(CompassBiped, NoControl())
-    t = Transcription(system, layout(Cycle.of_one_step((mode, STICK), mode), [0.1, 0.5], []))
+    t = MultipleShooting(system, layout(Cycle.of_one_step((mode, STICK), mode), [0.1, 0.5], []))
     rows, labels = t.inequalities
     row = [label.name for label in labels].index("impact_slip_velocity")
     margin = Function("margin", [t.w, t.parameters], [rows[row]])
@@ -35,7 +35,7 @@ def test_margin_of_a_slipping_impact_is_positive_where_the_foot_slips_as_the_mod
 def test_event_that_ends_a_slip_from_rest_has_no_root_where_the_slip_has_no_length() -> None:
     """Slip velocity over duration tends to the acceleration; the velocity itself would be zero."""
     system = HybridSystem(CompassBiped, NoControl())
-    t = Transcription(system, layout(Cycle.of_one_step((FORWARD, STICK), STICK), [0.1, 0.5], []))
+    t = MultipleShooting(system, layout(Cycle.of_one_step((FORWARD, STICK), STICK), [0.1, 0.5], []))
     start = np.array([-0.15, -0.15, 0, 0.73, -0.5, 0])
     rate = np.asarray(system.flow(FORWARD)(0, start, P, [])).ravel()
     event = system.n_z * (t.n_nodes - 1)
@@ -71,7 +71,7 @@ def test_gradient_of_the_radius_knows_that_the_section_is_curved() -> None:
     gait = solve(load_problem("compass-passive-a"))
     durations = [duration for _, duration in gait.phases]
     plan = layout(gait.problem.cycle, durations, []).refined(gait.shooting.intervals)
-    t = Transcription(HybridSystem(SineCompass, NoControl()), plan, ())
+    t = MultipleShooting(HybridSystem(SineCompass, NoControl()), plan, ())
     nodes = gait.shooting.states.T.copy()
     nodes[4] *= np.cos(nodes[1])
     nodes[1] = np.sin(nodes[1])

@@ -8,7 +8,7 @@ from named import named
 from gaitopt import solve, verify
 from gaitopt.nlp.design.spectral_radius import certified_radius, radius_gradient, smoothed_radius
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.problem import load_problem
 
 MATRICES = {
@@ -50,8 +50,8 @@ def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
     free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))
     durations = [duration for _, duration in gait.phases]
     plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
-    t = Transcription(gait.system, plan, free)
-    values = [gait.p[gait.system.parameters.index(key)] for key in free]
+    t = MultipleShooting(gait.system, plan, free)
+    values = [gait.dynamics.parameter(key) for key in free]
     w = t.pack(gait.shooting.states.T, np.array(durations), values)
     radius = certified_radius(t)
     symbol = MX.sym("w", w.size)

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 from named import named
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix
 
 from gaitopt.gait import Gait
 from gaitopt.nlp.arclength import Curve
 from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.family import Family
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
-from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import factorise
+from gaitopt.nlp.sparse import Pattern, ScaledMatrix, SparseMatrix
 
 pytestmark = pytest.mark.portable
 
@@ -29,11 +28,11 @@ def gait() -> Gait:
 
 
 @cache
-def transcription(free: tuple[str, ...] = ()) -> tuple[Transcription, NDArray[np.float64]]:
+def transcription(free: tuple[str, ...] = ()) -> tuple[MultipleShooting, NDArray[np.float64]]:
     """The gait's equations, and the solution."""
     durations = [duration for _, duration in gait().phases]
     plan = layout(gait().problem.cycle, durations, gait().system.control.breakpoints)
-    equations = Transcription(gait().system, plan.refined(list(gait().shooting.intervals)), free)
+    equations = MultipleShooting(gait().system, plan.refined(list(gait().shooting.intervals)), free)
     values = [gait().p[gait().system.parameters.index(key)] for key in free]
     return equations, equations.pack(gait().shooting.states.T, np.array(durations), values)
 
@@ -72,5 +71,7 @@ def test_family_says_that_there_is_no_gait_where_its_chords_diverge() -> None:
 
 @pytest.mark.parametrize("entry", [np.inf, np.nan, 0.0])
 def test_matrix_without_factors_is_refused(entry: float) -> None:
+    diagonal = Pattern(shape=(2, 2), pointers=np.arange(3), rows=np.arange(2))
+    matrix = ScaledMatrix(SparseMatrix(pattern=diagonal, data=np.array([1.0, entry])), np.ones(2), np.ones(2))
     with pytest.raises(RuntimeError):
-        factorise(csc_matrix(np.diag([1.0, entry])))
+        matrix.solve(np.ones(2))

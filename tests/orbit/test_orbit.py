@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.gait import Ending, floquet_multipliers
-from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import CompassBiped, Dynamics, HybridSystem, Mode, NoControl, RimlessWheel
 from gaitopt.orbit import ReturnMap
 from gaitopt.orbit.return_map import ROUNDING
 from gaitopt.simulation import Simulator
@@ -26,14 +26,14 @@ FIXED = BETA * sqrt(GAINED / (1 - BETA**2))
 @cache
 def wheel(friction: float = 2.0) -> ReturnMap:
     system = HybridSystem(RimlessWheel, NoControl())
-    return ReturnMap(Simulator(system, np.array([10, 1, 1, KAPPA, 1, SLOPE, friction])), Mode.STICK)
+    return ReturnMap(Simulator(Dynamics(system, np.array([10, 1, 1, KAPPA, 1, SLOPE, friction]))), Mode.STICK)
 
 
 @cache
 def return_map(name: str, **overrides: object) -> ReturnMap:
     problem = go.load_problem(name).replace({key.replace("__", "."): value for key, value in overrides.items()})
     system = build_system(problem)
-    return ReturnMap(Simulator(system, system.values(problem.parameters)), problem.cycle.impact)
+    return ReturnMap(Simulator(Dynamics(system, system.values(problem.parameters))), problem.cycle.impact)
 
 
 def guess(name: str) -> Array:
@@ -108,7 +108,7 @@ GARCIA = np.array([-0.200310900544287, 0.199832473004977, -0.199832473004977 * c
 @pytest.mark.parametrize(("foot_mass", "hip_mass"), [(1e-6, 1.0), (1e-9, 1.0), (1e-9, 4e6)])
 def test_fixed_point_of_a_walker_with_very_light_feet_keeps_all_digits(foot_mass: float, hip_mass: float) -> None:
     system = HybridSystem(CompassBiped, NoControl())
-    simulator = Simulator(system, np.array([1, foot_mass, 1e-6, hip_mass, 1, 0.009, 2.0]))
+    simulator = Simulator(Dynamics(system, np.array([1, foot_mass, 1e-6, hip_mass, 1, 0.009, 2.0])))
     point = ReturnMap(simulator, Mode.STICK).fixed_point(GARCIA)
     assert point.converged
     assert point.residual < 1e-12
@@ -123,7 +123,7 @@ def test_fixed_point_is_the_same_in_other_units(length: float, time: float, mass
     for metre, second, kilogram in ((1.0, 1.0, 1.0), (length, time, mass)):
         gravity = 9.8 * metre / second**2
         p = np.array([1.6 * metre, 4 * kilogram, 0.8 * metre, 2 * kilogram, gravity, radians(1), friction])
-        mapped = ReturnMap(Simulator(system, p), Mode.STICK)
+        mapped = ReturnMap(Simulator(Dynamics(system, p)), Mode.STICK)
         point = mapped.fixed_point(np.array([-0.1478, 0.7328 / second, -0.5007 / second]))
         assert point.converged
         units = np.array([1, 1 / second, 1 / second])

@@ -13,15 +13,17 @@ from gaitopt.cli.main import main
 from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
-from gaitopt.paper import Archive, parts
+from gaitopt.paper import Archive
 from gaitopt.paper.copied_torques import copied_torques, mean_torques
+from gaitopt.paper.families import follow_families
 from gaitopt.paper.figures import FIGURES
-from gaitopt.paper.gaits import SOURCES, problem_of
+from gaitopt.paper.gaits import SOURCES, family_of, has_family, problem_of
 from gaitopt.paper.numbers import NUMBERS
 from gaitopt.paper.reasons import EXPLANATIONS, Reason
 from gaitopt.paper.sentences import SENTENCES
 from gaitopt.paper.table import markdown, record, row
 from gaitopt.store import run_folder
+from gaitopt.workers.jobs import Workers
 
 COMMITTED = Path(__file__).parents[2] / "results" / "gamus-or-2013"
 RECOMPUTED = ("A: |λ| at μ = 0.14", "B: |λ| at μ = 0.14", "μ_c", "impulse ratio", "θ1* [rad]", "I: τ1, mean [N m]")
@@ -154,11 +156,6 @@ def test_one_figure_alone_is_written_where_it_is_wanted(tmp_path, monkeypatch, c
     assert capsys.readouterr().out.split() == ["pictures/fig3.svg", "pictures/fig3.png"]
 
 
-def test_the_parts_are_the_figures_with_curves_and_the_table():
-    numbers = {name.removeprefix("fig").partition("-")[0] for name in parts() if name != "table"}
-    assert numbers == {str(k) for k in (2, 3, 4, 6, 7, 8, 9, 10, 11, 12)}
-
-
 def test_the_page_about_the_reproduction_counts_what_the_table_holds():
     page = (COMMITTED.parents[1] / "docs" / "reproduction.md").read_text(encoding="utf-8")
     numbers = committed()["numbers"]
@@ -181,3 +178,14 @@ def test_the_whole_table_computed_from_nothing_is_what_is_committed(archive):
     for entry, stored in zip(found["numbers"], committed()["numbers"], strict=True):
         assert entry["computed"] == pytest.approx(stored["computed"], abs=SAME), entry["quantity"]
         assert entry["otherwise"] == pytest.approx(stored["otherwise"], abs=SAME), entry["quantity"]
+
+
+@pytest.mark.slow
+def test_families_that_two_processes_follow_are_those_of_one(tmp_path: Path) -> None:
+    names, values = ("wheel", "I"), []
+    follow_families(Archive(tmp_path / "both"), names, Workers(count=2))
+    assert all(has_family(Archive(tmp_path / "both"), name) for name in names)
+    for folder in ("both", "one"):
+        archive = Archive(tmp_path / folder)
+        values.append([record["value"] for name in names for record in family_of(archive, name)])
+    assert values[0] == pytest.approx(values[1], rel=0, abs=1e-12)

@@ -8,12 +8,12 @@ import pytest
 
 from gaitopt.cli.main import main
 from gaitopt.errors import GaitoptWarning, ProblemError, UnknownNameError
-from gaitopt.mechanics import RimlessWheel, find_walker, registered_walkers, walker
+from gaitopt.mechanics import RimlessWheel, Walker, find_walker, registered_walkers, registry
 from gaitopt.problem import load_problem
 
 OWN = [
-    EntryPoint("compass_biped", "gaitopt.mechanics.walkers.compass_biped:CompassBiped", walker.ENTRY_POINT_GROUP),
-    EntryPoint("rimless_wheel", "gaitopt.mechanics.walkers.rimless_wheel:RimlessWheel", walker.ENTRY_POINT_GROUP),
+    EntryPoint("compass_biped", "gaitopt.mechanics.walkers.compass_biped:CompassBiped", registry.ENTRY_POINT_GROUP),
+    EntryPoint("rimless_wheel", "gaitopt.mechanics.walkers.rimless_wheel:RimlessWheel", registry.ENTRY_POINT_GROUP),
 ]
 
 
@@ -24,18 +24,18 @@ def plugins(monkeypatch):
     monkeypatch.setitem(sys.modules, "other_walkers", module)
 
     def register(**objects):
-        points = [EntryPoint(name, f"other_walkers:{name}", walker.ENTRY_POINT_GROUP) for name in objects]
+        points = [EntryPoint(name, f"other_walkers:{name}", registry.ENTRY_POINT_GROUP) for name in objects]
         for name, value in objects.items():
             if value is not None:
                 setattr(module, name, value)
-        monkeypatch.setattr(walker, "entry_points", lambda group: [*OWN, *points])
-        walker._plugins.cache_clear()
+        monkeypatch.setattr(registry, "entry_points", lambda group: [*OWN, *points])
+        registry._plugins.cache_clear()
 
     yield register
-    walker._plugins.cache_clear()
+    registry._plugins.cache_clear()
 
 
-class Nameless(walker.Walker):
+class Nameless(Walker):
     """States no mechanism."""
 
 

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from gaitopt.mechanics.walker import registered_walkers
+from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.problem import load_problem, problem_names, problem_schema
 from gaitopt.problem.source import parse_source
 

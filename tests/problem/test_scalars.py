@@ -8,7 +8,7 @@ from named import named
 from rich.console import Console
 
 from gaitopt.gait import MEASURES
-from gaitopt.library.tables import print_gait
+from gaitopt.library.print_gait import print_gait
 from gaitopt.mechanics import Scales
 from gaitopt.problem.scalars import SCALARS, scalar_values, unit_of
 

@@ -1,6 +1,7 @@
 """Basins: every state goes somewhere, the same whatever happens while they walk."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from named import named
 import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.figures.basin import basin as basin_figure
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.problem import load_problem
 from gaitopt.runs import basin_run
 from gaitopt.runs.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
@@ -40,7 +42,7 @@ def gait():
 
 def plan_in(folder, gait, **changes):
     asked = {"start": gait, "grid": GRID, "max_steps": 100, "engine": "heyoka", "folder": folder}
-    return BasinPlan(**(asked | changes))
+    return BasinPlan.around(**(asked | changes))
 
 
 @pytest.fixture(scope="module")
@@ -59,11 +61,11 @@ def test_states_near_the_gait_settle_on_it(gait, basin):
 
 
 def test_fate_of_every_state_is_that_of_the_simulator(gait, basin):
-    simulator = Simulator(gait.system, gait.p, stepper=HeyokaStepper(gait.system, gait.p))
+    simulator = Simulator(gait.dynamics, stepper=HeyokaStepper(gait.dynamics))
     numbers = np.arange(0, GRID.size, 7)
     for number, (rate1, rate2) in zip(numbers, GRID.points(numbers), strict=True):
         index = np.unravel_index(number, GRID.shape)
-        start = gait.system.lift_state(np.array([gait.state[0], rate1, rate2]), gait.p)
+        start = Dynamics(gait.system, gait.p).lift(np.array([gait.state[0], rate1, rate2]))
         walk = simulator.run(start, steps=int(basin.steps[index]) + 1)
         if basin.labels[index] >= 0:
             assert walk.ending is Ending.COMPLETED
@@ -218,6 +220,16 @@ def test_command_prints_one_object_and_draws_now_and_later(tmp_path, monkeypatch
     assert gait["period"] == pytest.approx(named("compass-passive-a").period, rel=1e-9)
     assert main(["solve", f"{record['run']}@attractor.1"]) == 6
     assert main(["solve", f"{record['run']}@attractor.0", "--set", "friction=0.2"]) == 2
+
+
+def test_basin_over_one_coordinate_is_a_strip_in_the_colour_of_each_state(basin):
+    (first, _), labels = basin.grid.axes, basin.labels
+    column = replace(basin, grid=Grid((first,)), labels=labels[:, 0], endings=basin.endings[:, 0])
+    (axes,) = basin_figure(column).axes
+    drawn = axes.collections[0].get_array()
+    assert drawn.shape == (2, first.count)
+    np.testing.assert_array_equal(drawn[0] == 0, labels[:, 0] == 0)
+    assert axes.get_yticks().size == 0
 
 
 def test_basin_is_the_same_when_it_is_read_again(gait, basin, tmp_path):

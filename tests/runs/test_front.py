@@ -2,7 +2,8 @@
 
 import pytest
 
-from gaitopt.errors import ProblemError
+from gaitopt import load_run
+from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.problem import load_problem, parse_problem
 from gaitopt.runs import solved
 from gaitopt.runs.front import design_front
@@ -43,6 +44,21 @@ def test_front_goes_on_where_it_was(front, folder, monkeypatch):
     monkeypatch.setattr(solved, "solve_job", None)  # nothing is left to do
     again = design_front(asked(), AXIS, folder)
     assert [point.to_record() for point in again] == [point.to_record() for point in front]
+
+
+def test_front_comes_back_from_its_folder_and_is_drawn_again(front, folder, run, tmp_path):
+    stored = load_run(folder)
+    assert [point.to_record() for point in stored] == [point.to_record() for point in front]
+    code, out, _ = run("plot", str(folder), "--format", "svg", "-o", str(tmp_path / "drawn"))
+    assert (code, out.strip()) == (0, str(tmp_path / "drawn" / "front-constraints.speed.min.svg"))
+    code, _, err = run("report", str(folder))
+    assert code == 6
+    assert "holds a front, but no gait" in err
+
+
+def test_front_along_a_word_names_the_nearest_number(tmp_path):
+    with pytest.raises(UnknownNameError, match=r"did you mean constraints\.speed"):
+        design_front(asked(), Axis(key="speed", lower=0.4, upper=0.5, count=2), tmp_path)
 
 
 def test_front_that_is_stopped_says_so(tmp_path):

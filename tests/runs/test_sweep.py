@@ -12,13 +12,14 @@ import pytest
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.problem import load_problem
+from gaitopt.runs import kept
 from gaitopt.runs import solved as study
 from gaitopt.runs.front import design_front
 from gaitopt.runs.grid import Axis, Grid, check_room, size_words
 from gaitopt.runs.multistart import multistart
-from gaitopt.runs.solved import JOBS_FILE
-from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep, sweep_record
-from gaitopt.runs.sweep_table import TABLE_FILE
+from gaitopt.runs.solved import JOBS
+from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
+from gaitopt.runs.sweep_table import TABLE_FILE, sweep_record
 from gaitopt.store import read_lines
 from gaitopt.store.manifest import seal
 from gaitopt.workers.jobs import FailedJob, Workers
@@ -40,7 +41,7 @@ def table(sweep):
 
 def test_every_point_is_solved_and_verified(tmp_path):
     sweep = wheel_sweep(tmp_path)
-    records = run_sweep(sweep, HERE)
+    records = run_sweep(sweep, HERE).records
     assert [record["friction"] for record in records] == [0.36, 0.4, 0.44]
     assert {record["status"] for record in records} == {"converged"}
     assert all(record["verification"]["passed"] for record in records)
@@ -48,6 +49,16 @@ def test_every_point_is_solved_and_verified(tmp_path):
     assert [float(row["friction"]) for row in rows] == [0.36, 0.4, 0.44]
     assert [float(row["period"]) for row in rows] == [record["period"] for record in records]
     assert {row["modes"] for row in rows} == {"stick slip_forward / stick"}
+
+
+def test_unknown_key_and_parent_folder_are_answered_with_what_to_give(tmp_path, run):
+    sweep = wheel_sweep(tmp_path)
+    run_sweep(sweep, HERE)
+    code, _, err = run("plot", str(tmp_path))
+    assert code == 6
+    assert f"give the folder of its basin or sweep: {sweep.place}" in err
+    with pytest.raises(UnknownNameError, match=r"did you mean walker\.slope"):
+        check_sweep(wheel_sweep(tmp_path, Axis(key="slope", lower=0.1, upper=0.2, count=2)))
 
 
 def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monkeypatch):
@@ -64,7 +75,7 @@ def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monk
 
 def test_spokes_are_counted_in_integers(tmp_path):
     spokes = Axis(key="walker.spokes", lower=9, upper=10, count=2)
-    records = run_sweep(wheel_sweep(tmp_path, spokes), HERE)
+    records = run_sweep(wheel_sweep(tmp_path, spokes), HERE).records
     assert [record["at"]["walker.spokes"] for record in records] == [9, 10]
     assert records[1]["state"]["theta"] == pytest.approx(-math.pi / 10)
     with pytest.raises(ProblemError, match=r"6\.5 is not an integer: .*, for instance 6:7:2"):
@@ -73,9 +84,9 @@ def test_spokes_are_counted_in_integers(tmp_path):
 
 def test_attempts_that_failed_are_done_too(tmp_path):
     frictions = Axis(key="friction", lower=0.05, upper=0.4, count=2)
-    first = run_sweep(wheel_sweep(tmp_path, frictions), HERE)
+    first = run_sweep(wheel_sweep(tmp_path, frictions), HERE).records
     assert [record["status"] for record in first] == ["infeasible", "converged"]
-    assert run_sweep(wheel_sweep(tmp_path, frictions), HERE) == first
+    assert run_sweep(wheel_sweep(tmp_path, frictions), HERE).records == first
 
 
 def test_sweep_that_died_goes_on_where_it_was(tmp_path, monkeypatch):
@@ -83,18 +94,18 @@ def test_sweep_that_died_goes_on_where_it_was(tmp_path, monkeypatch):
     done = []
     with pytest.raises(KeyboardInterrupt):
         run_sweep(sweep, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
-    jobs = tmp_path / JOBS_FILE
+    jobs = tmp_path / JOBS.name
     with jobs.open("a", encoding="utf-8") as file:
         file.write('{"job": "torn')  # killed in the middle of a line
-    whole = run_sweep(wheel_sweep(tmp_path), HERE)
+    whole = run_sweep(wheel_sweep(tmp_path), HERE).records
     assert len(list(read_lines(jobs))) == 3
-    afresh = run_sweep(wheel_sweep(tmp_path / "afresh"), HERE)
+    afresh = run_sweep(wheel_sweep(tmp_path / "afresh"), HERE).records
     assert (sweep.place / TABLE_FILE).read_text() == (tmp_path / "afresh" / sweep.place.name / TABLE_FILE).read_text()
     assert [r["state"] for r in whole] == [r["state"] for r in afresh]
 
 
 def test_warm_and_cold_starts_find_the_same_gaits(tmp_path):
-    warm, cold = (run_sweep(wheel_sweep(tmp_path / str(w), warm=w), HERE) for w in (True, False))
+    warm, cold = (run_sweep(wheel_sweep(tmp_path / str(w), warm=w), HERE).records for w in (True, False))
     assert [record["start"] for record in warm] == ["cold", "warm", "warm"]
     assert {record["start"] for record in cold} == {"cold"}
     for first, second in zip(warm, cold, strict=True):
@@ -109,7 +120,7 @@ def test_neighbour_is_prescribed_by_the_grid_alone(tmp_path):
 
 def test_point_without_a_gait_is_a_row_of_the_table(tmp_path):
     sweep = wheel_sweep(tmp_path, Axis(key="friction", lower=0.1, upper=0.4, count=2))
-    first, second = run_sweep(sweep, HERE)
+    first, second = run_sweep(sweep, HERE).records
     assert first["status"] != "converged"
     assert second["status"] == "converged"
     assert table(sweep)[0]["period"] == ""
@@ -118,13 +129,13 @@ def test_point_without_a_gait_is_a_row_of_the_table(tmp_path):
 def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     monkeypatch.setattr(
-        study, "run_jobs", lambda task, jobs, *_, **__: ((j.key, FailedJob(reason="dead")) for j in jobs)
+        kept, "run_jobs", lambda task, jobs, *_, **__: ((j.key, FailedJob(reason="dead")) for j in jobs)
     )
-    record = sweep_record(sweep, run_sweep(sweep, HERE))
+    record = sweep_record(run_sweep(sweep, HERE))
     assert record["statuses"] == {"set_aside": 3}
     assert record["set_aside"][0] == {"at": {"friction": 0.36}, "reason": "dead"}
     monkeypatch.undo()
-    assert {r["status"] for r in run_sweep(sweep, HERE)} == {"converged"}
+    assert {r["status"] for r in run_sweep(sweep, HERE).records} == {"converged"}
 
 
 def test_two_sweeps_of_a_problem_do_not_write_at_once(tmp_path):
@@ -144,7 +155,9 @@ with only_writer(pathlib.Path(sys.argv[1])):
 
 
 def test_grid_over_something_else_than_a_parameter_is_refused(tmp_path):
-    with pytest.raises(UnknownNameError, match=r"^walker.weight: not a parameter of rimless-wheel-slip; use walker"):
+    with pytest.raises(
+        UnknownNameError, match=r"^walker.weight: not a parameter of rimless-wheel-slip; did you mean walker"
+    ):
         check_sweep(wheel_sweep(tmp_path, Axis(key="walker.weight", lower=1, upper=2, count=2)))
 
 
@@ -218,7 +231,7 @@ def test_range_that_is_none_is_refused_by_the_command(capsys, over, violation):
 
 
 def test_angles_of_a_range_take_degrees(tmp_path):
-    from gaitopt.cli.grids import grid
+    from gaitopt.cli.values import grid
 
     (axis,) = grid(["walker.slope=0.5deg:2 deg:7"]).axes
     assert (axis.lower, axis.upper, axis.count) == (pytest.approx(0.00872664626), pytest.approx(0.034906585), 7)

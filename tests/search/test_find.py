@@ -13,7 +13,7 @@ from gaitopt.search.candidates import SearchJob, search_part, start_box
 from gaitopt.search.distinct import closed, gaits_of
 from gaitopt.search.find import SearchPlan, family_jobs, opened
 from gaitopt.search.neighbours import search_family
-from gaitopt.study.system import build_system
+from gaitopt.study.system import problem_dynamics
 from gaitopt.workers.jobs import FailedJob
 
 SEQUENCE_A = "slip_forward, stick, slip_backward; stick"
@@ -104,8 +104,7 @@ def test_candidates_do_not_depend_on_other_parts_of_the_search():
 
 def test_start_states_lie_within_the_box_that_is_given():
     problem = open_problem("compass-passive-a")
-    system = build_system(problem)
-    box = start_box(problem, system, system.values(problem.parameters), {"dtheta1": (0.1, 0.2)})
+    box = start_box(problem, problem_dynamics(problem), {"dtheta1": (0.1, 0.2)})
     index = problem.walker.section_names(slipping=True).index("dtheta1")
     assert (box.lower[index], box.upper[index]) == (0.1, 0.2)
 

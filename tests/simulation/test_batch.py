@@ -13,7 +13,7 @@ from named import named
 
 from gaitopt import return_map
 from gaitopt.gait import Ending
-from gaitopt.mechanics import CONTACTS, CompassBiped, Control, HybridSystem, Mode, NoControl
+from gaitopt.mechanics import CONTACTS, CompassBiped, Control, Dynamics, HybridSystem, Mode, NoControl
 from gaitopt.problem import load_problem
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.batch.functions import WIDTH, RowMap
@@ -66,10 +66,10 @@ def test_state_in_a_batch_walks_as_it_does_alone(mapped):
     problem, xi, batch = mapped
     system = build_system(problem)
     p = system.values(problem.parameters)
-    simulator = Simulator(system, p, stepper=HeyokaStepper(system, p))
+    simulator = Simulator(Dynamics(system, p), stepper=HeyokaStepper(Dynamics(system, p)))
     indices = system.section(Mode.SLIP_FORWARD)
     for k, row in enumerate(xi):
-        alone = simulator.step(system.lift_state(row, p))
+        alone = simulator.step(simulator.dynamics.lift(row))
         assert batch.outcomes[k] == alone.ending
         assert batch.sequence(k) == (tuple(mode for mode, _ in alone.step.phases) if alone.step else ())
         if alone.ending is Ending.COMPLETED:
@@ -123,9 +123,9 @@ def test_batch_counts_switches_as_the_simulator_does(max_switches):
     problem = load_problem("compass-passive-a")
     system = build_system(problem)
     p = system.values(problem.parameters)
-    states = np.array([system.lift_state(row, p) for row in wild_states(problem, 30)])
-    alone = Simulator(system, p, stepper=HeyokaStepper(system, p), max_switches=max_switches)
-    batch = BatchSimulator(system, p, max_switches=max_switches).step(states)
+    states = np.array([Dynamics(system, p).lift(row) for row in wild_states(problem, 30)])
+    alone = Simulator(Dynamics(system, p), stepper=HeyokaStepper(Dynamics(system, p)), max_switches=max_switches)
+    batch = BatchSimulator(Dynamics(system, p), max_switches=max_switches).step(states)
     endings = [alone.step(state).ending for state in states]
     assert [ENDINGS[code] for code in batch.endings] == endings
     assert Ending.CHATTERING in endings
@@ -139,7 +139,7 @@ def test_foot_that_comes_from_below_has_no_impact_in_a_batch():
         theta, rates = rng.uniform(-0.6, 0.6, (n, 1)), rng.uniform(-1, 1, (n, 2))
         states = np.hstack([theta, theta, np.zeros((n, 1)), rates, rng.normal(size=(n, 1))])
         (velocities,) = RowMap(system.approach)(states, p)
-        endings = BatchResolver(system, p).land(states).endings
+        endings = BatchResolver(Dynamics(system, p)).land(states).endings
         refused = ENDINGS.index(Ending.IMPACT_INCONSISTENT)
         assert (endings[velocities[:, 0] >= 0] == refused).all()
         assert (endings[velocities[:, 0] < 0] != refused).all()
@@ -151,11 +151,11 @@ def test_touchdown_at_a_breakpoint_of_the_control_ends_the_step():
     plain = build_system(problem)
     p = plain.values(problem.parameters)
     start = np.array([problem.guess.state[name] for name in plain.state_names])
-    period = Simulator(plain, p).step(start).step.period
+    period = Simulator(Dynamics(plain, p)).step(start).step.period
     for difference in (-1e-13, 0.0, 1e-13):
         cut = HybridSystem(plain.walker, Cut((0.9 * period, period + difference)))
-        steps = BatchSimulator(cut, p).step(np.tile(start, (2, 1)))
-        alone = Simulator(cut, p, stepper=HeyokaStepper(cut, p)).step(start)
+        steps = BatchSimulator(Dynamics(cut, p)).step(np.tile(start, (2, 1)))
+        alone = Simulator(Dynamics(cut, p), stepper=HeyokaStepper(Dynamics(cut, p))).step(start)
         assert alone.ending is Ending.COMPLETED
         assert (steps.endings == 0).all()
         np.testing.assert_allclose(steps.times, period, rtol=0, atol=1e-12)

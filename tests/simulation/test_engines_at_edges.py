@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 pytest.importorskip("heyoka")
 
-from gaitopt.mechanics import CONTACTS, CompassBiped, HybridSystem, Mode, NoControl, RimlessWheel, margin_names
+from gaitopt.mechanics import (
+    CONTACTS,
+    CompassBiped,
+    Dynamics,
+    HybridSystem,
+    Mode,
+    NoControl,
+    RimlessWheel,
+    margin_names,
+)
 from gaitopt.simulation import ScipyStepper, Simulator
 from gaitopt.simulation.batch.simulator import BatchSimulator
 from gaitopt.simulation.batch.steps import BatchSteps, stack_outcomes
@@ -49,9 +58,11 @@ def level(theta: float, dtheta1: float, dtheta2: float, dx: float = 0.0) -> Arra
 def steps_of(system: HybridSystem, p: Array, states: Sequence[Array]) -> list[BatchSteps]:
     """A step of every state by each of the engines."""
     starts = np.array(states)
-    simulators = [Simulator(system, p, stepper=kind(system, p)) for kind in (ScipyStepper, HeyokaStepper)]
+    simulators = [
+        Simulator(Dynamics(system, p), stepper=kind(Dynamics(system, p))) for kind in (ScipyStepper, HeyokaStepper)
+    ]
     alone = [stack_outcomes([simulator.step(z) for z in starts], starts, CONTACTS) for simulator in simulators]
-    return [*alone, BatchSimulator(system, p).step(starts)]
+    return [*alone, BatchSimulator(Dynamics(system, p)).step(starts)]
 
 
 def assert_alike(cases: Iterator[Case]) -> None:

@@ -12,7 +12,7 @@ from named import named
 from gaitopt import verify
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Mode
+from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.orbit import ReturnMap
 from gaitopt.problem import load_problem, problem_names
 from gaitopt.simulation import ScipyStepper, Simulator, choose_engine, make_stepper
@@ -35,7 +35,7 @@ def gait(request):
 
 
 def walk(gait, stepper):
-    return Simulator(gait.system, gait.p, stepper=stepper).run(gait.state)
+    return Simulator(gait.dynamics, stepper=stepper).run(gait.state)
 
 
 def assert_same(first, second):
@@ -51,7 +51,7 @@ def phases(step):
 
 
 def test_engines_agree_on_every_named_gait(gait):
-    ours, theirs = (walk(gait, kind(gait.system, gait.p)) for kind in (HeyokaStepper, ScipyStepper))
+    ours, theirs = (walk(gait, kind(gait.dynamics)) for kind in (HeyokaStepper, ScipyStepper))
     (first,), (second,) = ours.steps, theirs.steps
     assert_same(first, second)
 
@@ -65,7 +65,9 @@ def test_engines_agree_on_every_named_design_at_its_guess(name):
     system = build_system(problem)
     p = system.values(problem.parameters)
     state = np.array([problem.guess.state[key] for key in system.state_names])
-    simulators = [Simulator(system, p, stepper=kind(system, p)) for kind in (HeyokaStepper, ScipyStepper)]
+    simulators = [
+        Simulator(Dynamics(system, p), stepper=kind(Dynamics(system, p))) for kind in (HeyokaStepper, ScipyStepper)
+    ]
     steps = [simulator.step(state).step for simulator in simulators]
     assert_same(*steps)
     maps = [ReturnMap(simulator, steps[0].impact.mode) for simulator in simulators]
@@ -79,7 +81,7 @@ def test_engines_agree_on_every_named_design_at_its_guess(name):
 def test_extended_precision_confirms_thirteen_digits_of_heyoka(name):
     gait = named(name)
     double, extended = (
-        walk(gait, HeyokaStepper(gait.system, gait.p, precision=kind)).steps[0] for kind in (float, np.longdouble)
+        walk(gait, HeyokaStepper(gait.dynamics, precision=kind)).steps[0] for kind in (float, np.longdouble)
     )
     assert abs(double.period - extended.period) < 1e-14
     assert np.abs(double.impact.state - extended.impact.state).max() < 1e-13
@@ -89,7 +91,7 @@ def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
     mode = gait.problem.cycle.impact
     jacobians = []
     for kind in (HeyokaStepper, ScipyStepper):
-        simulator = Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p))
+        simulator = Simulator(gait.dynamics, stepper=kind(gait.dynamics))
         steps = simulator.run(gait.state).steps
         jacobians.append(ReturnMap(simulator, mode).jacobian(steps))
     np.testing.assert_allclose(*jacobians, rtol=1e-8, atol=1e-9)
@@ -100,7 +102,7 @@ def test_multiplier_of_the_wheel_is_beta_squared_to_thirteen_digits():
     problem = load_problem("rimless-wheel-stick")
     system = build_system(problem)
     p = system.values(problem.parameters)
-    mapped = ReturnMap(Simulator(system, p, stepper=HeyokaStepper(system, p)), Mode.STICK)
+    mapped = ReturnMap(Simulator(Dynamics(system, p), stepper=HeyokaStepper(Dynamics(system, p))), Mode.STICK)
     point = mapped.fixed_point(np.array([problem.guess.state["dtheta"]]))
     kappa = problem.walker.inertia_ratio
     beta = (np.cos(2 * np.pi / problem.walker.spokes) + kappa) / (1 + kappa)
@@ -128,13 +130,13 @@ def random_states(system, gait, count, seed):
     xi = gait.state[indices] * (1 + rng.uniform(-0.5, 0.5, (count, indices.size)))
     xi += rng.uniform(-0.1, 0.1, xi.shape)
     xi[: count // 2, -1] = 0
-    return [system.lift_state(row, gait.p) for row in xi]
+    return [Dynamics(system, gait.p).lift(row) for row in xi]
 
 
 @pytest.mark.parametrize("name", ["compass-passive-a", "rimless-wheel-slip", "compass-pd-impact-slip"])
 def test_engines_agree_on_random_states(name):
     gait = named(name)
-    simulators = [Simulator(gait.system, gait.p, stepper=k(gait.system, gait.p)) for k in (HeyokaStepper, ScipyStepper)]
+    simulators = [Simulator(gait.dynamics, stepper=k(gait.dynamics)) for k in (HeyokaStepper, ScipyStepper)]
     endings = set()
     for state in random_states(gait.system, gait, 60, seed=3):
         first, second = (simulator.step(state) for simulator in simulators)
@@ -153,8 +155,8 @@ def test_slip_that_begins_and_ends_within_one_series_is_found():
     problem = load_problem("compass-passive-a")
     system = build_system(problem)
     p = system.values(problem.parameters)
-    state = system.lift_state(np.array([-0.12585876, 0.84786029, -0.37412777]), p)
-    step = Simulator(system, p, stepper=HeyokaStepper(system, p)).step(state).step
+    state = Dynamics(system, p).lift(np.array([-0.12585876, 0.84786029, -0.37412777]))
+    step = Simulator(Dynamics(system, p), stepper=HeyokaStepper(Dynamics(system, p))).step(state).step
     assert phases(step)[:2] == (Mode.SLIP_FORWARD, Mode.STICK)
     assert step.arcs[0].duration < 0.03
 
@@ -162,7 +164,7 @@ def test_slip_that_begins_and_ends_within_one_series_is_found():
 def test_dense_arcs_are_those_of_the_other_engine():
     gait = named("compass-passive-a")
     dense = [
-        Simulator(gait.system, gait.p, stepper=kind(gait.system, gait.p)).run(gait.state, dense=True).steps[0]
+        Simulator(gait.dynamics, stepper=kind(gait.dynamics)).run(gait.state, dense=True).steps[0]
         for kind in (HeyokaStepper, ScipyStepper)
     ]
     for ours, theirs in zip(dense[0].arcs, dense[1].arcs, strict=True):
@@ -186,5 +188,5 @@ def test_auto_compiles_for_many_steps_only():
     problem = load_problem("compass-passive-a")
     system = build_system(problem)
     p = system.values(problem.parameters)
-    assert isinstance(make_stepper(system, p, "auto"), ScipyStepper)
-    assert isinstance(make_stepper(system, p, "auto", steps=10**5), HeyokaStepper)
+    assert isinstance(make_stepper(Dynamics(system, p), "auto"), ScipyStepper)
+    assert isinstance(make_stepper(Dynamics(system, p), "auto", steps=10**5), HeyokaStepper)

@@ -12,6 +12,7 @@ from gaitopt.mechanics import (
     CONTACTS,
     CompassBiped,
     ConstantTorque,
+    Dynamics,
     HybridSystem,
     Mode,
     NoControl,
@@ -43,7 +44,7 @@ def compass_system() -> HybridSystem:
 
 def wheel(friction: float = 1.0, **options: float) -> Simulator:
     """The wheel of Gamus & Or (2013), section III, in units radius = mass = gravity = 1."""
-    return Simulator(wheel_system(), np.array([10, 1, 1, KAPPA, 1, SLOPE, friction]), **options)
+    return Simulator(Dynamics(wheel_system(), np.array([10, 1, 1, KAPPA, 1, SLOPE, friction])), **options)
 
 
 def compass_parameters(friction: float) -> Array:
@@ -51,7 +52,7 @@ def compass_parameters(friction: float) -> Array:
 
 
 def compass(friction: float, **options: float) -> Simulator:
-    return Simulator(compass_system(), compass_parameters(friction), **options)
+    return Simulator(Dynamics(compass_system(), compass_parameters(friction)), **options)
 
 
 @cache
@@ -182,7 +183,9 @@ def test_more_switches_than_allowed_is_chattering() -> None:
 
 def test_a_wheel_of_three_spokes_ends_in_double_support() -> None:
     system = wheel_system()
-    trajectory = Simulator(system, np.array([3, 1, 1, 0.2, 1, 0.3, 1.3])).run(np.array([-np.pi / 3, 0, 0.8, 0]))
+    trajectory = Simulator(Dynamics(system, np.array([3, 1, 1, 0.2, 1, 0.3, 1.3]))).run(
+        np.array([-np.pi / 3, 0, 0.8, 0])
+    )
     assert trajectory.ending is Ending.DOUBLE_SUPPORT
     assert "former stance foot" in trajectory.message
 
@@ -200,7 +203,7 @@ def test_a_compass_pushed_too_gently_does_not_walk() -> None:
 def test_the_passive_compass_gait_is_the_published_one() -> None:
     start = compass_gait(0.2)
     step = compass(0.2).run(start, dense=True).steps[0]
-    scalars = measure(compass_system(), compass_parameters(0.2), [step])
+    scalars = measure(Dynamics(compass_system(), compass_parameters(0.2)), [step])
     assert modes(step) == [STICK]
     assert step.period == pytest.approx(0.7446, abs=5e-5)
     assert start == pytest.approx([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0], abs=5e-5)
@@ -222,10 +225,10 @@ def test_with_less_friction_it_slips_forward_sticks_and_slips_backward() -> None
 def test_constant_torques_carry_the_compass_over_level_ground() -> None:
     system = HybridSystem(CompassBiped, ConstantTorque({"ankle": 1.65, "hip": 0.54}))
     p = np.array([1.6, 4, 0.8, 2, 9.8, 0.0, 0.25, 1.65, 0.54])
-    simulator = Simulator(system, p)
+    simulator = Simulator(Dynamics(system, p))
     settled = simulator.run(COMPASS_START, 150)
     step = simulator.run(settled.section_states[-1], dense=True).steps[0]
-    scalars = measure(system, p, [step])
+    scalars = measure(Dynamics(system, p), [step])
     assert modes(step) == [STICK]
     assert scalars["speed"] == pytest.approx(0.634, abs=5e-4)
     assert scalars["cost_of_transport"] == pytest.approx(0.01747, abs=5e-6)
@@ -289,7 +292,7 @@ def test_the_foot_does_not_move_in_stick() -> None:
 
 def energy_defect(system: HybridSystem, p: Array, arc: Arc) -> float:
     """Change of energy less the work of motors and friction [J]."""
-    seen = observe(system, p, arc)
+    seen = observe(Dynamics(system, p), arc)
     friction_power = seen.force[:, 0] * arc.states[:, -1]
     work = curves.integral(seen.power.sum(axis=1) + friction_power, arc.duration)
     return float(seen.energy[-1] - seen.energy[0] - work)
@@ -298,7 +301,7 @@ def energy_defect(system: HybridSystem, p: Array, arc: Arc) -> float:
 def test_energy_changes_by_the_work_of_motors_and_friction() -> None:
     system = HybridSystem(CompassBiped, ConstantTorque({"ankle": 1.65, "hip": 0.54}))
     p = np.array([1.6, 4, 0.8, 2, 9.8, 0.0, 0.14, 1.65, 0.54])
-    trajectory = Simulator(system, p).run(COMPASS_START, 3, dense=True)
+    trajectory = Simulator(Dynamics(system, p)).run(COMPASS_START, 3, dense=True)
     assert {mode for step in trajectory.steps for mode in modes(step)} == set(CONTACTS)
     for step in trajectory.steps:
         for arc in step.arcs:
@@ -308,7 +311,7 @@ def test_energy_changes_by_the_work_of_motors_and_friction() -> None:
 def test_energy_is_constant_in_passive_stick_and_falls_in_slip() -> None:
     p = compass_parameters(0.14)
     for arc in compass(0.14).run(compass_gait(0.14), dense=True).steps[0].arcs:
-        energy = observe(compass_system(), p, arc).energy
+        energy = observe(Dynamics(compass_system(), p), arc).energy
         if arc.mode is STICK:
             assert np.ptp(energy) < 1e-11
         else:
@@ -374,7 +377,7 @@ def test_a_state_of_the_wrong_length_or_not_finite_is_refused() -> None:
     with pytest.raises(ValueError, match="steps = 0"):
         wheel().run(rolling(0.7), 0)
     with pytest.raises(ValueError, match="parameters of shape"):
-        Simulator(wheel_system(), np.ones(3))
+        Simulator(Dynamics(wheel_system(), np.ones(3)))
 
 
 def test_a_run_stops_between_steps_when_asked() -> None:

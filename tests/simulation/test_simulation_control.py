@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from gaitopt.gait import Ending, curves, observe
-from gaitopt.mechanics import CompassBiped, Control, HybridSystem, Mode, Piece, ProportionalDerivative, Reference
+from gaitopt.mechanics import (
+    CompassBiped,
+    Control,
+    Dynamics,
+    HybridSystem,
+    Mode,
+    Piece,
+    ProportionalDerivative,
+    Reference,
+)
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
 
@@ -57,7 +66,9 @@ class Pulse(Control):
 
 
 def staircase(breakpoints: tuple[float, ...], *levels: tuple[float, float], friction: float = 0.3) -> Simulator:
-    return Simulator(HybridSystem(CompassBiped, Staircase(breakpoints, levels)), np.array([*COMPASS, friction]))
+    return Simulator(
+        Dynamics(HybridSystem(CompassBiped, Staircase(breakpoints, levels)), np.array([*COMPASS, friction]))
+    )
 
 
 def test_arcs_end_exactly_at_the_breakpoints_of_the_control() -> None:
@@ -101,7 +112,7 @@ def test_a_jump_of_the_torque_out_of_the_cone_starts_a_slip_at_the_breakpoint() 
 def test_a_slip_that_a_jump_of_the_torque_starts_is_decided_there_and_no_switch_by_itself() -> None:
     """Of the two changes of mode only the end of the slip is an event."""
     simulator = staircase((0.3, 0.32), (0, 0), (30, 0), (0, 0), friction=0.18)
-    limited = Simulator(simulator.system, simulator.p, max_switches=1)
+    limited = Simulator(simulator.dynamics, max_switches=1)
     step = limited.run(START).steps[0]
     assert [mode for mode, _ in step.phases] == [Mode.STICK, Mode.SLIP_BACKWARD, Mode.STICK]
     assert step.impact is not None
@@ -133,7 +144,7 @@ def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:
 def test_a_reference_that_ends_before_touchdown_ends_the_motion() -> None:
     piece = Piece(start=0, end=0.4, angles=np.zeros((2, 1)), rates=np.zeros((2, 1)))
     law = ProportionalDerivative(kp=1.0, kd=1.0, reference=Reference(pieces=(piece,), horizon=0.4))
-    trajectory = Simulator(HybridSystem(CompassBiped, law), np.array([*COMPASS, 0.5, 1.0, 1.0])).run(START)
+    trajectory = Simulator(Dynamics(HybridSystem(CompassBiped, law), np.array([*COMPASS, 0.5, 1.0, 1.0]))).run(START)
     assert trajectory.ending is Ending.NO_TOUCHDOWN
     assert trajectory.steps[0].period == 0.4
     assert "where the control law ends" in trajectory.message
@@ -146,17 +157,17 @@ def pulsed(friction: float) -> tuple[HybridSystem, Array]:
 def test_a_slip_between_two_roots_of_the_cone_margin_shrinks_with_the_root_of_its_depth() -> None:
     """Beyond a parabola of depth e and curvature a the foot slips for 3 sqrt(2 e / a); before it, never."""
     system, p = pulsed(1.0)
-    arc = Simulator(system, p).run(START, dense=True).steps[0].arcs[0]
-    force = observe(system, p, arc).force
+    arc = Simulator(Dynamics(system, p)).run(START, dense=True).steps[0].arcs[0]
+    force = observe(Dynamics(system, p), arc).force
     place, needed = curves.maximum(force[:, 0] / force[:, 1])
     assert -1 < place < 1
     durations = []
     for depth in (1e-4, 1e-6, 1e-8, 1e-10):
         system, p = pulsed(needed - depth)
-        phases = Simulator(system, p).run(START).steps[0].phases
+        phases = Simulator(Dynamics(system, p)).run(START).steps[0].phases
         assert [mode is Mode.STICK for mode, _ in phases] == [True, False, True]
         durations.append(phases[1][1])
     assert durations[2] == pytest.approx(durations[1] / 10, rel=1e-2)
     assert durations[3] == pytest.approx(durations[1] / 100, rel=1e-2)
     system, p = pulsed(needed + 1e-10)
-    assert [mode for mode, _ in Simulator(system, p).run(START).steps[0].phases] == [Mode.STICK]
+    assert [mode for mode, _ in Simulator(Dynamics(system, p)).run(START).steps[0].phases] == [Mode.STICK]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from gaitopt.gait import Ending
-from gaitopt.mechanics import HybridSystem, Mechanism, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import Dynamics, HybridSystem, Mechanism, Mode, NoControl, RimlessWheel
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.simulation import Arrival, ScipyStepper, Simulator, scipy_stepper
 
@@ -38,7 +38,7 @@ def _cliff(q: SimpleNamespace) -> Any:
 
 
 def stepper(**tolerances: float) -> ScipyStepper:
-    return ScipyStepper(HybridSystem(RimlessWheel, NoControl()), P, **tolerances)
+    return ScipyStepper(Dynamics(HybridSystem(RimlessWheel, NoControl()), P), **tolerances)
 
 
 def exact_period() -> float:
@@ -58,23 +58,23 @@ def test_the_event_is_as_accurate_as_the_integration() -> None:
 
 
 def test_a_motion_that_becomes_singular_is_a_numerical_ending() -> None:
-    trajectory = Simulator(HybridSystem(Cliff, NoControl()), P).run(START)
+    trajectory = Simulator(Dynamics(HybridSystem(Cliff, NoControl()), P)).run(START)
     assert trajectory.ending is Ending.NUMERICAL
     assert trajectory.steps[0].arcs[-1].states[-1][0] == pytest.approx(0.1, abs=1e-6)
     assert "the motion is singular" in trajectory.message
 
 
 def test_a_motion_that_is_undefined_from_the_start_is_a_numerical_ending() -> None:
-    trajectory = Simulator(HybridSystem(Cliff, NoControl()), P).run(np.array([0.2, 0, 0.7, 0]))
+    trajectory = Simulator(Dynamics(HybridSystem(Cliff, NoControl()), P)).run(np.array([0.2, 0, 0.7, 0]))
     assert trajectory.ending is Ending.NUMERICAL
     assert trajectory.steps == ()
-    slipping = Simulator(HybridSystem(Cliff, NoControl()), P).run(np.array([0.2, 0, 0.7, 0.1]))
+    slipping = Simulator(Dynamics(HybridSystem(Cliff, NoControl()), P)).run(np.array([0.2, 0, 0.7, 0.1]))
     assert slipping.ending is Ending.NUMERICAL
 
 
 def test_endless_integration_is_a_numerical_ending(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scipy_stepper, "MAX_INTEGRATION_STEPS", 3)
-    trajectory = Simulator(HybridSystem(RimlessWheel, NoControl()), P).run(START)
+    trajectory = Simulator(Dynamics(HybridSystem(RimlessWheel, NoControl()), P)).run(START)
     assert trajectory.ending is Ending.NUMERICAL
     assert "more than 3 integration steps" in trajectory.message
 
@@ -96,9 +96,9 @@ class Recorder:
 
 def test_any_stepper_can_take_the_place_of_scipys() -> None:
     system, recorder = HybridSystem(RimlessWheel, NoControl()), Recorder()
-    trajectory = Simulator(system, P, stepper=recorder).run(START, 3, dense=True)
+    trajectory = Simulator(Dynamics(system, P), stepper=recorder).run(START, 3, dense=True)
     assert recorder.modes == [mode for step in trajectory.steps for mode, _ in step.phases]
-    assert np.array_equal(trajectory.section_states, Simulator(system, P).run(START, 3).section_states)
+    assert np.array_equal(trajectory.section_states, Simulator(Dynamics(system, P)).run(START, 3).section_states)
 
 
 def test_a_buffered_function_gives_what_the_function_gives() -> None:

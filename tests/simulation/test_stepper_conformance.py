@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from gaitopt.mechanics import HybridSystem, Mode, NoControl, RimlessWheel, margin_names
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, RimlessWheel, margin_names
 from gaitopt.simulation import BatchStepper, Engine, Stepper, make_stepper
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.stepper import LIMIT
@@ -27,7 +27,7 @@ SYSTEM = HybridSystem(RimlessWheel, NoControl())
 def heyoka_batch() -> BatchStepper:
     from gaitopt.simulation.batch.stepper import HeyokaBatch
 
-    return HeyokaBatch(SYSTEM, P)
+    return HeyokaBatch(Dynamics(SYSTEM, P))
 
 
 BATCHES: dict[Engine, Callable[[], BatchStepper]] = {Engine.HEYOKA: heyoka_batch}
@@ -41,13 +41,13 @@ def required(engine: Engine) -> None:
 @pytest.fixture(scope="module", params=[engine for engine in Engine if engine is not Engine.AUTO])
 def stepper(request: pytest.FixtureRequest) -> Stepper:
     required(request.param)
-    return make_stepper(SYSTEM, P, request.param)
+    return make_stepper(Dynamics(SYSTEM, P), request.param)
 
 
 @pytest.fixture(scope="module", params=BATCHES)
 def batch(request: pytest.FixtureRequest) -> tuple[BatchStepper, Stepper]:
     required(request.param)
-    return BATCHES[request.param](), make_stepper(SYSTEM, P, request.param)
+    return BATCHES[request.param](), make_stepper(Dynamics(SYSTEM, P), request.param)
 
 
 def energy(states: Array) -> Array:

@@ -7,7 +7,7 @@ from named import named
 from gaitopt import simulate, verify
 from gaitopt.gait.table import trajectory_header, trajectory_rows
 from gaitopt.runs.restore import restore_gait
-from gaitopt.store import Table, read_run, write_run
+from gaitopt.store import Table, write_run
 
 
 @pytest.fixture(scope="module", params=["compass-passive-a", "compass-pd-impact-slip"])
@@ -17,10 +17,10 @@ def gait(request):
 
 @pytest.fixture(scope="module")
 def restored(gait, tmp_path_factory):
-    rows = trajectory_rows(gait.system, gait.p, gait.steps)
+    rows = trajectory_rows(gait.dynamics, gait.steps)
     table = Table(header=trajectory_header(gait.system), rows=rows)
     folder = tmp_path_factory.mktemp("results") / "run"
-    return restore_gait(read_run(write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table)))
+    return restore_gait(write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table))
 
 
 def test_arcs_come_back_to_the_last_digit(gait, restored):
@@ -43,6 +43,6 @@ def test_the_problem_of_a_restored_gait_is_the_same(gait, restored):
 
 def test_time_runs_on_over_the_steps_of_a_walk(gait):
     walk = simulate(gait, steps=3)
-    times = np.array([row[0] for row in trajectory_rows(walk.system, walk.p, walk.trajectory.steps)])
+    times = np.array([row[0] for row in trajectory_rows(walk.dynamics, walk.trajectory.steps)])
     assert (np.diff(times) > -1e-14).all()
     assert times[-1] == pytest.approx(3 * gait.measures["period"], abs=1e-8)

@@ -11,7 +11,19 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.store import Table, check_folder, find_run, growing, read_run, run_folder, stored_lines, write_run
+from gaitopt.store import (
+    Table,
+    check_folder,
+    find_run,
+    growing,
+    read_manifest,
+    read_object,
+    read_problem,
+    read_run,
+    run_folder,
+    stored_lines,
+    write_run,
+)  # fmt: skip
 from gaitopt.store.manifest import seal
 
 GAIT = {"problem": "walk", "status": "converged", "period": 1 / 3, "required_friction": None}
@@ -40,18 +52,21 @@ def folder(tmp_path):
     return write_run(tmp_path / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
 
 
+def reader(name):
+    """What reads a file of a run."""
+    return read_problem if name in ("problem.yaml", "resolved.json") else read_run
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def test_a_run_is_read_back_as_it_was_written(folder):
-    run = read_run(folder)
     assert sorted(contents(folder)) == FILES
-    assert run.problem_text == SomeProblem().text
-    assert run.resolved == SomeProblem().resolved()
-    assert run.gait == GAIT
-    assert run.trajectory == TRAJECTORY
-    assert run.manifest.hash == SomeProblem().digest
+    assert read_run(folder) == (GAIT, TRAJECTORY)
+    assert (folder / "problem.yaml").read_bytes().decode() == SomeProblem().text
+    assert read_object(folder, "resolved.json") == SomeProblem().resolved()
+    assert read_manifest(folder).hash == SomeProblem().digest
 
 
 def test_the_manifest_names_versions_and_platform_but_no_host(folder):
@@ -64,7 +79,7 @@ def test_the_manifest_names_versions_and_platform_but_no_host(folder):
 
 def test_the_same_problem_replaces_its_run(folder):
     write_run(folder, problem=SomeProblem(), gait=GAIT | {"period": 2.0}, trajectory=TRAJECTORY)
-    assert read_run(folder).gait["period"] == 2.0
+    assert read_run(folder)[0]["period"] == 2.0
     assert sorted(contents(folder)) == FILES
 
 
@@ -144,7 +159,7 @@ def test_an_altered_file_is_named_with_its_line_and_left_alone(folder, name, cha
     (folder / name).write_bytes(b"".join(damaged))
     before = contents(folder)
     with pytest.raises(StorageError, match=rf"{name}:{line}: altered since it was written .*left alone"):
-        read_run(folder)
+        reader(name)(folder)
     assert contents(folder) == before
 
 
@@ -163,7 +178,7 @@ def test_a_broken_file_that_has_its_checksum_is_named_all_the_same(folder, name,
     (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     seal(folder, name)
     with pytest.raises(StorageError, match=rf"{name}.*{words}.*broken and was left alone"):
-        read_run(folder)
+        reader(name)(folder)
 
 
 def test_rows_missing_from_the_end_of_finished_lines_are_noticed(folder):
@@ -195,7 +210,7 @@ def test_lines_may_grow_after_they_were_finished(folder):
 def test_a_missing_file_is_named(folder, name):
     (folder / name).unlink()
     with pytest.raises(StorageError, match=rf"{name} is missing"):
-        read_run(folder)
+        reader(name)(folder)
 
 
 def test_a_full_disk_names_the_file_and_what_was_kept(tmp_path, monkeypatch):

@@ -86,7 +86,7 @@ def with_values(name: str, overrides: dict[str, object]) -> go.Problem:
 def simulated(name: str) -> tuple[ReturnMap, FixedPoint]:
     """Fixed point of the simulator's return map, by Newton's method from three digits of the gait."""
     gait = named(name)
-    return_map = ReturnMap(Simulator(gait.system, gait.p), gait.problem.cycle.impact)
+    return_map = ReturnMap(Simulator(gait.dynamics), gait.problem.cycle.impact)
     section = gait.state[gait.system.section(gait.problem.cycle.impact)]
     return return_map, return_map.fixed_point(np.round(section, 4))
 
@@ -131,7 +131,7 @@ def test_printed_rates_of_the_sticking_gait() -> None:
 def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
     gait, (return_map, point) = named(name), simulated(name)
     assert point.converged
-    assert np.abs(gait.system.lift_state(point.xi, gait.p) - gait.state).max() < AGREEMENT
+    assert np.abs(gait.dynamics.lift(point.xi) - gait.state).max() < AGREEMENT
     assert point.steps[0].period == pytest.approx(gait.period, abs=AGREEMENT)
     assert return_map.section_mode is gait.problem.cycle.impact
 

@@ -56,9 +56,7 @@ def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
-    p = gait.p.copy()
-    p[gait.system.parameters.index(name)] = value
-    return replace(gait, p=p)
+    return replace(gait, dynamics=gait.dynamics.at({name: value}))
 
 
 def lengthened(gait: Gait, seconds: float) -> Gait:
@@ -171,9 +169,9 @@ def test_wrong_multipliers_are_seen_by_nothing_else() -> None:
 @pytest.mark.parametrize("error", [1.001, 0.999])
 def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(error: float) -> None:
     gait = good()
-    return_map = ReturnMap(Simulator(gait.system, gait.p), STICK)
+    return_map = ReturnMap(Simulator(gait.dynamics), STICK)
     point = return_map.fixed_point(gait.state[gait.system.section(STICK)])
-    unit = gait.system.state_scales(gait.system.scales(gait.p))[gait.system.section(STICK)]
+    unit = gait.dynamics.state_units[gait.system.section(STICK)]
     right = perturbation_claim(return_map, point, unit)
     wrong = perturbation_claim(return_map, replace(point, jacobian=error * point.jacobian), unit)
     assert right.passed
@@ -184,7 +182,7 @@ def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(error: float) -> N
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-torque-impact-slip", "rimless-wheel-slip"])
 def test_every_measure_is_recomputed(name: str) -> None:
     gait = good(name)
-    walked = Simulator(gait.system, gait.p).run(gait.state, dense=True).steps
+    walked = Simulator(gait.dynamics).run(gait.state, dense=True).steps
     for key, value in gait.measures.items():
         if value not in (None, 0.0):
             falsified = replace(gait, measures={**gait.measures, key: 1.001 * value})
@@ -229,7 +227,7 @@ def test_everything_that_is_recorded_of_the_impact_is_recomputed(
     gait = good()
     impact = replace(gait.steps[-1].impact, **falsify(gait.steps[-1].impact))
     falsified = replace(gait, steps=(replace(gait.steps[0], impact=impact),))
-    walked = Simulator(gait.system, gait.p).run(gait.state, dense=True).steps
+    walked = Simulator(gait.dynamics).run(gait.state, dense=True).steps
     measures, claim = record_claims(falsified, walked)
     assert (claim.passed, claim.note) == (False, f"worst: {what}")
     assert measures.passed

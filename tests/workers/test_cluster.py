@@ -2,6 +2,7 @@
 
 import logging
 import multiprocessing
+import multiprocessing.spawn
 import os
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from worker_tasks import slow_square, square
 
 from gaitopt.errors import UnknownNameError
 from gaitopt.workers import cluster
-from gaitopt.workers.cluster import check_address, connected
+from gaitopt.workers.cluster import check_address, connected, script_not_repeated
 from gaitopt.workers.jobs import Job, Workers, make_workers, run_jobs
 
 NOBODY = 65534
@@ -85,7 +86,7 @@ def test_scratch_space_of_the_workers_is_private_and_goes_with_them():
 
 @pytest.mark.slow
 def test_workers_that_are_not_seen_to_end_cost_no_result(monkeypatch):
-    monkeypatch.setattr(cluster, "FAREWELL", 0.0)
+    monkeypatch.setattr(cluster, "GRACE", 0.0)
     jobs = [Job(key=str(k), argument=k) for k in range(6)]
     before = set(multiprocessing.active_children())
     assert dict(run_jobs(slow_square, jobs, Workers(count=2))) == {str(k): k**2 for k in range(6)}
@@ -95,7 +96,7 @@ def test_workers_that_are_not_seen_to_end_cost_no_result(monkeypatch):
     assert not set(multiprocessing.active_children()) - before
 
 
-def test_farewell_that_fails_costs_no_result(monkeypatch):
+def test_close_that_fails_costs_no_result(monkeypatch):
     real = {kind: kind.close for kind in (Client, LocalCluster)}
 
     def fails(kind):
@@ -111,6 +112,16 @@ def test_farewell_that_fails_costs_no_result(monkeypatch):
     jobs = [Job(key=str(k), argument=k) for k in range(3)]
     assert dict(run_jobs(square, jobs, Workers(count=1, scheduler=None))) == {"0": 0, "1": 1, "2": 4}
     assert dict(run_jobs(square, jobs, Workers(count=2))) == {"0": 0, "1": 1, "2": 4}
+
+
+def test_workers_do_not_start_the_script_of_their_caller_again(monkeypatch):
+    main = sys.modules["__main__"]
+    monkeypatch.setattr(main, "__file__", "script.py", raising=False)
+    monkeypatch.setattr(main, "__spec__", None)
+    assert "init_main_from_path" in multiprocessing.spawn.get_preparation_data("worker")
+    with script_not_repeated():
+        assert "init_main_from_path" not in multiprocessing.spawn.get_preparation_data("worker")
+    assert main.__file__ == "script.py"
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from worker_tasks import refuse, work
 from gaitopt.errors import UnknownNameError
 from gaitopt.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
-from gaitopt.runs.solved import JOBS_FILE
+from gaitopt.runs.solved import JOBS
 from gaitopt.runs.sweep import SweepPlan, run_sweep
 from gaitopt.runs.sweep_table import TABLE_FILE
 from gaitopt.store import read_lines
@@ -89,7 +89,7 @@ def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
         return SweepPlan(problem=load_problem("rimless-wheel-slip"), grid=Grid((frictions,)), warm=False, folder=folder)
 
     def at_work():
-        lines = tmp_path / "killed" / JOBS_FILE
+        lines = tmp_path / "killed" / JOBS.name
         children = psutil.Process().children() if lines.exists() and lines.read_text().count("\n") > 20 else []
         return {child.pid for child in children if any("spawn_main" in word for word in child.cmdline())}
 
@@ -100,7 +100,7 @@ def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
         run_sweep(killed, Workers(count=5))
     assert len(killer.killed) == 1
     assert (killed.place / TABLE_FILE).read_text() == (undisturbed.place / TABLE_FILE).read_text()
-    keys = [record["job"] for record in read_lines(killed.folder / JOBS_FILE)]
+    keys = [record["job"] for record in read_lines(killed.folder / JOBS.name)]
     assert sorted(keys) == sorted({job.key for job in killed.jobs})
 
 
@@ -110,7 +110,7 @@ def test_interrupted_workers_end_soon_in_silence_and_what_is_finished_is_kept(tm
     sweep = subprocess.Popen(
         [sys.executable, "-m", "gaitopt", *command], start_new_session=True, stderr=subprocess.PIPE, text=True
     )
-    lines = tmp_path / JOBS_FILE
+    lines = tmp_path / JOBS.name
     until = time.monotonic() + 60
     while not (lines.exists() and lines.read_text()) and time.monotonic() < until:
         time.sleep(0.05)

@@ -1,10 +1,10 @@
-// Columns of numbers packed by packing.py: value = low + step * code, codes of 16 bits, little endian, base64.
+// Columns of numbers packed by packing.py: value = low + step * code; all low bytes, then all high bytes, in base64.
 
 function unpack({ rows, columns }) {
   const unpacked = {};
   for (const [name, [low, step, text]] of Object.entries(columns)) {
     const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-    unpacked[name] = Float64Array.from({ length: rows }, (_, k) => low + (text ? step * (bytes[2 * k] + 256 * bytes[2 * k + 1]) : 0));
+    unpacked[name] = Float64Array.from({ length: rows }, (_, k) => low + (text ? step * (bytes[k] + 256 * bytes[rows + k]) : 0));
   }
   return unpacked;
 }
@@ -12,7 +12,8 @@ function unpack({ rows, columns }) {
 const SMOOTH = 33; // equidistant points of a phase on the page; a longer one has more
 const PER_SECOND = 90;
 
-// A film whose columns are equidistant within each phase and close enough for straight lines between them.
+// A film whose columns are equidistant within each phase and close enough for straight lines between them; all x are
+// counted from the start of the cycle.
 function unrolled(film) {
   const nodes = unpack(film.frames);
   const phases = [];
@@ -21,8 +22,10 @@ function unrolled(film) {
     const count = Math.max(SMOOTH, Math.ceil(PER_SECOND * (phase.end - phase.start)));
     const weights = interpolation(phase.last - phase.first + 1, count);
     const first = columns.x0.length;
-    for (const [name, values] of Object.entries(nodes))
-      for (const row of weights) columns[name].push(row.reduce((sum, weight, k) => sum + weight * values[phase.first + k], 0));
+    for (const [name, values] of Object.entries(nodes)) {
+      const origin = /^x\d+$/.test(name) ? phase.origin : 0;
+      for (const row of weights) columns[name].push(row.reduce((sum, weight, k) => sum + weight * values[phase.first + k], origin));
+    }
     phases.push({ ...phase, first, last: first + count - 1 });
   }
   return { ...film, phases, columns };

@@ -20,6 +20,13 @@ function set(element, attributes) {
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
 }
 
+// Who dislikes motion is not shown any unasked.
+const STILL = matchMedia("(prefers-reduced-motion: reduce)");
+
+function scrolling() {
+  return STILL.matches ? "auto" : "smooth";
+}
+
 const MODE_WORDS = { stick: "stick", slip_forward: "slip forward", slip_backward: "slip backward", flight: "flight" };
 
 function modeKey(modes) {

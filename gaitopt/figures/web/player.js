@@ -5,7 +5,7 @@ const FIRST_SPEED = 0.25;
 
 class Player {
   // settings: those of another player, to go on with the same speed
-  constructor(host, film, settings = { speed: FIRST_SPEED, playing: !matchMedia("(prefers-reduced-motion: reduce)").matches }) {
+  constructor(host, film, settings = { speed: FIRST_SPEED, playing: !STILL.matches }) {
     this.walker = new Walker(host, film);
     this.time = 0;
     this.button = html("button", { type: "button", class: "play" });

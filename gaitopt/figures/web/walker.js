@@ -41,7 +41,7 @@ class Walker {
 
   // Every slip of every cycle: from when, and between which frames.
   slips() {
-    const slipping = this.film.phases.filter((phase) => phase.mode !== "stick");
+    const slipping = this.film.phases.filter((phase) => phase.mode in MARK_DEPTH);
     return Array.from({ length: this.repeats }, (_, cycle) => slipping.map((phase) => ({ ...phase, cycle }))).flat();
   }
 
@@ -74,7 +74,8 @@ class Walker {
     this.join(this.legs, this.film.legs, points, step);
     this.join(this.ties, this.film.ties, points, 0);
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
-    this.drawForce(points[this.film.contact], frame);
+    for (const part of [this.cone, this.force]) part.style.display = phase.mode === "flight" ? "none" : "";
+    if (phase.mode !== "flight") this.drawForce(points[this.film.contact], frame);
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
     const about = phase.mode === "flight" || Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
@@ -125,7 +126,7 @@ class Walker {
     this.cone.setAttribute("d", `M${x + mu * cone} ${cone}L${x} ${y}L${x - mu * cone} ${cone}`);
     const unit = (FORCE_PER_WEIGHT * this.height) / this.film.weight;
     const tip = [x + unit * this.at("f_t", frame), y + unit * this.at("f_n", frame)];
-    const length = Math.hypot(tip[0] - x, tip[1] - y);
+    const length = Math.max(Math.hypot(tip[0] - x, tip[1] - y), 1e-9);
     const [a, b] = [(tip[0] - x) / length, (tip[1] - y) / length].map((part) => 0.05 * this.height * part);
     const head = `M${tip[0] - a - b / 2} ${tip[1] - b + a / 2}L${tip[0]} ${tip[1]}L${tip[0] - a + b / 2} ${tip[1] - b - a / 2}`;
     this.force.setAttribute("d", `M${x} ${y}L${tip[0]} ${tip[1]}${head}`);

@@ -11,11 +11,12 @@ laboratory sense of the angles: Q_theta1 = ankle + hip, Q_theta2 = hip (theta2 i
 from types import SimpleNamespace
 from typing import Annotated, Any, Self
 
-from casadi import cos, pi, sin, vertcat
+from casadi import cos, pi, vertcat
 from pydantic import Field, model_validator
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, inclined, polar
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class CompassBiped(Walker):
@@ -55,7 +56,7 @@ class CompassBiped(Walker):
                 Body(mass=p.hip_mass, position=hip),
                 Body(mass=p.leg_mass, position=hip - polar(p.leg_length - p.leg_com, -q.theta2)),
             ),
-            gravity=p.gravity * vertcat(sin(p.slope), -cos(p.slope)),
+            gravity=inclined(p.gravity, p.slope),
             swing_foot=hip - polar(p.leg_length, -q.theta2),
             touchdown=q.theta1 - q.theta2,
             upright=cos(q.theta1),

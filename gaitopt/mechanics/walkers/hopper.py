@@ -15,8 +15,9 @@ from typing import Annotated, Any
 from casadi import SX, sqrt, vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, coil
 from gaitopt.mechanics.units import Positive
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, coil
+from gaitopt.mechanics.walker import Walker
 
 
 class Hopper(Walker):

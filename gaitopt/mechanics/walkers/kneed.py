@@ -8,11 +8,12 @@ theta2 - theta3 is positive while it is free. It locks by a plastic impact when 
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import cos, pi, sin, vertcat
+from casadi import cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, inclined, polar
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class KneedWalker(Walker):
@@ -49,7 +50,7 @@ class KneedWalker(Walker):
                 Body(mass=p.thigh_mass, position=hip - polar(p.thigh_length - p.thigh_com, -q.theta2)),
                 Body(mass=p.shank_mass, position=knee - polar(p.shank_length - p.shank_com, -q.theta3)),
             ),
-            gravity=p.gravity * vertcat(sin(p.slope), -cos(p.slope)),
+            gravity=inclined(p.gravity, p.slope),
             swing_foot=knee - polar(p.shank_length, -q.theta3),
             touchdown=q.theta1 - q.theta2,
             upright=cos(q.theta1),

@@ -6,13 +6,12 @@ motion ends as ``push_slips``. Everything else is that of the compass.
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Annotated, Any
+from typing import Annotated
 
-from casadi import vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Mechanism, polar
 from gaitopt.mechanics.units import NonNegative
-from gaitopt.mechanics.walker import Mechanism, polar
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 
@@ -28,10 +27,3 @@ class PushOffCompass(CompassBiped):
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         """The compass, with its push."""
         return replace(super().mechanism(q, p), push=polar(p.push, q.theta1))
-
-    @classmethod
-    def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
-        """Both legs."""
-        foot = vertcat(q.x, q.y)
-        hip = foot + polar(p.leg_length, q.theta1)
-        return (foot, hip), (hip, hip - polar(p.leg_length, -q.theta2))

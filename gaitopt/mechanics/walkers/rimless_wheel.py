@@ -6,12 +6,13 @@
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import SX, cos, pi, sin, vertcat
+from casadi import SX, pi, vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, inclined, polar
 from gaitopt.mechanics.ranges import Within
 from gaitopt.mechanics.units import Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class RimlessWheel(Walker):
@@ -36,7 +37,7 @@ class RimlessWheel(Walker):
         hub = vertcat(q.x, q.y) + polar(p.radius, q.theta)
         return Mechanism(
             bodies=(Body(mass=p.mass, position=hub, inertia=p.inertia_ratio * p.mass * p.radius**2, angle=q.theta),),
-            gravity=p.gravity * vertcat(sin(p.slope), -cos(p.slope)),
+            gravity=inclined(p.gravity, p.slope),
             swing_foot=hub - polar(p.radius, q.theta - 2 * half_angle),
             touchdown=q.theta - half_angle,
             upright=q.theta + half_angle,  # zero when the wheel rocks back onto the previous spoke

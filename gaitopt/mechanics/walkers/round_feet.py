@@ -11,13 +11,15 @@ y alone, as that of a point foot does. The angles are those of the compass.
 """
 
 from types import SimpleNamespace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
-from casadi import cos, pi, sin, vertcat
-from pydantic import Field, model_validator
+from casadi import cos, pi, vertcat
+from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, inclined, polar
+from gaitopt.mechanics.ranges import shorter
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, polar
+from gaitopt.mechanics.walker import Walker
 
 ARC = tuple(k / 10 for k in range(-6, 7))
 """Angles from the leg at which the arc is drawn [rad]."""
@@ -44,11 +46,7 @@ class RoundFeetCompass(Walker):
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
 
-    @model_validator(mode="after")
-    def _com_within_leg(self) -> Self:
-        if self.leg_com >= self.leg_length:
-            raise ValueError(f"leg_com = {self.leg_com:g} m must be less than leg_length = {self.leg_length:g} m")
-        return self
+    _com_within_leg = shorter("leg_com", "leg_length")
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
@@ -61,7 +59,7 @@ class RoundFeetCompass(Walker):
                 Body(mass=p.hip_mass, position=hip),
                 Body(mass=p.leg_mass, position=hip - polar(leg, -q.theta2), inertia=inertia, angle=-q.theta2),
             ),
-            gravity=p.gravity * vertcat(sin(p.slope), -cos(p.slope)),
+            gravity=inclined(p.gravity, p.slope),
             swing_foot=swing_centre + p.foot_radius * vertcat(q.theta2, -1),  # its x, and the height of the arc
             touchdown=q.theta1 - q.theta2,
             upright=cos(q.theta1),

@@ -12,8 +12,9 @@ from typing import Annotated, Any
 from casadi import SX, cos, if_else, pi, sin, sqrt, vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, coil, polar
 from gaitopt.mechanics.units import Angle, Positive
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, coil, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class SlipRunner(Walker):

@@ -8,11 +8,12 @@ whose attitude is held, swings the leg forward again. What the foot's impacts ta
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import SX, cos, pi, sin, vertcat
+from casadi import SX, cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, coil, inclined, polar
 from gaitopt.mechanics.units import Angle, Positive, Slope
-from gaitopt.mechanics.walker import Body, Mechanism, Walker, coil, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class SlipRunnerFoot(Walker):
@@ -45,7 +46,7 @@ class SlipRunnerFoot(Walker):
                 Body(mass=p.foot_mass, position=foot),
                 Body(mass=p.body_mass, position=foot + polar(p.leg_length - q.shortening, q.theta)),
             ),
-            gravity=p.gravity * vertcat(sin(p.slope), -cos(p.slope)),
+            gravity=inclined(p.gravity, p.slope),
             swing_foot=foot,
             touchdown=SX(-q.y / p.leg_length),
             upright=cos(q.theta),

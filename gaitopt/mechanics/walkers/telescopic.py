@@ -8,13 +8,15 @@ the stance leg and its foot leaves the ground; then spring and damper act on its
 """
 
 from types import SimpleNamespace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
-from casadi import cos, pi, sin, vertcat
-from pydantic import Field, model_validator
+from casadi import cos, pi, vertcat
+from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Damper, Mechanism, coil, inclined, polar
+from gaitopt.mechanics.ranges import shorter
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
-from gaitopt.mechanics.walker import Body, Damper, Mechanism, Walker, coil, polar
+from gaitopt.mechanics.walker import Walker
 
 
 class TelescopicCompass(Walker):
@@ -37,11 +39,7 @@ class TelescopicCompass(Walker):
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
 
-    @model_validator(mode="after")
-    def _com_within_leg(self) -> Self:
-        if self.leg_com >= self.leg_length:
-            raise ValueError(f"leg_com = {self.leg_com:g} m must be less than leg_length = {self.leg_length:g} m")
-        return self
+    _com_within_leg = shorter("leg_com", "leg_length")
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
@@ -56,7 +54,7 @@ class TelescopicCompass(Walker):
                 Body(mass=p.hip_mass, position=hip),
                 Body(mass=p.leg_mass, position=swing_foot + polar(p.leg_com, -q.theta2)),
             ),
-            gravity=p.gravity * vertcat(sin(p.slope), -cos(p.slope)),
+            gravity=inclined(p.gravity, p.slope),
             swing_foot=swing_foot,
             touchdown=q.theta1 - q.theta2,
             upright=cos(q.theta1),

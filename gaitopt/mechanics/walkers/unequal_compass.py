@@ -7,13 +7,13 @@ one swings; in the next step they have changed places.
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Annotated, Any, Self
+from typing import Annotated
 
-from casadi import vertcat
-from pydantic import Field, model_validator
+from pydantic import Field
 
+from gaitopt.mechanics.mechanism import Body, Mechanism, polar
+from gaitopt.mechanics.ranges import shorter
 from gaitopt.mechanics.units import Positive
-from gaitopt.mechanics.walker import Body, Mechanism, polar
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 
@@ -26,13 +26,7 @@ class UnequalCompass(CompassBiped):
     other_leg_mass: Annotated[Positive, Field(description="point mass on the leg that swings in the first step [kg]")]
     other_leg_com: Annotated[Positive, Field(description="distance of that mass from the other leg's foot [m]")]
 
-    @model_validator(mode="after")
-    def _other_com_within_leg(self) -> Self:
-        if self.other_leg_com >= self.leg_length:
-            raise ValueError(
-                f"other_leg_com = {self.other_leg_com:g} m must be less than leg_length = {self.leg_length:g} m"
-            )
-        return self
+    _other_com_within_leg = shorter("other_leg_com", "leg_length")
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
@@ -41,10 +35,3 @@ class UnequalCompass(CompassBiped):
         stance, hip, _ = compass.bodies
         swing = hip.position - polar(p.leg_length - p.other_leg_com, -q.theta2)
         return replace(compass, bodies=(stance, hip, Body(mass=p.other_leg_mass, position=swing)))
-
-    @classmethod
-    def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
-        """Both legs."""
-        foot = vertcat(q.x, q.y)
-        hip = foot + polar(p.leg_length, q.theta1)
-        return (foot, hip), (hip, hip - polar(p.leg_length, -q.theta2))

@@ -24,7 +24,7 @@ from casadi import MX, sum1, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Status
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, ModeSequence
+from gaitopt.mechanics import Cycle, Dynamics, Mode, ModeSequence
 from gaitopt.nlp.complementarity.homotopy import Homotopy
 from gaitopt.nlp.ipopt import Progress
 
@@ -78,8 +78,7 @@ class Complementarity:
 
     Parameters
     ----------
-    system : walker, control and ground.
-    p : ndarray, shape (n_p,) - parameters, from which natural units follow.
+    dynamics : walker, control and ground; natural units follow from its parameters.
     period : typical one of a step [s]; breakpoints of the control before it are ends of elements.
     free : bounds of the parameters that are unknowns, by dotted key.
     within : bounds of the state just after the impact by name, where a design has some.
@@ -88,8 +87,7 @@ class Complementarity:
 
     def __init__(
         self,
-        system: HybridSystem,
-        p: Array,
+        dynamics: Dynamics,
         period: float,
         free: Mapping[str, Range] | None = None,
         within: Mapping[str, Range] | None = None,
@@ -98,10 +96,11 @@ class Complementarity:
         progress: Progress | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
-        self._system, self._p, self._free, self._within = system, p, free or {}, within or {}
+        self._dynamics, self._system = dynamics, dynamics.system
+        self._free, self._within = free or {}, within or {}
         self._n_steps = n_steps
-        self._scales = system.scales(p)
-        self._segments, self._fixed = _segments(system.control.breakpoints, period)
+        self._scales = dynamics.scales
+        self._segments, self._fixed = _segments(self._system.control.breakpoints, period)
         self._blocks: dict[str, _Block] = {}
         self._rows: list[tuple[MX, float, float]] = []
         self._products: list[MX] = []
@@ -121,7 +120,7 @@ class Complementarity:
 
     def solve(self, starts: Array, ends: Array, period: float) -> Proposal | Status:
         """The cycle near linear motions between states of shape (n_steps, n_z), each in a period [s]; or why not."""
-        w, status = self._solver.solve(self._guess(starts, ends, period), np.append(self._p, period))
+        w, status = self._solver.solve(self._guess(starts, ends, period), np.append(self._dynamics.p, period))
         return self._read(w) if status is Status.CONVERGED else status
 
     def _build(self) -> MX:
@@ -217,7 +216,7 @@ class Complementarity:
         """Straight lines from ``starts`` to ``ends``, the foot at rest."""
         times = _times(self._fixed, period)
         h = np.diff(times)
-        values = {key: np.array([self._p[self._system.parameters.index(key)]]) for key in self._free}
+        values = {key: np.array([self._dynamics.parameter(key)]) for key in self._free}
         for s, (start, end) in enumerate(zip(starts, ends, strict=True)):
             values |= {f"start{s}": start, f"h{s}": h, f"impact{s}.a": np.array([0.5])}
             for k in range(ELEMENTS):
@@ -248,7 +247,7 @@ class Complementarity:
 def _runs(values: Mapping[str, Array], s: int, impact: Mode) -> list[tuple[Mode, float]]:
     """Phases of step ``s``, after an impact, with their durations [s]."""
     modes = [_mode(values[f"foot{s}.{k}.a"]) for k in range(ELEMENTS)]
-    if impact.slips:  # a slip too short to be an element is one all the same
+    if impact.slips:  # even if it is too short for an element
         modes[0] = impact
     pairs = groupby(zip(modes, values[f"h{s}"].tolist(), strict=True), itemgetter(0))
     return [(mode, sum(h for _, h in run)) for mode, run in pairs]

@@ -6,10 +6,10 @@ Relabelling is affine, s_plus = A s_minus + b, so that the shape just before an 
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import Dynamics, Mode
 
 
-def swing(system: HybridSystem, p: Array, shapes: Array, period: float) -> tuple[Array, Array]:
+def swing(dynamics: Dynamics, shapes: Array, period: float) -> tuple[Array, Array]:
     """States at the two ends of each step of a cycle without slip in which all joints move at constant rates.
 
     Parameters
@@ -21,18 +21,18 @@ def swing(system: HybridSystem, p: Array, shapes: Array, period: float) -> tuple
     -------
     starts, ends : ndarrays, shape (n_steps, n_z).
     """
-    n = system.n_shape
-    starts = np.array([system.lift_state(np.concatenate([shape, np.zeros(n)]), p) for shape in shapes])
+    n = dynamics.system.n_shape
+    starts = np.array([dynamics.lift(np.concatenate([shape, np.zeros(n)])) for shape in shapes])
     ends = starts.copy()
-    ends[:, :n] = shapes_before(system, p, np.roll(starts[:, :n], -1, axis=0))
+    ends[:, :n] = shapes_before(dynamics, np.roll(starts[:, :n], -1, axis=0))
     for states in (starts, ends):
         states[:, n + 1 : 2 * n + 1] = (ends[:, :n] - starts[:, :n]) / period
     return starts, ends
 
 
-def shapes_before(system: HybridSystem, p: Array, shapes: Array) -> Array:
+def shapes_before(dynamics: Dynamics, shapes: Array) -> Array:
     """The shapes just before an impact that it relabels to ``shapes``, shape (m, n_shape), as relabelling is affine."""
-    n, zero = system.n_shape, np.zeros(system.n_z)
-    b = np.asarray(system.impact(Mode.STICK)(zero, p)[0]).ravel()[:n]
-    A = np.asarray(system.impact_jacobian(Mode.STICK)(zero, p))[:n, :n]
+    n, zero = dynamics.system.n_shape, np.zeros(dynamics.system.n_z)
+    b = dynamics.after_impact(Mode.STICK, zero)[:n]
+    A = np.asarray(dynamics.system.impact_jacobian(Mode.STICK)(zero, dynamics.p))[:n, :n]
     return np.asarray(np.linalg.solve(A, (shapes - b).T).T)

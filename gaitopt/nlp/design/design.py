@@ -1,11 +1,10 @@
-"""The gait of a problem; where parameters are unknowns, the best one that meets the constraints.
+"""Where parameters are unknowns: the best gait that meets the constraints.
 
 A design starts from a gait: a given one, or that of the guessed parameters. From there IPOPT looks for the optimum of a
 smoothed problem over nodes, durations and freed parameters (``program``). Sequential quadratic programming in the freed
 parameters alone goes on to that of the exact problem, as the gait is measured (``reduced``, ``sqp``).
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Cause, Gait, Status, in_words
-from gaitopt.mechanics import HybridSystem
+from gaitopt.mechanics import Dynamics, HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.design.infeasibility import conflicts
 from gaitopt.nlp.design.outcome import RADIUS
@@ -24,12 +23,12 @@ from gaitopt.nlp.design.sqp import optimise
 from gaitopt.nlp.design.trust_region import SMALL, freed_sizes
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import Layout, layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.solve import rejection_reason, solve_gait
+from gaitopt.nlp.solve import rejection_reason
 from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_states
-from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
 MAX_ROUNDS = 12
@@ -42,31 +41,22 @@ CREDITED = 1.2
 """Ratio of absolute to net cost above which a design is said to live on credited negative work."""
 
 
-def find_gait(
+def design_gait(
     problem: Problem,
     system: HybridSystem,
+    first: Gait,
     *,
-    start: Gait | None = None,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Gait:
-    """The gait of ``problem``: designed where parameters are unknowns, solved otherwise.
+    """The best gait over the freed parameters of ``problem``; arguments as of ``nlp.find_gait``.
 
     Parameters
     ----------
-    start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
-    progress : called at every iteration with its number and the largest violation.
-    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+    first : a gait, or a failed attempt at one, of the same system with the same mode sequence.
     """
-    if not free_parameters(problem, system):
-        return solve_gait(problem, system, progress=progress, should_stop=should_stop)
-    began = time.perf_counter()
-    first = start or solve_gait(problem, system, progress=progress, should_stop=should_stop)
-    if first.status is Status.INTERRUPTED:
-        return first
     design = _Design(problem, system, progress, should_stop)
-    gait = design.run(known(first, design.free) if first.steps else guessed(problem, system))
-    return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
+    return design.run(known(first, design.free) if first.steps else guessed(problem, system))
 
 
 class _Design:
@@ -83,7 +73,7 @@ class _Design:
         self._progress, self._should_stop = progress, should_stop
         free = free_parameters(problem, system)
         self.free, self._bounds = tuple(free), np.array(list(free.values())).T
-        self._p = system.values(problem.parameters)
+        self._dynamics = Dynamics(system, system.values(problem.parameters))
 
     def run(self, start: Start) -> Gait:
         """Solve the smoothed problem until the search stays where it is, and then the exact one."""
@@ -99,7 +89,7 @@ class _Design:
                 why = self._conflicts(start)
                 message = "\n".join(cause.words for cause in why) or result.words
                 return self._failed(Status.INFEASIBLE if why else result.status, message, solver, why)
-            durations = program.transcription.unpack(program.motion(result.w))[1]
+            durations = program.transcription.unpack(program.motion(result.w)).durations
             if not program.hits_trust_region(result.w) and self._layout(durations).same_arcs(
                 program.transcription.layout
             ):
@@ -107,12 +97,12 @@ class _Design:
             start = self._moved(program, result.w)
         return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
 
-    def _optimum(self, transcription: Transcription, w: Array, iterations: int) -> Gait:
+    def _optimum(self, transcription: MultipleShooting, w: Array, iterations: int) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one."""
         reduced = Reduced(self._problem, self.free, self._bounds)
-        refined = refine(transcription, polish(transcription, w, self._p).at)
+        refined = refine(transcription, polish(transcription, w, self._dynamics.p).at)
         for _ in range(MAX_MESHES):
-            point = reduced.first(refined.transcription, refined.at.w, self._p)
+            point = reduced.first(refined.transcription, refined.at.w, self._dynamics.p)
             if point is None:
                 lost = rejection_reason(refined)
                 message = in_words(lost) or "the gait is lost on a finer mesh"
@@ -138,7 +128,7 @@ class _Design:
         return replace(gait, message=_verdict(gait))
 
     def _conflicts(self, start: Start) -> tuple[Cause, ...]:
-        """Which constraints cannot be met, found from the start in as many searches as it takes."""
+        """Which constraints cannot be met, by repeated elastic searches from the start."""
         if not self._problem.constraints:
             return ()
         for _ in range(MAX_ROUNDS):
@@ -152,7 +142,7 @@ class _Design:
     def _program(self, start: Start, *, elastic: bool = False) -> Program:
         """The smoothed NLP with its nodes on the starting motion, on a coarse mesh."""
         plan = self._layout(start.durations)
-        transcription = Transcription(self._system, plan, self.free)
+        transcription = MultipleShooting(self._system, plan, self.free)
         times = plan.node_times(start.durations)
         w = transcription.pack(start.states(times), start.durations, np.clip(start.freed, *self._bounds))
         return Program(
@@ -160,7 +150,7 @@ class _Design:
             transcription,
             bounds=self._bounds,
             w=w,
-            p=self._p,
+            p=self._dynamics.p,
             elastic=elastic,
             progress=self._progress,
             should_stop=self._should_stop,
@@ -173,16 +163,13 @@ class _Design:
         """A solution whose switches have passed a breakpoint, to be cut into arcs again."""
         t = program.transcription
         nodes, durations, freed = t.unpack(program.motion(x))
-        rolled = roll_out(
-            self._system, t.full_parameters(self._p, freed), self._problem.cycle, nodes[:, 0], list(durations)
-        )
+        rolled = roll_out(t.dynamics(self._dynamics.p, freed), self._problem.cycle, nodes[:, 0], list(durations))
         return Start(durations=durations, states=rolled_states(rolled), freed=freed)
 
     def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:
         return Gait(
             problem=self._problem,
-            system=self._system,
-            p=self._p,
+            dynamics=self._dynamics,
             status=status,
             message=words,
             solver=solver,

@@ -21,7 +21,7 @@ PRESSING = 1e-4
 
 
 def conflicts(problem: Problem, program: Program, result: IpoptResult) -> tuple[Cause, ...]:
-    """The constraints that cannot be met; empty where all can or nothing was found.
+    """The constraints that cannot be met; empty where all can be met or the search failed.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Is a design the best of its neighbourhood? Random neighbours, brought back to the constraints, and measured.
 
-It knows nothing of the gradients with which the design was found: at other freed parameters the gait is solved again by
+It uses none of the gradients of the design's own search: at other freed parameters the gait is solved again by
 Newton's method and measured like any other; violated constraints are corrected by Gauss-Newton steps with differences.
 """
 
@@ -18,17 +18,17 @@ from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.design.outcome import RADIUS
 from gaitopt.nlp.design.trust_region import SMALL, freed_sizes
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.start import free_parameters, step_states
-from gaitopt.nlp.transcription import Transcription
 
 RADII = (1e-2, 1e-3, 1e-4)
 """Distances of neighbours, relative to the sizes of the freed parameters."""
 FEASIBLE = 1e-9
 """Violation of a constraint, in its natural unit, that rounding may cause."""
 BETTER = 1e-7
-"""Relative gain that is more than what rounding of the constraints is worth."""
+"""Relative gain that exceeds the effect of rounding in the constraints."""
 CORRECTIONS = 8
 DIFFERENCE = 1e-6
 """Step of the differences: the root of rounding, and a multiple of what a gait is solved to."""
@@ -119,7 +119,7 @@ class _Search:
         self.sizes = freed_sizes(self.freed, self._bounds)
         durations = np.array([duration for _, duration in step.phases])
         plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
-        coarse = Transcription(gait.system, plan, tuple(free))
+        coarse = MultipleShooting(gait.system, plan, tuple(free))
         w = coarse.pack(step_states(step, plan.node_times(durations)), durations, self.freed)
         refined = refine(coarse, polish(coarse, w, gait.p).at)
         self._transcription, self._w = refined.transcription, refined.at.w
@@ -155,7 +155,7 @@ class _Search:
         w = self._w + self._slopes @ (freed - self.freed)
         w[-freed.size :] = freed
         at = polish(t, w, gait.p).at
-        if not at.size < SOLVED or not t.layout.in_order(t.unpack(at.w)[1], t.system.control.breakpoints):
+        if not at.size < SOLVED or not t.layout.in_order(t.unpack(at.w).durations, t.system.control.breakpoints):
             return None
         solved = assemble_gait(gait.problem, t, at, errors=np.zeros(t.n_phases), message="", solver={})
         return _measured(solved, at.w)
@@ -191,7 +191,7 @@ def _measured(gait: Gait, w: Array) -> _Values:
 def _margins(gait: Gait) -> list[float]:
     """The least value of every margin along every arc, and those of the impact, in natural units."""
     (step,) = gait.steps
-    system, scales, rows = gait.system, gait.system.scales(gait.p), list[float]()
+    system, scales, rows = gait.system, gait.dynamics.scales, list[float]()
     for arc in step.arcs:
         values = system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, system.control.data(arc.segment))
         names = margin_names(arc.mode)

@@ -8,7 +8,6 @@ not Lipschitz; the inequalities of ``nlp.moduli`` that stand for them are smooth
 """
 
 import numpy as np
-from scipy.optimize import nnls
 
 from gaitopt.arrays import Array
 from gaitopt.nlp.design.reduced import Point
@@ -38,6 +37,8 @@ def kkt_residual(point: Point, sizes: Array) -> tuple[float, dict[str, float]]:
                 columns.append(sign * column / length)
     if not columns:
         return float(np.linalg.norm(gradient)), {}
+    from scipy.optimize import nnls  # see ``least_distance``
+
     weights, residual = nnls(np.array(columns).T, gradient)
     multipliers: dict[str, float] = {}
     for (row, scale), weight in zip(rows, weights, strict=True):

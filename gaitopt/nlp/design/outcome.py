@@ -15,7 +15,7 @@ from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, 
 from gaitopt.arrays import Array
 from gaitopt.mechanics import Mode
 from gaitopt.nlp.integrator import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 
 RADIUS = "spectral_radius"
 EXTREMA = {
@@ -51,7 +51,7 @@ class Outcome:
     width : MX - of the smoothing of |power| [W].
     """
 
-    def __init__(self, transcription: Transcription, width: MX) -> None:
+    def __init__(self, transcription: MultipleShooting, width: MX) -> None:
         self._t, self._width = transcription, width
         self._plain = {
             "period": self._period,
@@ -80,8 +80,8 @@ class Outcome:
             return vertcat(*(vec(s.force[1, :] - extremum) for s in self._samples))
         if name == "foot_clearance":
             return vertcat(*(vec(extremum - s.height) for s in self._samples))
-        if name == "impulse_ratio":  # what sticking would need, whatever the impact does
-            impulse = self._t.system.impact(Mode.STICK)(self._t.Z[:, -1], self._t.p)[1]
+        if name == "impulse_ratio":  # of a sticking impact, also where the impact slips
+            impulse = self._t.system.impact(Mode.STICK)(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
             return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1)))
         sticking = [s.force for s in self._samples if s.mode.sticks]
         return vertcat(*(vec(extremum * f[1, :] - sign * f[0, :]) for f in sticking for sign in (1, -1)))
@@ -93,10 +93,6 @@ class Outcome:
         leads = Function("leads", [self._t.w, self._t.parameters], [horzcat(*(s.ahead for s in self._samples))])
         behind = np.flatnonzero(np.asarray(leads(w, p)).ravel() <= 0)
         return list(range(int(behind[-1]) + 1 if behind.size else 0, leads.size2_out(0)))
-
-    @cached_property
-    def _impact(self) -> tuple[MX, ...]:
-        return tuple(self._t.system.impact(self._t.layout.cycle.impact)(self._t.Z[:, -1], self._t.p))
 
     @cached_property
     def _samples(self) -> list[_Samples]:
@@ -139,7 +135,9 @@ class Outcome:
         return sum1(self._t.durations)
 
     def _step_length(self) -> MX:
-        return self._impact[0][self._t.system.n_shape]
+        t = self._t
+        impact = t.system.impact(t.layout.cycle.impact)
+        return impact(z=t.Z[:, -1], p=t.p)["z_plus"][t.system.n_shape]
 
     def _weighted_length(self) -> MX:
         return self._t.system.weight(self._t.p) * self._step_length()
@@ -152,7 +150,7 @@ class Outcome:
 
     def _push_work(self) -> MX:
         """Work of the push before the impact; that of a foot at rest is positive."""
-        return self._t.system.push(self._t.Z[:, -1], self._t.p)[1]
+        return self._t.system.push(z=self._t.Z[:, -1], p=self._t.p)["work"]
 
     def _slip_distance(self) -> MX:
         x = self._t.system.n_shape

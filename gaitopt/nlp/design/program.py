@@ -16,12 +16,13 @@ import numpy as np
 from casadi import MX, Function, sum1, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.mechanics import Dynamics
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS, Outcome
 from gaitopt.nlp.design.rows import CLEARANCE
 from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.design.trust_region import SMALL, search
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.problem import Problem, Range
 
 SMOOTHING = 3e-5
@@ -53,7 +54,7 @@ class Program:
     def __init__(
         self,
         problem: Problem,
-        transcription: Transcription,
+        transcription: MultipleShooting,
         *,
         bounds: Array,
         w: Array,
@@ -70,7 +71,7 @@ class Program:
         self._radius = certified_radius(transcription) if RADIUS in self.names else None
         extrema = np.array([self._extremum(name, w) for name in self._extrema])
         self._search = search(transcription, w, p, bounds, extrema, self._slack.numel())
-        self.rows = [*self._physics(), *self._extremal(w), *self._asked()]
+        self.rows = [*self._physics(), *self._extremal(w), *self._stated()]
         unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
         parameters = transcription.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
@@ -136,7 +137,7 @@ class Program:
 
     def _physics(self) -> list[Rows]:
         margins, labels = self.transcription.inequalities
-        scales = self.transcription.system.scales(self._p)
+        scales = Dynamics(self.transcription.system, self._p).scales
         least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
         return [_zero("gait", self.transcription.equalities), _positive("margins", margins, least)]
 
@@ -146,7 +147,7 @@ class Program:
             bounding = self._outcome.bounded(name, extremum)[self._outcome.active_rows(name, w, self._p)]
             rows.append(_positive(name, bounding))
             if self._inflates(name):
-                # nothing but its own curve keeps the extremum from growing: it stays at the sample where it is now
+                # only its own curve keeps the extremum from growing: it stays at its present sample
                 rows.append(_zero(name, bounding[int(np.argmin(self._bounding(name, w, self._extremum(name, w))))]))
         return rows
 
@@ -167,7 +168,7 @@ class Program:
         crossings = -constant / (slope - constant)
         return float(crossings.max() if EXTREMA[name] > 0 else crossings.min())
 
-    def _asked(self) -> list[Rows]:
+    def _stated(self) -> list[Rows]:
         rows = []
         for k, (name, span) in enumerate(self._problem.constraints.items()):
             low, high = np.array([span.minimum]), np.array([span.maximum])

@@ -6,22 +6,22 @@ With H = L L' and y = L' d + L^-1 g it is that of the shortest y in a polyhedron
 """
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.optimize import nnls
 
 from gaitopt.arrays import Array
 
 CONTRADICTION = 1e-9
 """Distance in the problem of nonnegative least squares that means a polyhedron without points."""
 SHORTEST_ROW = 1e-3
-"""Rows of the constraints shorter than this are not made longer, so that rounding is not."""
+"""Shorter rows of the constraints are not scaled to length one, which would amplify rounding."""
 
 
 def least_distance(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:
     """min g'd + d'Hd/2 s.t. A d + b >= 0: solution and multipliers, or None where the constraints contradict."""
+    from scipy.optimize import nnls  # a quarter of a second, which a gait without free parameters need not wait
+
     L = np.linalg.cholesky(H)
-    free = -solve_triangular(L, g, lower=True)
-    G = solve_triangular(L, A.T, lower=True).T
+    free = -np.linalg.solve(L, g)
+    G = np.linalg.solve(L, A.T).T
     lengths = np.maximum(np.linalg.norm(G, axis=1), SHORTEST_ROW)
     G, h = G / lengths[:, None], (-b - G @ free) / lengths
     target = np.zeros(g.size + 1)
@@ -31,4 +31,4 @@ def least_distance(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array
     if distance < CONTRADICTION:
         return None
     y = -residual[:-1] / residual[-1]
-    return np.asarray(solve_triangular(L.T, y + free)), weights / -residual[-1] / lengths
+    return np.asarray(np.linalg.solve(L.T, y + free)), weights / -residual[-1] / lengths

@@ -17,9 +17,9 @@ from gaitopt.nlp.design.scalars import Scalars
 from gaitopt.nlp.design.sensitivity import Sensitivity, sensitivity
 from gaitopt.nlp.design.spectral_radius import ResponseSlope
 from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import Linearisation, polish
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
 SOLVED = 1e-10
@@ -66,12 +66,12 @@ class Reduced:
         self.levels = tuple(
             name for name, weight in problem.objective.items() if name in EXTREMA and weight * EXTREMA[name] > 0
         )
-        self._slopes: dict[Transcription, ResponseSlope] = {}
+        self._slopes: dict[MultipleShooting, ResponseSlope] = {}
 
-    def first(self, transcription: Transcription, w: Array, p: Array) -> Point | None:
+    def first(self, transcription: MultipleShooting, w: Array, p: Array) -> Point | None:
         """The point at nodes, durations and freed parameters ``w``; None where there is no gait."""
         at = polish(transcription, w, p).at
-        if not at.size < SOLVED or not (transcription.unpack(at.w)[1] > 0).all():
+        if not at.size < SOLVED or not (transcription.unpack(at.w).durations > 0).all():
             return None
         if not self._in_order(transcription, at.w):
             return self._recut(transcription, at.w, p)
@@ -84,24 +84,24 @@ class Reduced:
         w[-n:] = np.clip(w[-n:], *self.bounds)  # to which the step keeps up to rounding
         return self.first(s.transcription, w, s.at.p)
 
-    def _in_order(self, t: Transcription, w: Array) -> bool:
-        return t.layout.in_order(t.unpack(w)[1], t.system.control.breakpoints)
+    def _in_order(self, t: MultipleShooting, w: Array) -> bool:
+        return t.layout.in_order(t.unpack(w).durations, t.system.control.breakpoints)
 
-    def _recut(self, t: Transcription, w: Array, p: Array) -> Point | None:
+    def _recut(self, t: MultipleShooting, w: Array, p: Array) -> Point | None:
         """The same gait on the arcs that it has after a switch has passed a breakpoint of the control."""
         nodes, durations, freed = t.unpack(w)
-        rolled = roll_out(t.system, t.full_parameters(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
+        rolled = roll_out(t.dynamics(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
         plan = layout(t.layout.cycle, durations, t.system.control.breakpoints)
-        cut = Transcription(t.system, plan, t.free)
+        cut = MultipleShooting(t.system, plan, t.free)
         at = polish(cut, cut.pack(rolled.nodes(plan), durations, freed), p).at
         return self._point(cut, at) if at.size < SOLVED and self._in_order(cut, at.w) else None
 
-    def _point(self, t: Transcription, at: Linearisation) -> Point | None:
+    def _point(self, t: MultipleShooting, at: Linearisation) -> Point | None:
         try:
             s = sensitivity(t, at)
         except RuntimeError:  # singular
             return None
-        freed = s.transcription.unpack(s.at.w)[2]
+        freed = s.transcription.unpack(s.at.w).freed
         values = Values(Scalars(s), self._radius(s), self.levels)
         if values.escaped(self._problem):
             return None

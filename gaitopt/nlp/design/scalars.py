@@ -7,7 +7,7 @@ place, since there the place does not matter. |power| is integrated between its 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 from casadi import MX, Function, jacobian, vertcat
@@ -16,7 +16,8 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.mechanics import Mode, margin_scales
 from gaitopt.nlp.design.sensitivity import ArcCurves, Curve, Sensitivity
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.inequalities import impact_margins, is_zero_by_event
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 
 Valued = tuple[float, Array]
 """A number and its derivatives in the freed parameters, shape (n_free,)."""
@@ -43,8 +44,9 @@ class Scalars:
         self._s, self._t = sensitivity, sensitivity.transcription
         self.n_free = len(self._t.free)
         values, by = at_impact(self._t)(sensitivity.at.w, sensitivity.at.p)
-        self._impact = np.asarray(values).ravel()
-        self._impact_slopes = np.asarray(by.sparse() @ sensitivity.slopes)
+        at_end = zip(np.asarray(values).ravel().tolist(), np.asarray(by.sparse() @ sensitivity.slopes), strict=True)
+        self._impact: dict[str, Valued] = dict(zip(AT_IMPACT, islice(at_end, len(AT_IMPACT)), strict=True))
+        self._impact_margins: list[Valued] = list(at_end)
         self._smooth: dict[str, Callable[[], Valued]] = {
             "period": self._period,
             "step_length": self._step_length,
@@ -72,7 +74,7 @@ class Scalars:
         t, s = self._t, self._s
         if name in t.system.parameters:
             freed = np.array([float(name == other) for other in t.free])
-            return float(s.p[t.system.parameters.index(name)]), freed
+            return s.dynamics.parameter(name), freed
         if name.startswith("state."):
             k = t.system.state_names.index(name.removeprefix("state."))
             return float(s.at.w[k]), s.slopes[k]
@@ -103,17 +105,16 @@ class Scalars:
 
     def margins(self) -> Iterator[tuple[str, float, Piece]]:
         """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact."""
-        t, scales = self._t, self._t.system.scales(self._s.p)
+        t, scales = self._t, self._s.dynamics.scales
         for k, arc in enumerate(self._s.arcs):
             last, mode = t.layout.arcs[k].intervals, arc.arc.mode
             for (name, curve), unit in zip(arc.margins.items(), margin_scales(mode, scales), strict=True):
                 if name in ("touchdown", "upright"):
                     continue
-                ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]
+                ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not is_zero_by_event(t, k, node, name)]
                 for piece in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), piece
-        for row, (_, label) in enumerate(t.impact_margins(), start=5):
-            value, slope = float(self._impact[row]), self._impact_slopes[row]
+        for (value, slope), (_, label) in zip(self._impact_margins, impact_margins(t), strict=True):
             yield label.name, label.unit(scales), Piece(key=f"impact {label.name}", value=value, gradient=slope)
 
     def _period(self) -> Valued:
@@ -122,15 +123,15 @@ class Scalars:
         return float(s.at.w[durations].sum()), s.slopes[durations].sum(axis=0)
 
     def _step_length(self) -> Valued:
-        return float(self._impact[0]), self._impact_slopes[0]
+        return self._impact["step_length"]
 
     def _weighted_length(self) -> Valued:
-        length, slope = self._step_length()
-        return length * self._impact[1], slope * self._impact[1] + length * self._impact_slopes[1]
+        (length, slope), (weight, weight_slope) = self._impact["step_length"], self._impact["weight"]
+        return length * weight, slope * weight + length * weight_slope
 
     def _plus_push(self, terms: Iterator[Valued]) -> Valued:
         """The sum of works, with that of the push before the impact."""
-        return _total(chain(terms, [(float(self._impact[4]), self._impact_slopes[4])]))
+        return _total(chain(terms, [self._impact["push_work"]]))
 
     def _slip_distance(self) -> Valued:
         t, s, x = self._t, self._s, self._t.system.n_shape
@@ -152,7 +153,7 @@ class Scalars:
                 yield from _both_signs(_extremes(_quotient(*arc.force), f"friction {k}"))
 
     def _impulse(self) -> Iterator[Piece]:
-        value, slope = _ratio(*((float(self._impact[k]), self._impact_slopes[k]) for k in (2, 3)))
+        value, slope = _ratio(self._impact["impulse_t"], self._impact["impulse_n"])
         yield from _both_signs(iter([Piece(key="impulse", value=value, gradient=slope)]))
 
     def _clearance(self) -> Iterator[Piece]:
@@ -165,13 +166,17 @@ class Scalars:
             yield from _extremes(arc.force[1], f"normal force {k}")
 
 
+AT_IMPACT = ("step_length", "weight", "impulse_t", "impulse_n", "push_work")
+"""The impulse is that of a sticking impact, the work that of the push."""
+
+
 @lru_cache(maxsize=8)
-def at_impact(t: Transcription) -> Function:
-    """(w, p) -> step length, weight, impulse (F_t, F_n) of a sticking impact, work of the push, margins; by w."""
-    landed = t.system.impact(t.layout.cycle.impact)(t.Z[:, -1], t.p)[0]
-    impulse = t.system.impact(Mode.STICK)(t.Z[:, -1], t.p)[1]
-    margins = [expression for expression, _ in t.impact_margins()]
-    work = t.system.push(t.Z[:, -1], t.p)[1]
+def at_impact(t: MultipleShooting) -> Function:
+    """(w, p) -> what ``AT_IMPACT`` names and the margins of the impact; and their Jacobian in w."""
+    landed = t.system.impact(t.layout.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"]
+    impulse = t.system.impact(Mode.STICK)(z=t.Z[:, -1], p=t.p)["impulse"]
+    margins = [expression for expression, _ in impact_margins(t)]
+    work = t.system.push(z=t.Z[:, -1], p=t.p)["work"]
     values = vertcat(landed[t.system.n_shape], MX(t.system.weight(t.p)), impulse, work, *margins)
     return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])
 

@@ -16,12 +16,12 @@ from casadi import SX, Function, cse, jacobian, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Step, curves
-from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names
+from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.nlp.assembly import assemble_steps
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import Linearisation
 from gaitopt.nlp.shooting_jacobian import step_derivatives
-from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import factorise
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved; every point costs a step."""
@@ -85,19 +85,19 @@ class Sensitivity:
     arcs : curves of every arc.
     """
 
-    transcription: Transcription
+    transcription: MultipleShooting
     at: Linearisation
     step: Step
     slopes: Array
     arcs: tuple[ArcCurves, ...]
 
     @property
-    def p(self) -> Array:
-        """All parameters, the freed ones put in; shape (n_p,)."""
-        return self.transcription.full_parameters(self.at.p, self.transcription.unpack(self.at.w)[2])
+    def dynamics(self) -> Dynamics:
+        """The system at all its parameters, the freed ones put in."""
+        return self.transcription.dynamics(self.at.p, self.transcription.unpack(self.at.w).freed)
 
 
-def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
+def sensitivity(transcription: MultipleShooting, at: Linearisation) -> Sensitivity:
     """Curves and derivatives at a solution of the equalities.
 
     Raises
@@ -106,25 +106,25 @@ def sensitivity(transcription: Transcription, at: Linearisation) -> Sensitivity:
         If the equalities are singular there, so that the gait is no function of the freed parameters.
     """
     n = at.residual.size
-    answer = -factorise(at.square).solve(at.jacobian[:, n:].toarray())
+    answer = -at.scaled.solve(at.jacobian.dense(n, at.w.size))
     slopes = np.vstack([answer, np.eye(answer.shape[1])])
     (step,) = assemble_steps(transcription, at.w, at.p, COUNTS)
     arcs = tuple(_arc_curves(transcription, at, slopes, k, arc) for k, arc in enumerate(step.arcs))
     return Sensitivity(transcription=transcription, at=at, step=step, slopes=slopes, arcs=arcs)
 
 
-def _arc_curves(t: Transcription, at: Linearisation, slopes: Array, index: int, arc: Arc) -> ArcCurves:
+def _arc_curves(t: MultipleShooting, at: Linearisation, slopes: Array, index: int, arc: Arc) -> ArcCurves:
     layout, system = t.layout.arcs[index], t.system
     names = margin_names(arc.mode)
     starts, ends = _ends(t, slopes, index)
     stretch = ends - starts
     dt = starts + np.multiply.outer((curves.points(arc.times.size) + 1) / 2, stretch)
     dz = _state_slopes(t, at, slopes, index, arc, dt)
-    data, p = system.control.data(layout.segment), t.full_parameters(at.p, t.unpack(at.w)[2])
-    function = _quantities(system, arc.mode, t.free)
-    values, jacobians = (np.asarray(v) for v in function.map(arc.times.size)(arc.times[None], arc.states.T, p, data))
-    n_q, n_in = len(values), 1 + system.n_z + len(t.free)
-    by = jacobians.reshape(n_q, arc.times.size, n_in)
+    data, p = system.data(layout.segment), t.dynamics(at.p, t.unpack(at.w).freed).p
+    quantities = buffered_map(_quantities(system, arc.mode, t.free), arc.times.size)
+    rows, jacobians = quantities(arc.times[:, None], arc.states, p, data)
+    values, by = rows.T.copy(), jacobians.transpose(2, 0, 1)
+    n_q = len(values)
     total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + system.n_z], dz) + by[:, :, 1 + system.n_z :]
     every = [
         Curve(values=value, slopes=slope, duration=arc.duration, stretch=stretch)
@@ -155,7 +155,7 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
     return Function(f"quantities_{mode.key}", [t, z, p, r], cse([values, jacobian(values, by)]))
 
 
-def _ends(t: Transcription, slopes: Array, index: int) -> tuple[Array, Array]:
+def _ends(t: MultipleShooting, slopes: Array, index: int) -> tuple[Array, Array]:
     """Derivatives of the times at which an arc starts and ends; each of shape (n_free,)."""
     first = t.system.n_z * t.n_nodes
     durations = slopes[first : first + t.n_phases]
@@ -167,7 +167,7 @@ def _ends(t: Transcription, slopes: Array, index: int) -> tuple[Array, Array]:
     return by[:, 0] @ durations, by[:, 1] @ durations
 
 
-def _state_slopes(t: Transcription, at: Linearisation, slopes: Array, index: int, arc: Arc, dt: Array) -> Array:
+def _state_slopes(t: MultipleShooting, at: Linearisation, slopes: Array, index: int, arc: Arc, dt: Array) -> Array:
     """Derivatives of the states at the arc's Chebyshev points; shape (m, n_z, n_free)."""
     layout, n_z = t.layout.arcs[index], t.system.n_z
     fractions = (curves.points(arc.times.size) + 1) / 2
@@ -178,7 +178,7 @@ def _state_slopes(t: Transcription, at: Linearisation, slopes: Array, index: int
     starts, ends = _ends(t, slopes, index)
     d_times = starts + np.multiply.outer(k / layout.intervals, ends - starts)
     at_node = t.layout.first_nodes[index] + k
-    full = t.full_parameters(at.p, freed)
+    full = t.dynamics(at.p, freed).p
     by = step_derivatives(
         t.system,
         layout.mode,
@@ -187,7 +187,7 @@ def _state_slopes(t: Transcription, at: Linearisation, slopes: Array, index: int
         times,
         arc.times - times,
         full,
-        t.system.control.data(layout.segment),
+        t.system.data(layout.segment),
     )
     d_nodes = slopes[: n_z * t.n_nodes].reshape(t.n_nodes, n_z, -1)[at_node]
     moved = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)

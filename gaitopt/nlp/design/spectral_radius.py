@@ -23,12 +23,13 @@ from typing import Any
 
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
-from scipy.optimize import brentq
 
 from gaitopt.arrays import Array
+from gaitopt.iteration import bracketed_root
 from gaitopt.mechanics import Mode
+from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import linearise, section_sensitivity
-from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
 EPSILON = 1e-6
@@ -42,7 +43,7 @@ SMALLEST = 1e-3
 """Multipliers below it are as good as zero: deviations vanish in a step."""
 
 
-def certified_radius(transcription: Transcription) -> Function:
+def certified_radius(transcription: MultipleShooting) -> Function:
     """(w, p) -> bound of the multipliers' moduli, with an exact gradient; keep it as long as an NLP uses it."""
     return _Radius(transcription)
 
@@ -50,7 +51,7 @@ def certified_radius(transcription: Transcription) -> Function:
 class _Radius(Callback):
     """(w, p) -> rho."""
 
-    def __init__(self, transcription: Transcription) -> None:
+    def __init__(self, transcription: MultipleShooting) -> None:
         super().__init__()
         self._t, self._cache = transcription, _SensitivityCache(transcription)
         self._gradient: _Gradient | None = None
@@ -82,7 +83,7 @@ class _Radius(Callback):
 class ResponseSlope:
     """Derivative of <G, DPi> in the unknowns w, the return map's derivative DPi weighted by a matrix G."""
 
-    def __init__(self, t: Transcription) -> None:
+    def __init__(self, t: MultipleShooting) -> None:
         system, n_z = t.system, t.system.n_z
         section = [int(i) for i in system.section(t.layout.cycle.impact)]
         n = t.equalities.numel()
@@ -95,18 +96,20 @@ class ResponseSlope:
         reset = system.impact_jacobian(t.layout.cycle.impact)(t.Z[:, -1], t.p)[section, :]
         last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
         product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], moved)
-        self._product = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
+        function = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
+        self._product = BufferedFunction(function)
 
     def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
         """The derivative, shape (n_w,); V and adjoint as in ``newton.section_sensitivity``."""
-        return np.asarray(self._product(w, p, V, adjoint, G)).ravel()
+        matrices = (matrix.ravel(order="F") for matrix in (V, adjoint, G))
+        return self._product(w, p, *matrices)[0].copy()
 
 
 class _Gradient(Callback):
     """(w, p, rho) -> d rho / dw and, never used, zero for d rho / dp."""
 
     def __init__(
-        self, transcription: Transcription, answers: "_SensitivityCache", name: str, options: Mapping[str, Any]
+        self, transcription: MultipleShooting, answers: "_SensitivityCache", name: str, options: Mapping[str, Any]
     ) -> None:
         super().__init__()
         self._t, self._cache = transcription, answers
@@ -148,7 +151,7 @@ class _Sensitivity:
 class _SensitivityCache:
     """How the step answers to deviations; the last answer is kept, for IPOPT evaluates value and slope in turn."""
 
-    def __init__(self, transcription: Transcription) -> None:
+    def __init__(self, transcription: MultipleShooting) -> None:
         self._t = transcription
         self._key: tuple[bytes, bytes] | None = None
         self._answer: _Sensitivity | None = None
@@ -187,7 +190,7 @@ def smoothed_radius(M: Array) -> tuple[float, Array]:
         return float(np.log(trace)) if trace > 0 else FAR  # below the largest modulus, by rounding
 
     ceiling = 2 * max(largest, float(np.linalg.norm(M, 2)))
-    radius = float(brentq(excess, largest * (1 + NARROWEST), ceiling, xtol=1e-14, rtol=1e-14))
+    radius = bracketed_root(excess, largest * (1 + NARROWEST), ceiling, 1e-14)
     return radius, lyapunov(radius)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.nlp.transcription import Transcription
+from gaitopt.nlp.multiple_shooting import MultipleShooting
 
 LONGEST = 3.0
 """No phase grows longer in one search than so many periods."""
@@ -38,7 +38,7 @@ class Search:
         return bool(np.any(room < NEAR * (self.upper - self.lower)[nodes]))
 
 
-def search(transcription: Transcription, w: Array, p: Array, bounds: Array, extrema: Array, n_slack: int) -> Search:
+def search(transcription: MultipleShooting, w: Array, p: Array, bounds: Array, extrema: Array, n_slack: int) -> Search:
     """The search from ``w``.
 
     Parameters
@@ -78,10 +78,10 @@ def freed_sizes(freed: Array, bounds: Array) -> Array:
     return np.clip(np.abs(freed), SMALLEST_PART * span, span)
 
 
-def _state_sizes(t: Transcription, nodes: Array, durations: Array, p: Array) -> Array:
+def _state_sizes(t: MultipleShooting, nodes: Array, durations: Array, p: Array) -> Array:
     """Largest angle, position, rate and slip velocity of the step; shape (n_z,)."""
     n = t.system.n_shape
-    length = abs(float(t.system.impact(t.layout.cycle.impact)(nodes[:, -1], p)[0][n]))
+    length = abs(float(t.system.impact(t.layout.cycle.impact)(z=nodes[:, -1], p=p)["z_plus"][n]))
     largest = np.abs(nodes).max(axis=1)
     slip = max(largest[-1], length / durations.sum())
     return np.concatenate([np.full(n, largest[:n].max()), [length], np.full(n, largest[n + 1 : -1].max()), [slip]])

@@ -20,18 +20,13 @@ const MARKS = {
 };
 const CROSS = [[-0.8, -0.8], [0, -0.25], [0.8, -0.8], [0.25, 0], [0.8, 0.8], [0, 0.25], [-0.8, 0.8], [-0.25, 0]]; // where families end
 
-// Whether a branch ends at a bound of its request.
-function isBound(special) {
-  return special.type === "end" && special.reason?.startsWith("reached ");
-}
-
 function markPath(type, x, y, size) {
   return `M${(MARKS[type] ?? CROSS).map(([a, b]) => `${x + size * a} ${y + size * b}`).join("L")}Z`;
 }
 
 function specialKey(specials) {
   const key = html("p", { class: "key" });
-  for (const type of new Set(specials.filter((special) => !isBound(special)).map((special) => special.type))) {
+  for (const type of new Set(specials.filter((special) => !special.bound).map((special) => special.type))) {
     const sample = html("span", {});
     const picture = svg(sample, "svg", { width: 16, height: 16, "aria-hidden": "true" });
     svg(picture, "path", { class: `special ${type}`, d: markPath(type, 8, 8, 6) });
@@ -44,6 +39,8 @@ function specialKey(specials) {
 class BranchDiagram {
   constructor(host, data, choose) {
     Object.assign(this, { ...data, choose, chosen: 0 });
+    const { words, unit } = this.parameter;
+    this.axis = unit ? `${words} [${unit}]` : words;
     this.numbers = [...new Set(this.gaits.map((gait) => gait.branch))];
     const keys = Object.keys(this.scalars).filter((key) => this.gaits.some((gait) => typeof gait.scalars[key] === "number"));
     this.quantity = html("select", { id: "quantity" }, ...keys.map((key) => html("option", { value: key }, this.scalars[key].words)));
@@ -80,7 +77,7 @@ class BranchDiagram {
     this.log = key === "spectral_radius" && drawn.some((gait) => this.value(gait) > LOG);
     const level = key === "spectral_radius" ? [this.height(1)] : [];
     const { words, unit } = this.scalars[key];
-    const options = { title: `${words} over ${this.parameter}`, x: this.parameter, y: unit ? `${words} [${unit}]` : words, height: 340 };
+    const options = { title: `${words} over ${this.parameter.words}`, x: this.axis, y: unit ? `${words} [${unit}]` : words, height: 340 };
     options.xRange = extent(this.gaits.map((gait) => gait.value));
     options.yRange = extent([...drawn.flatMap((gait) => this.values(gait).map((value) => this.height(value))), ...level]);
     if (this.log) options.yTick = (power) => shown(10 ** power);
@@ -120,7 +117,7 @@ class BranchDiagram {
     const own = special.scalars[this.quantity.value];
     const nearest = this.gaits[this.nearestTo(special)];
     const values = typeof own === "number" ? (special.steps?.[this.quantity.value] ?? [own]) : nearest ? this.values(nearest) : [];
-    if (typeof special.value !== "number" || isBound(special)) return;
+    if (typeof special.value !== "number" || special.bound) return;
     const size = values.length > 1 ? 4 : 7;
     for (const y of values.filter((value) => typeof value === "number")) {
       const [a, b] = [chart.px(special.value), chart.py(this.height(y))];
@@ -159,7 +156,7 @@ class BranchDiagram {
   }
 
   describe(gait) {
-    return `${this.parameter.split(" [")[0]} ${shown(gait.value)}, ${this.scalars[this.quantity.value].words} ${shown(this.value(gait))}, ${sequence(gait.film, gait.impact)}`;
+    return `${this.parameter.words} ${this.amount(gait.value)}, ${this.scalars[this.quantity.value].words} ${shown(this.value(gait))}, ${sequence(gait.film)}`;
   }
 
   select(index) {
@@ -168,7 +165,19 @@ class BranchDiagram {
     const gait = this.gaits[index];
     this.slider.setAttribute("aria-valuetext", this.describe(gait));
     this.mark();
-    this.choose(gait, `Branch ${gait.branch}, ${this.parameter.split(" [")[0]} = ${shown(gait.value)}`);
+    this.choose(gait, `Branch ${gait.branch}, ${this.parameter.words} = ${this.amount(gait.value)}`);
+  }
+
+  // A value of the parameter with its unit.
+  amount(value) {
+    const { unit } = this.parameter;
+    return `${shown(value)}${unit === "°" || !unit ? unit : ` ${unit}`}`;
+  }
+
+  // Select a gait and bring it into view.
+  show(index) {
+    this.select(index);
+    document.getElementById("gait").scrollIntoView({ behavior: scrolling(), block: "start" });
   }
 
   mark() {
@@ -186,10 +195,10 @@ class BranchDiagram {
       const middle = gaits[Math.floor(gaits.length / 2)];
       const [low, high] = extent(gaits.map((gait) => gait.value)).map(shown);
       const stable = gaits.filter((gait) => radius(gait) < 1).length;
-      const cells = [String(number), modeBar(middle.film, 1), sequence(middle.film, middle.impact), `${low} to ${high}`, `${stable} of ${gaits.length}`];
+      const cells = [String(number), modeBar(middle.film, 1), sequence(middle.film), `${low} to ${high}`, `${stable} of ${gaits.length}`];
       return html("tr", {}, ...cells.map((cell) => html("td", {}, cell)));
     });
-    const head = ["branch", "one step", "mode sequence", this.parameter, "stable gaits"].map((words) => html("th", { scope: "col" }, words));
+    const head = ["branch", "one cycle", "mode sequence", this.axis, "stable gaits"].map((words) => html("th", { scope: "col" }, words));
     const table = html("table", { class: "sequences" }, html("thead", {}, html("tr", {}, ...head)), html("tbody", {}, ...rows));
     const modes = this.gaits.flatMap((gait) => gait.film.phases.map((phase) => phase.mode));
     return html("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": "mode sequences" }, table, modeKey(modes));
@@ -198,12 +207,12 @@ class BranchDiagram {
   specialList() {
     const list = html("ul", { class: "specials" });
     for (const special of this.specials) {
-      const words = `${isBound(special) ? "the request ends" : SPECIAL_WORDS[special.type] ?? special.type} at ${shown(special.value)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
+      const words = `${special.bound ? "the request ends" : SPECIAL_WORDS[special.type] ?? special.type} at ${this.amount(special.value)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
       const button = html("button", { type: "button" }, words);
       const nearest = this.nearestTo(special);
       button.disabled = nearest < 0;
-      button.addEventListener("click", () => this.select(nearest));
-      list.append(html("li", {}, button, special.reason ? ` ${special.reason}` : ""));
+      button.addEventListener("click", () => this.show(nearest));
+      list.append(html("li", {}, button, special.reason && !special.bound ? ` ${special.reason}` : ""));
     }
     for (const words of this.cascades) list.append(html("li", {}, `Cascade: ${words}`));
     return list;

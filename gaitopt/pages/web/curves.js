@@ -1,8 +1,9 @@
-// The figures of one gait: portrait, force ratio, slip, torques, multipliers; dashed where the foot slips.
+// The figures of one gait: portrait, forces, slip, torques, multipliers; dashed where the foot slips.
 // `fellows` are all motions that stand side by side, this one among them: they share their axes.
 
-const COLOURS = ["first", "second", "third"];
+const COLOURS = ["first", "second", "third", "fourth", "fifth", "sixth", "seventh"];
 const CARRIES = 0.01; // part of the weight
+const LEAP = 1e-3; // part of a range that is a jump
 const REACH = 2; // of the plane of multipliers: beyond it they stand at its edge with their value
 
 // Times, columns and phases of an unrolled film, and the slip of the stance foot since its own step began.
@@ -25,7 +26,7 @@ function stepEnds({ phases }) {
   });
 }
 
-function timeAxis({ film }) {
+function timeAxis(film) {
   return film.steps > 1 ? "time since the start [s]" : "time since impact [s]";
 }
 
@@ -45,10 +46,21 @@ function strokesMean({ film }) {
   return (modes.some((mode) => !(mode in STROKES)) ? "Dashed: the foot slips. " : "") + (modes.includes("flight") ? "Dotted, thin: flight. " : "");
 }
 
+function positionAxis(film) {
+  return film.lengths ? "angle [rad], length [m]" : "angle [rad]";
+}
+
+// Points before and after every jump within a step, as where a stop locks.
+function leaps({ film }, x, y) {
+  const range = ([low, high]) => LEAP * (high - low);
+  const ends = film.phases.slice(1).map((phase, k) => [film.phases[k].last, phase.first, film.phases[k].step === phase.step]);
+  return ends.filter(([before, after, within]) => within && (Math.abs(x[after] - x[before]) > range(extent(x)) || Math.abs(y[after] - y[before]) > range(extent(y))));
+}
+
 function portrait(host, moving, fellows, labels) {
   const { film } = moving;
   const { shape } = film;
-  const options = { title: `Phase portrait of ${shape.map((name) => labels.symbols[name]).join(" and ")}`, x: film.lengths ? "angle [rad], length [m]" : "angle [rad]", y: film.lengths ? "rate [rad/s, m/s]" : "rate [rad/s]" };
+  const options = { title: `Phase portrait of ${shape.map((name) => labels.symbols[name]).join(" and ")}`, x: positionAxis(film), y: film.lengths ? "rate [rad/s, m/s]" : "rate [rad/s]" };
   const all = (name) => fellows.flatMap((fellow) => [...(fellow[name] ?? [])]);
   options.xRange = extent(shape.flatMap(all));
   options.yRange = extent(shape.flatMap((name) => all(`d${name}`)));
@@ -61,10 +73,12 @@ function portrait(host, moving, fellows, labels) {
         chart.line([[x[last], y[last]], [x[last], y[next]], [x[next], y[next]]], `jump ${colour}`);
         chart.dot(x[first], y[first], `dot ${colour}`);
       });
+      for (const [before, after] of leaps(moving, x, y)) chart.line([[x[before], y[before]], [x[after], y[after]]], `jump ${colour}`);
       stroke(chart, moving, x, y, colour);
     });
   });
-  legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}Dotted: the impact. Dot: just after it.`);
+  const locks = shape.some((name) => leaps(moving, moving[name], moving[`d${name}`]).length);
+  legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}Dotted: the impact${locks ? ", or a stop that locks" : ""}. Dot: just after the impact.`);
 }
 
 // Where the foot carries nothing, there is no ratio.
@@ -81,7 +95,7 @@ function forceRatio(host, moving, fellows) {
   const ratio = ratios(moving);
   const highest = Math.max(...extent(fellows.flatMap((fellow) => [...ratios(fellow), ...fellow.film.impulse_ratios])).map(Math.abs));
   const reach = film.friction < 1.6 * highest ? Math.max(highest, 1.12 * film.friction) : highest;
-  const options = { title: "Force ratio fₜ / fₙ", x: timeAxis(moving), y: "force ratio σ", xRange: [0, longest(fellows)], yRange: [-reach, reach] };
+  const options = { title: "Force ratio fₜ / fₙ", x: timeAxis(film), y: "force ratio σ", xRange: [0, longest(fellows)], yRange: [-reach, reach] };
   new Chart(host, options, (chart) => {
     chart.band(film.friction, Infinity, "beyond");
     chart.band(-Infinity, -film.friction, "beyond");
@@ -91,13 +105,21 @@ function forceRatio(host, moving, fellows) {
     });
   });
   const cone = `Shaded: beyond the friction cone ±μ = ±${Number(film.friction.toPrecision(4))}.`;
-  legend(host, [["first", "stance foot"], ["second", "impulse ratio that a sticking impact needs (cross)"]], film.friction < reach * 1.05 ? cone : `The cone ±${film.friction} is wider than the picture.`);
+  const cross = film.impulse_ratios.some(Number.isFinite) ? [["second", "impulse ratio that a sticking impact needs (cross)"]] : [];
+  legend(host, [["first", "stance foot"], ...cross], film.friction < reach * 1.05 ? cone : `The cone ±${film.friction} is wider than the picture.`);
+}
+
+function normalForce(host, moving, fellows) {
+  if (!fellows.some(({ film }) => film.phases.some(({ mode }) => mode === "flight"))) return;
+  const loads = ({ film, f_n }) => f_n.map((force) => force / film.weight);
+  const options = { title: "Normal force fₙ over the weight", x: timeAxis(moving.film), y: "fₙ / (m g)", xRange: [0, longest(fellows)], yRange: extent(fellows.flatMap(loads)) };
+  new Chart(host, options, (chart) => stroke(chart, moving, moving.t, loads(moving), "first"));
 }
 
 function slip(host, moving, fellows) {
   const range = extent(fellows.flatMap((fellow) => [...fellow.slipped]));
   if (range.every((value) => Math.abs(value) < 0.05)) return;
-  const options = { title: "Slip of the stance foot", x: timeAxis(moving), y: "x [mm]", xRange: [0, longest(fellows)], yRange: range };
+  const options = { title: "Slip of the stance foot", x: timeAxis(moving.film), y: "x [mm]", xRange: [0, longest(fellows)], yRange: range };
   new Chart(host, options, (chart) => stroke(chart, moving, moving.t, moving.slipped, "first"));
 }
 
@@ -106,15 +128,16 @@ function torques(host, moving, fellows) {
   const torque = actuators.map((name) => moving[`torque ${name}`]);
   const range = extent(fellows.flatMap((fellow) => fellow.film.actuators.flatMap((name) => [...fellow[`torque ${name}`]])));
   if (!range.some((value) => value !== 0 && Number.isFinite(value))) return;
-  const options = { title: "Torques", x: timeAxis(moving), y: "torque [N m]", xRange: [0, longest(fellows)], yRange: range };
+  const options = { title: "Torques", x: timeAxis(moving.film), y: "torque [N m]", xRange: [0, longest(fellows)], yRange: range };
   new Chart(host, options, (chart) => torque.forEach((column, n) => stroke(chart, moving, moving.t, column, COLOURS[n])));
-  legend(host, actuators.map((name, n) => [COLOURS[n], name]));
+  legend(host, actuators.map((name, n) => [COLOURS[n], name]), strokesMean(moving));
 }
 
 function multiplierPlane(host, gait) {
   const largest = Math.max(...gait.multipliers.flat().map(Math.abs));
   const reach = Math.min(REACH, Math.max(1.15, 1.1 * largest));
-  const options = { title: "Floquet multipliers", x: "real part", y: "imaginary part", xRange: [-reach, reach], yRange: [-reach, reach], square: true };
+  const height = matchMedia("(max-width: 50rem)").matches ? 200 : 250; // with its list it is as high as the others
+  const options = { title: "Floquet multipliers", x: "real part", y: "imaginary part", xRange: [-reach, reach], yRange: [-reach, reach], height, square: true };
   new Chart(host, options, (chart) => {
     const turn = Array.from({ length: 121 }, (_, k) => (2 * Math.PI * k) / 120);
     chart.line(turn.map((angle) => [Math.cos(angle), Math.sin(angle)]), "axis");
@@ -129,32 +152,38 @@ function multiplierPlane(host, gait) {
   host.lastElementChild.append(multiplierList(gait));
 }
 
-// The multipliers in figures, with their moduli.
+// The multipliers in figures, with their moduli; one line for a conjugate pair.
 function multiplierList({ multipliers }) {
   const body = html("tbody");
   const cells = (tag, words) => words.map((word) => html(tag, tag === "th" ? { scope: "col" } : { class: "number" }, word));
-  for (const [re, im] of multipliers) body.append(html("tr", {}, ...cells("td", [shown(re), shown(im), shown(Math.hypot(re, im))])));
+  const paired = (re, im) => im !== 0 && multipliers.some(([a, b]) => a === re && b === -im);
+  for (const [re, im] of multipliers.filter(([re, im]) => im >= 0 || !paired(re, im)))
+    body.append(html("tr", {}, ...cells("td", [shown(re), `${paired(re, im) ? "±" : ""}${shown(im)}`, shown(Math.hypot(re, im))])));
   return html("table", { class: "multipliers", "aria-label": "Floquet multipliers" }, html("thead", {}, html("tr", {}, ...cells("th", ["re λ", "im λ", "|λ|"]))), body);
 }
 
-function roads(host, { nodes, lines, gaps }, film, labels) {
-  const found = unpack(nodes);
+function roads(host, { nodes, lines }, film, labels) {
+  const solved = unpack(nodes);
   const walked = lines.map((line) => ({ mode: line.mode, ...unpack(line) }));
-  const options = { title: "Simulation and NLP", x: film.steps > 1 ? "time since the start [s]" : "time since impact [s]", y: "angle [rad]", xRange: [0, film.period] };
-  options.yRange = extent(film.shape.flatMap((name) => walked.flatMap((arc) => [...arc[name]])));
+  const names = Object.keys(solved).filter((name) => name !== "t");
+  const options = { title: "Simulation and NLP", x: timeAxis(film), y: positionAxis(film), xRange: [0, film.period] };
+  options.yRange = extent(names.flatMap((name) => walked.flatMap((arc) => [...arc[name]])));
   new Chart(host, options, (chart) =>
-    film.shape.forEach((name, n) => {
+    names.forEach((name, n) => {
       const colour = COLOURS[n % COLOURS.length];
-      for (const arc of walked) chart.line(pairs(arc.t, arc[name]), `curve ${colour} ${arc.mode === "stick" ? "" : "slipping"}`);
-      pairs(found.t, found[name]).forEach(([t, angle]) => chart.dot(t, angle, `ring ${colour}`, 3.5));
+      for (const arc of walked) chart.line(pairs(arc.t, arc[name]), `curve ${colour} ${STROKES[arc.mode] ?? "slipping"}`);
+      pairs(solved.t, solved[name]).forEach(([t, angle]) => chart.dot(t, angle, `ring ${colour}`, 3.5));
     }),
   );
-  legend(host, film.shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), "Lines: simulation, which chooses its modes. Circles: NLP.");
+  legend(host, names.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), "Lines: simulation, which chooses its modes. Circles: NLP.");
+}
+
+function roadsDifference(host, { gaps }, film) {
   const curves = gaps.map(unpack);
-  const difference = { ...options, title: "Largest difference of the states", y: "|difference|", height: 190 };
-  difference.yRange = extent(curves.flatMap((gap) => [...gap.difference]));
-  difference.yTick = (power) => (Number.isInteger(power) ? `1e${power}` : "");
-  new Chart(host, difference, (chart) => curves.forEach((gap) => chart.line(pairs(gap.t, gap.difference), "curve first")));
+  const options = { title: "Largest difference of the states", x: timeAxis(film), y: "|difference|", xRange: [0, film.period] };
+  options.yRange = extent(curves.flatMap((gap) => [...gap.difference]));
+  options.yTick = (power) => (Number.isInteger(power) ? `1e${power}` : "");
+  new Chart(host, options, (chart) => curves.forEach((gap) => chart.line(pairs(gap.t, gap.difference), "curve first")));
 }
 
 function pairs(x, y) {

@@ -9,10 +9,11 @@ function badge(gait) {
   return html("span", { class: `badge ${stable ? "good" : "bad"}` }, stable ? "stable" : "unstable");
 }
 
-function sequence(film, impact) {
+// The modes of every step and the impact that ends it.
+function sequence(film) {
   const steps = Array.from({ length: film.steps }, (_, step) => film.phases.filter((phase) => phase.step === step).map(({ mode }) => mode));
-  const merged = steps.map((modes) => modes.filter((mode, k) => mode !== modes[k - 1]).map((mode) => MODE_WORDS[mode]).join(", "));
-  return `${merged.join(" | ")}; impact: ${MODE_WORDS[impact]}`;
+  const words = steps.map((modes, step) => `${modes.filter((mode, k) => mode !== modes[k - 1]).map((mode) => MODE_WORDS[mode]).join(", ")}; impact: ${MODE_WORDS[film.impacts[step]]}`);
+  return words.length > 1 && new Set(words).size === 1 ? `${words.length} times ${words[0]}` : words.join(" | ");
 }
 
 class GaitPanel {
@@ -23,7 +24,7 @@ class GaitPanel {
     gait.film = gait.film.columns ? gait.film : unrolled(gait.film);
     const film = gait.film;
     if (heading) host.append(html("h2", { "aria-live": "polite" }, heading));
-    host.append(html("p", {}, badge(gait), ` ${sequence(film, gait.impact)}`, html("span", { class: "soft" }, check && ` · ${check}`)));
+    host.append(html("p", {}, badge(gait), ` ${sequence(film)}`, html("span", { class: "soft" }, check && ` · ${check}`)));
     const stage = html("section", { class: "stage", "aria-label": "animation" });
     const charts = html("section", { class: "charts", tabindex: 0, "aria-label": "figures" });
     this.aside = html("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": "numbers" });
@@ -38,10 +39,11 @@ class GaitPanel {
     };
     draw(portrait, moving, fellows, labels);
     draw(forceRatio, moving, fellows);
+    draw(normalForce, moving, fellows);
     draw(slip, moving, fellows);
     draw(torques, moving, fellows);
     draw(multiplierPlane, gait, gaits);
-    if (gait.roads) draw(roads, gait.roads, film, labels);
+    if (gait.roads) draw(roads, gait.roads, film, labels), draw(roadsDifference, gait.roads, film);
   }
 }
 
@@ -56,8 +58,7 @@ function numbersTable(host, gaits, labels) {
     if (values.length === 2) cells.push(values.every((v) => typeof v === "number") ? shown(values[1] - values[0]) : "");
     body.append(html("tr", {}, html("th", { scope: "row" }, words), html("td", {}, unit), ...cells.map((cell) => html("td", { class: "number" }, cell))));
   };
-  const passive = gaits.every((gait) => !gait.scalars.peak_torque && !gait.scalars.work);
-  for (const [key, { words, unit }] of Object.entries(labels.scalars).filter(([key]) => !(passive && labels.motors.includes(key)))) row(words, unit, gaits.map((gait) => gait.scalars[key]));
+  for (const [key, { words, unit }] of Object.entries(labels.scalars)) row(words, unit, gaits.map((gait) => gait.scalars[key]));
   const states = [...new Set(gaits.flatMap((gait) => Object.keys(gait.state)))];
   for (const name of states.filter((name) => name !== "x")) {
     row(`${labels.symbols[name] ?? name} after impact`, labels.units[name], gaits.map((gait) => gait.state[name]));
@@ -77,13 +78,13 @@ function shown(value) {
 function tabs(gaits, side) {
   const buttons = gaits.map((gait, k) => {
     const button = html("button", { type: "button" }, gait.film.name);
-    button.addEventListener("click", () => side.scrollTo({ left: side.children[k].offsetLeft - side.offsetLeft, behavior: "smooth" }));
+    button.addEventListener("click", () => side.scrollTo({ left: side.children[k].offsetLeft - side.offsetLeft, behavior: scrolling() }));
     return button;
   });
   return html("nav", { class: "tabs", "aria-label": "gaits" }, ...buttons);
 }
 
-// One button and one slider for all walkers, and the first two of them drawn over each other.
+// One button for all walkers, and the first two of them drawn over each other, at the time of the first one.
 function together(panels, gaits) {
   const section = html("section", { class: "together", "aria-label": "all gaits together" });
   const play = html("button", { type: "button", class: "play" });
@@ -103,14 +104,15 @@ function together(panels, gaits) {
     show.setAttribute("aria-pressed", String(on));
     overlay.replaceChildren();
     if (!on) return;
-    const walkers = gaits.slice(0, 2).map((gait) => new Walker(overlay, gait.film));
-    overlay.append(html("p", { class: "soft" }, "The second walker is drawn pale. Both start just after an impact; the picture follows each of them."));
-    const tick = (now) => {
-      if (!overlay.isConnected || overlay.hidden || !walkers[0].ground.isConnected) return;
-      for (const walker of walkers) walker.draw(((now / 1000) * FIRST_SPEED) % walker.duration);
-      if (!matchMedia("(prefers-reduced-motion: reduce)").matches) requestAnimationFrame(tick);
+    const layers = html("div", { class: "layers" });
+    const walkers = gaits.slice(0, 2).map((gait) => new Walker(layers, gait.film));
+    overlay.append(layers, html("p", { class: "soft" }, `The second walker is drawn pale. Both start just after an impact; the picture follows each of them. Time and speed are those of ${gaits[0].film.name}.`));
+    const tick = () => {
+      if (overlay.hidden || !walkers[0].ground.isConnected) return;
+      for (const walker of walkers) walker.draw(panels[0].player.time % walker.duration);
+      requestAnimationFrame(tick);
     };
-    requestAnimationFrame(tick);
+    tick();
   });
   section.append(html("div", { class: "controls" }, play, show), overlay);
   return section;

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait import ImpactRecord
-from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode
+from gaitopt.mechanics import CONTACTS, ONSETS, Dynamics, ImpactLaw, Mode, margin_names
 from gaitopt.simulation.batch.steps import ENDINGS, NONE
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.events import EDGE, INSTANT
@@ -45,12 +45,13 @@ class Landing:
 class BatchResolver:
     """ContactResolver about the feet of many states of one system at fixed parameters."""
 
-    def __init__(self, system: HybridSystem, p: Array) -> None:
+    def __init__(self, dynamics: Dynamics) -> None:
+        system, p = dynamics.system, dynamics.p
         self._n_x = system.n_shape
-        self._friction = float(system.static_friction(p))
-        self._stick_first = system.law is ImpactLaw.FRICTIONLESS or system.friction_drops(p)
-        self._one_by_one = ContactResolver(system, p)
-        self._units = units(system, p)
+        self._friction = dynamics.static_friction
+        self._stick_first = system.law is ImpactLaw.FRICTIONLESS or dynamics.friction_drops
+        self._one_by_one = ContactResolver(dynamics)
+        self._units = units(dynamics)
         self._modes = system.walker.modes()
         self._events = [
             HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in self._modes
@@ -77,13 +78,18 @@ class BatchResolver:
         taus, zetas = times / self._units.time, states / self._units.state
         first = stops * len(self._contacts)
         functions = self._events[first : first + len(self._ground)]
-        (stick, rates), *slips = (events(taus[:, None], zetas, data) for events in functions)
-        cones = stick[:, 3:5]
-        clear = np.abs(cones) > EDGE + INSTANT * np.abs(rates[:, 3:5])
-        carries = [margins[:, 2] > 0 for margins in (stick, *(margins for margins, _ in slips))]
-        unique = [margins[:, 4] > 0 for margins, _ in slips]
-        plain = np.all([*carries, *unique, *clear.T], axis=0) & (len(self._ground) > 1)
-        modes = first + np.select([cones[:, 0] < 0, cones[:, 1] < 0], _SLIPS, default=CONTACTS.index(Mode.STICK))
+        candidates = self._modes[first : first + len(self._ground)]
+        margins, rates = {}, {}
+        for mode, events in zip(candidates, functions, strict=True):
+            values = events(taus[:, None], zetas, data)
+            margins[mode], rates[mode] = (dict(zip(margin_names(mode), each.T, strict=True)) for each in values)
+        stuck, *slips = candidates
+        clear = [np.abs(margins[stuck][cone]) > EDGE + INSTANT * np.abs(rates[stuck][cone]) for cone in ONSETS]
+        carries = [margins[mode]["normal_force"] > 0 for mode in candidates]
+        unique = [margins[mode]["painleve"] > 0 for mode in slips]
+        plain = np.all([*carries, *unique, *clear], axis=0) & (len(self._ground) > 1)
+        beyond = [margins[stuck][cone] < 0 for cone in ONSETS]
+        modes = first + np.select(beyond, _SLIPS, default=CONTACTS.index(Mode.STICK))
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.mode_at_rest(self._modes[first], float(times[k]), states[k], data[k])
@@ -146,4 +152,4 @@ class BatchResolver:
         return np.abs(np.abs(f_t) - self._friction * f_n) <= CONE_EDGE * np.abs(self._friction * f_n)
 
 
-_SLIPS = [CONTACTS.index(Mode.SLIP_FORWARD), CONTACTS.index(Mode.SLIP_BACKWARD)]
+_SLIPS = [CONTACTS.index(slip) for slip in ONSETS.values()]

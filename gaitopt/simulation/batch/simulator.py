@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait import Ending
-from gaitopt.mechanics import CONTACTS, ONSETS, HybridSystem, Mode, margin_names
+from gaitopt.mechanics import CONTACTS, ONSETS, Dynamics, Mode, margin_names
 from gaitopt.simulation.batch.resolver import BatchResolver, Landing
 from gaitopt.simulation.batch.stepper import HeyokaBatch
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, base, max_phases
@@ -28,23 +28,21 @@ class BatchSimulator:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters.
+    dynamics : the walker under its control law, at its parameters.
     max_step_time, max_switches : as in ``Simulator``.
     """
 
     def __init__(
         self,
-        system: HybridSystem,
-        p: Array,
+        dynamics: Dynamics,
         *,
         max_step_time: float | None = None,
         max_switches: int = MAX_SWITCHES,
     ) -> None:
-        self.system, self.p = system, np.array(p)
+        self.system = system = dynamics.system
         self._max_switches = max_switches
-        self._stepper, self._resolver = HeyokaBatch(system, p), BatchResolver(system, p)
-        self._units, self._modes = units(system, p), system.walker.modes()
+        self._stepper, self._resolver = HeyokaBatch(dynamics), BatchResolver(dynamics)
+        self._units, self._modes = units(dynamics), system.walker.modes()
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         limit = min(longest, system.control.horizon)
         self._ends = np.array([*(t for t in system.control.breakpoints if t < limit), limit])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import HybridSystem, Mode, margin_names
+from gaitopt.mechanics import Dynamics, Mode, margin_names
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,
@@ -41,15 +41,15 @@ class HeyokaBatch:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters.
+    dynamics : the walker under its control law, at its parameters.
     """
 
-    def __init__(self, system: HybridSystem, p: Array) -> None:
-        self._system, self._units = system, units(system, p)
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._system, self._units = dynamics.system, units(dynamics)
+        system = dynamics.system
         self._points = {mode: self._compiled(mode) for mode in system.walker.modes()}
         self._constants: dict[Mode, Array] = {}
-        self._alone = HeyokaStepper(system, p)
+        self._alone = HeyokaStepper(dynamics)
         self.data = np.array([system.data(k) for k in range(len(system.control.breakpoints) + 1)])
 
     def advance(self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array) -> Arrivals:

@@ -36,7 +36,7 @@ class HeyokaRowMap:
     def __call__(self, *values: Array) -> list[Array]:
         """Outputs of shape (n, size) from the inputs that are not fixed, each of shape (n, size)."""
         n = len(values[0])
-        found = np.empty((n, sum(self._sizes)))
+        results = np.empty((n, sum(self._sizes)))
         rows = np.concatenate(values, axis=1).T
         for start in range(0, n, BLOCK):
             count = min(BLOCK, n - start)
@@ -44,8 +44,8 @@ class HeyokaRowMap:
             self._inputs[:, count:] = rows[:, start : start + 1]  # must be something; is not read
             options = {"pars": self._pars} if self._pars.size else {}
             self._compiled(self._inputs, outputs=self._outputs, **options)
-            found[start : start + count] = self._outputs[:, :count].T
-        return np.split(found, np.cumsum(self._sizes)[:-1], axis=1)
+            results[start : start + count] = self._outputs[:, :count].T
+        return np.split(results, np.cumsum(self._sizes)[:-1], axis=1)
 
 
 class _Key:

@@ -12,8 +12,7 @@ import heyoka as hy
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import HybridSystem, Mode, margin_names
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.mechanics import Dynamics, Mode, margin_names
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,
@@ -33,7 +32,7 @@ from gaitopt.simulation.heyoka.integrators import (
     flow_integrator,
     variational_integrator,
 )
-from gaitopt.simulation.natural import natural_system, units
+from gaitopt.simulation.natural import PointFunctions, units
 from gaitopt.simulation.stepper import Arrival
 
 MAX_TAYLOR_STEPS = 20_000
@@ -47,22 +46,20 @@ class HeyokaStepper:
 
     Parameters
     ----------
-    system : the walker under its control law.
-    p : ndarray, shape (n_p,) - parameters.
+    dynamics : the walker under its control law, at its parameters.
     precision : ``float``, or ``numpy.longdouble`` for an oracle; states are returned in double precision.
     """
 
-    def __init__(self, system: HybridSystem, p: Array, *, precision: type = float) -> None:
-        self._system, self._units, self._precision = system, units(system, p), precision
-        self._points = {mode: BufferedFunction(natural_system(system).point(mode)) for mode in system.walker.modes()}
-        for mode, function in self._points.items():
-            function.inputs[2][:] = self._units.parameters[mode]
+    def __init__(self, dynamics: Dynamics, *, precision: type = float) -> None:
+        self._system = dynamics.system
+        self._units, self._precision = units(dynamics), precision
+        self._points = PointFunctions(dynamics, self._units)
         self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
         self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
 
-    def at(self, p: Array) -> "HeyokaStepper":
+    def at(self, dynamics: Dynamics) -> "HeyokaStepper":
         """The same precision at other parameters; see ``Stepper``."""
-        return HeyokaStepper(self._system, p, precision=self._precision)
+        return HeyokaStepper(dynamics, precision=self._precision)
 
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
@@ -144,9 +141,5 @@ class HeyokaStepper:
         return list(self._point(mode, data, *point.shifted(LOOK)).rates)
 
     def _point(self, mode: Mode, data: Array, tau: float, zeta: Array) -> Point:
-        function = self._points[mode]
-        time, state, _, segment = function.inputs  # the parameters stay
-        time[0], state[:], segment[:] = tau, zeta, data
-        function.evaluate()
-        flow, margins, rates = function.outputs
+        flow, margins, rates = self._points(mode, tau, zeta, data)
         return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())

@@ -5,7 +5,8 @@ import pytest
 from casadi import SX, Function, sin, vertcat
 from scipy.integrate import DOP853
 
-from gaitopt.simulation.dop853 import CompiledStep, Integration, StepSizeError
+from gaitopt.integration import tableau
+from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
 
 RTOL, ATOL = 1e-10, 1e-12
 
@@ -58,3 +59,14 @@ def test_motion_that_runs_away_has_no_step():
 def test_equations_that_are_not_finite_have_no_step():
     with pytest.raises(StepSizeError):
         integration(field(Y[0] ** 0.5, Y[1]), 1.0, np.array([-1.0, 0.0])).advance()
+
+
+def test_coefficients_are_those_that_scipy_publishes():
+    assert np.array_equal(tableau.A, DOP853.A)
+    assert np.array_equal(tableau.B, DOP853.B)
+    assert np.array_equal(tableau.C, DOP853.C)
+    assert np.array_equal(tableau.E5, DOP853.E5)
+    assert np.array_equal(tableau.E3, DOP853.E3)
+    assert np.array_equal(tableau.A_INSIDE, DOP853.A_EXTRA)
+    assert np.array_equal(tableau.C_INSIDE, DOP853.C_EXTRA)
+    assert np.array_equal(tableau.D, DOP853.D)

@@ -1,4 +1,4 @@
-"""The Runge-Kutta pair DOP853 with one compiled call per step, and scipy's coefficients and step size control.
+"""The Runge-Kutta pair DOP853 with one compiled call per step, and scipy's step size control.
 
     k_i = f(t + c_i h, y + h sum_j a_ij k_j),   y_new = y + h sum_i b_i k_i,   |error| <= atol + rtol max(|y|, |y_new|)
 
@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 from math import inf, nextafter, sqrt
 
-from casadi import DM, MX, Function, fabs, fmax, horzcat, sumsqr, vertcat
-from scipy.integrate import DOP853
+from casadi import DM, SX, Function, fabs, fmax, horzcat, sparsify, sumsqr, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.integration.tableau import E3, E5, A, B, C
 from gaitopt.mechanics.buffered import BufferedFunction
 
 SAFETY, LEAST_FACTOR, LARGEST_FACTOR = 0.9, 0.2, 10.0
@@ -34,11 +34,13 @@ class CompiledStep:
     ----------
     rate : Function (t, y, p, r) -> dy/dt, for the stages.
     point : Function (t, y, p, r) -> dy/dt and whatever else is of interest at the end of the step.
-    rtol, atol : tolerances.
+    rtol, atol : tolerances; the absolute one may be an array, shape (n,).
     """
 
-    def __init__(self, rate: Function, point: Function, *, rtol: float, atol: float) -> None:
-        self._step = BufferedFunction(_step(rate, point, rtol, atol))
+    def __init__(self, rate: Function, point: Function, *, rtol: float, atol: float | Array) -> None:
+        self._step = BufferedFunction(_step(rate, point))
+        self._step.inputs[6][:] = rtol
+        self._step.inputs[7][:] = atol
         self._n = rate.numel_in(1)
 
     def load(self, p: Array, r: Array) -> None:
@@ -47,7 +49,7 @@ class CompiledStep:
 
     def try_step(self, t: float, y: Array, f: Array, h: float) -> tuple[float, Sequence[Array]]:
         """The error of a step from ``t``, relative to the tolerance, and (y_new, f_new, ...), valid until the next."""
-        time, state, rate, length, _, _ = self._step.inputs
+        time, state, rate, length, *_ = self._step.inputs
         time[0], state[:], rate[:], length[0] = t, y, f, h
         self._step.evaluate()
         squares, *outputs = self._step.outputs
@@ -109,17 +111,23 @@ class Integration:
         raise StepSizeError("the step size of the integrator vanishes: the motion is singular")
 
 
+def combined(weights: Array, stages: Sequence[SX]) -> SX:
+    """The sum of the stages with their weights."""
+    return horzcat(*stages) @ sparsify(DM(weights[: len(stages)]))
+
+
 @lru_cache(maxsize=64)
-def _step(rate: Function, point: Function, rtol: float, atol: float) -> Function:
-    """(t, y, f, h, p, r) -> squared errors of order 5 and 3 relative to the tolerance, y_new, and ``point`` there."""
+def _step(rate: Function, point: Function) -> Function:
+    """(t, y, f, h, p, r, rtol, atol) -> squared errors of order 5 and 3 in tolerances, y_new, and ``point`` there."""
     n, n_p, n_r = (rate.numel_in(k) for k in (1, 2, 3))
-    t, y, f, h, p, r = (MX.sym(name, size) for name, size in zip("tyfhpr", (1, n, n, 1, n_p, n_r), strict=True))
+    sizes = (1, n, n, 1, n_p, n_r, 1, n)
+    inputs = [SX.sym(f"x{k}", size) for k, size in enumerate(sizes)]
+    t, y, f, h, p, r, rtol, atol = inputs
     stages = [f]
-    for a, c in zip(DOP853.A[1:], DOP853.C[1:], strict=True):
-        stages.append(rate(t + float(c) * h, y + h * (horzcat(*stages) @ DM(a[: len(stages)])), p, r))
-    y_new = y + h * (horzcat(*stages) @ DM(DOP853.B))
+    for a, c in zip(A[1:], C[1:], strict=True):
+        stages.append(rate(t + float(c) * h, y + h * combined(a, stages), p, r))
+    y_new = y + h * combined(B, stages)
     f_new, *others = point.call([t + h, y_new, p, r])
     scale = atol + rtol * fmax(fabs(y), fabs(y_new))
-    everything = horzcat(*stages, f_new)
-    squares = [sumsqr((everything @ DM(e)) / scale) for e in (DOP853.E5, DOP853.E3)]
-    return Function("dop853", [t, y, f, h, p, r], [vertcat(*squares), y_new, f_new, *others])
+    squares = [sumsqr(combined(e, [*stages, f_new]) / scale) for e in (E5, E3)]
+    return Function("dop853", inputs, [vertcat(*squares), y_new, f_new, *others])

@@ -1,0 +1,71 @@
+"""From the unknowns of a solution to the gait: arcs that join, rest that is exact, impacts that lead on."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from named import named
+
+from gaitopt.gait import curves
+from gaitopt.nlp.assembly import COUNTS, assemble_steps
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.multiple_shooting import transcribe
+
+GAITS = ("compass-passive-a", "compass-pd-impact-slip", "compass-passive-two-step", "compass-unequal", "kneed-passive")
+
+
+def unknowns(gait):
+    """The transcription of a gait and its solution."""
+    durations = np.array([duration for _, duration in gait.phases])
+    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
+    transcription = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)))
+    return transcription, transcription.pack(gait.shooting.states.T, durations)
+
+
+@pytest.mark.parametrize("name", GAITS)
+def test_arcs_of_a_step_follow_each_other_without_a_gap(name):
+    for step in named(name).steps:
+        assert step.arcs[0].start == 0
+        for arc, after in pairwise(step.arcs):
+            assert after.start == arc.end
+            if arc.mode.locked == after.mode.locked:  # nothing jumps
+                np.testing.assert_allclose(after.states[0], arc.states[-1], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", GAITS)
+def test_every_arc_obeys_the_flow_of_its_mode_along_its_whole_length(name):
+    gait = named(name)
+    for arc in gait.arcs:
+        s = np.linspace(-0.95, 0.95, 7)
+        states = curves.evaluate(curves.coefficients(arc.states), s)
+        slopes = np.column_stack([curves.slopes(column, s) for column in arc.states.T]) * 2 / arc.duration
+        times, p = arc.start + arc.duration * (s + 1) / 2, gait.dynamics.standing(arc.side).p
+        flow, data = gait.system.flow(arc.mode), gait.system.data(arc.segment)
+        rates = np.array([np.asarray(flow(t, z, p, data)).ravel() for t, z in zip(times, states, strict=True)])
+        np.testing.assert_allclose(slopes, rates, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", GAITS)
+def test_impact_of_every_step_leads_to_the_next(name):
+    steps = named(name).steps
+    for step, after in zip(steps, (*steps[1:], steps[0]), strict=True):
+        np.testing.assert_allclose(step.final_impact.state, after.arcs[0].states[0], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", GAITS)
+def test_a_foot_at_rest_has_no_slip_velocity_at_all(name):
+    gait = named(name)
+    for step, first in zip(gait.steps, gait.problem.cycle.first_phases, strict=True):
+        for arc, phase in zip(step.arcs, step.arc_phases, strict=True):
+            if arc.mode.sticks:
+                assert not arc.states[:, -1].any()
+            elif gait.problem.cycle.onset_order(first + phase) and arc.start == step.arcs[0].start:
+                assert arc.states[0, -1] == 0
+
+
+def test_an_arc_that_few_points_do_not_resolve_gets_more():
+    transcription, w = unknowns(named("compass-passive-a"))
+    coarse = assemble_steps(transcription, w, named("compass-passive-a").p, (5,))
+    fine = assemble_steps(transcription, w, named("compass-passive-a").p, (5, *COUNTS))
+    assert {arc.times.size for arc in coarse[0].arcs} == {5}
+    assert min(arc.times.size for arc in fine[0].arcs) >= COUNTS[0]

@@ -1,0 +1,75 @@
+"""Which constraint of a design cannot be met, how far the search got, and what pressed against it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.gait import Status
+from gaitopt.nlp.design.infeasibility import MISSED, PRESSING, conflicts
+
+BOUND = ("control.ankle", 0.8)
+
+
+def elastic(constraints, reached, *, at_bound=0.0, against=0.0, margin=0.0):
+    """What is known of a design whose scalars an elastic search has brought to ``reached``."""
+    problem = go.load_problem("compass-torque-efficient").replace({"constraints": constraints})
+    rows = [SimpleNamespace(name="margins", lower=np.zeros(2), upper=np.full(2, np.inf))] + [
+        SimpleNamespace(name=name, lower=np.array([span.minimum]), upper=np.array([span.maximum]))
+        for name, span in problem.constraints.items()
+    ]
+    multipliers = [np.array([0.0, margin]), *([np.array([against])] * len(problem.constraints))]
+    program = SimpleNamespace(
+        names=tuple(reached),
+        values=lambda w: np.array(list(reached.values())),
+        active_bounds=lambda result: {BOUND[0]: (at_bound, BOUND[1])},
+        by_rows=lambda result: list(zip(rows, multipliers, strict=True)),
+        margin_words=lambda row: f"row {row} of the margins",
+    )
+    return problem, program
+
+
+def solved(status=Status.CONVERGED):
+    return SimpleNamespace(status=status, w=np.zeros(1))
+
+
+SPEED = {"speed": {"min": 0.8}}
+
+
+def test_constraints_that_are_met_up_to_rounding_conflict_with_nothing():
+    assert conflicts(*elastic(SPEED, {"speed": 0.8 - MISSED / 2}), solved()) == ()
+
+
+def test_an_elastic_search_that_failed_proves_no_conflict():
+    assert conflicts(*elastic(SPEED, {"speed": 0.5}), solved(Status.NOT_CONVERGED)) == ()
+
+
+@pytest.mark.parametrize(
+    ("span", "reached", "words", "needed"),
+    [
+        ({"min": 0.8}, 0.7, "speed >= 0.8", 0.8),
+        ({"max": 0.4}, 0.5, "speed <= 0.4", 0.4),
+        ({"min": 0.8, "max": 0.8}, 0.7, "speed = 0.8", 0.8),
+        ({"min": 0.4, "max": 0.4}, 0.5, "speed = 0.4", 0.4),
+    ],
+)
+def test_a_missed_bound_is_named_with_what_was_reached(span, reached, words, needed):
+    (cause,) = conflicts(*elastic({"speed": span}, {"speed": reached}), solved())
+    assert (cause.what, cause.needed, cause.available) == ("speed", needed, reached)
+    assert f"{words} cannot be met by these phases near the start: best reached {reached:g}" in cause.words
+
+
+def test_what_presses_against_the_search_is_named_and_what_does_not_is_not():
+    limits = {**SPEED, "peak_torque": {"max": 2.0}}
+    reached = {"speed": 0.7, "peak_torque": 2.0}
+    (cause,) = conflicts(*elastic(limits, reached, at_bound=1.0, against=0.1, margin=-1.0), solved())
+    obstacles = "control.ankle <= 0.8, row 1 of the margins, peak_torque <= 2"
+    assert f"speed >= 0.8 conflicts with {obstacles}: best reached 0.7" in cause.words
+    (calm,) = conflicts(*elastic(limits, reached, at_bound=PRESSING / 2, against=PRESSING / 2), solved())
+    assert "conflicts with" not in calm.words
+
+
+def test_a_bound_below_presses_with_a_negative_multiplier():
+    (cause,) = conflicts(*elastic(SPEED, {"speed": 0.7}, at_bound=-1.0), solved())
+    assert "conflicts with control.ankle >= 0.8" in cause.words
