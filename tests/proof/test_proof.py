@@ -36,6 +36,8 @@ OTHERS = {
     "compass-pd-designed": True,
     "compass-pd-slippery": True,
     "compass-passive-two-step": True,
+    "compass-unequal": True,
+    "round-feet-passive": True,
 }
 STATE_TOLERANCE = 3e-12
 """Three times the integration error that a solution aims at, as rates have other units than angles."""
