@@ -38,6 +38,7 @@ OTHERS = {
     "compass-passive-two-step": True,
     "compass-unequal": True,
     "round-feet-passive": True,
+    "torso-passive": True,
 }
 STATE_TOLERANCE = 3e-12
 """Three times the integration error that a solution aims at, as rates have other units than angles."""
