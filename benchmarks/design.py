@@ -20,19 +20,19 @@ TARGETS = {
     "compass-pd-designed": 60.0,
     "compass-pd-slippery": None,
 }
-"""Seconds allowed, cold, in one process; None where nothing was promised."""
+"""Seconds of processor time allowed, one after the other in one process; None where nothing was promised."""
 MANY = "compass-torque-stable-slip-cheap"
 STARTS = 12
 
 
 def design_row(name: str) -> Row:
     """One design from its file."""
-    began = time.perf_counter()
+    began = time.process_time()
     gait = solve(load_problem(name))
-    seconds, target = time.perf_counter() - began, TARGETS[name]
+    seconds, target = time.process_time() - began, TARGETS[name]
     against = "" if target is None else f"; {'within' if seconds <= target else 'OVER'} its {target:g} s"
     words = f"{gait.status}, {gait.solver['iterations']:.0f} iterations{against}"
-    return Row(what=name, way="gaitopt.solve, cold", seconds=seconds, note=words)
+    return Row(what=name, way="gaitopt.solve", seconds=seconds, note=words)
 
 
 def start_rows(cores: int) -> list[Row]:

@@ -81,7 +81,6 @@ def continue_(
     from gaitopt.runs.branch_run import BranchRun
     from gaitopt.store import writing
 
-    times = counts(follow)
     request = Request(
         parameter=param,
         to=tuple(number(value, "--to") for value in to),
@@ -90,9 +89,7 @@ def continue_(
         max_points=max_points,
         max_seconds=max_seconds,
         verify_every=verify_every,
-        doublings=times["doublings"],
-        branch_points=times["branch_points"],
-        mode_changes=times["mode_changes"],
+        follow=counts(follow),
     )
     start = _special_point(problem, changes) if SPECIAL in problem else gait_of(problem, changes, None, terminal)[0]
     gait, kind = (start.gait, start.type) if isinstance(start, SpecialPoint) else (start, "")

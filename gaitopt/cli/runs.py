@@ -59,12 +59,12 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
     """The gait in a run folder, and the folder; with ``--set`` that is an error, as a run is what it is."""
     from gaitopt.runs.restore import restore_gait
     from gaitopt.runs.within import refuse_other_results
-    from gaitopt.store import GAIT_FILE, read_manifest
+    from gaitopt.store import GAIT_FILE
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {run} is a finished run; give its problem instead")
     folder = Path(run)
-    if not (folder / GAIT_FILE).is_file() and GAIT_FILE not in read_manifest(folder).files:  # else it is unfinished
+    if not (folder / GAIT_FILE).is_file():
         refuse_other_results(folder)
     return restore_gait(folder), folder
 

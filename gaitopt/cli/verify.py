@@ -28,7 +28,7 @@ def verify(
     """
     from gaitopt import study
     from gaitopt.library.progress import job_progress
-    from gaitopt.nlp import neighbourhood
+    from gaitopt.nlp.design import neighbourhood
     from gaitopt.simulation import choose_engine
 
     choose_engine(engine)

@@ -32,8 +32,7 @@ class Request:
     events : functions of a gait, continuous along the family, whose zeros are located and named so.
     max_points, max_seconds : bounds on the work of each target.
     verify_every : every so many points is confirmed by the simulator, 0 for none.
-    doublings, branch_points, mode_changes : how many times in turn the other branches that begin at such special points
-        are followed as well.
+    follow : how many times in turn the other branches of special points are followed as well, by kind (``FOLLOWS``).
     """
 
     parameter: str
@@ -44,20 +43,14 @@ class Request:
     max_points: int = 2000
     max_seconds: float | None = None
     verify_every: int = 10
-    doublings: int = 0
-    branch_points: int = 0
-    mode_changes: int = 0
-
-    @property
-    def follow(self) -> dict[str, int]:
-        """The numbers of times by name."""
-        return {name: getattr(self, name) for name in dict.fromkeys(FOLLOWS.values())}
+    follow: Mapping[str, int] = field(default_factory=dict)
 
     def to_record(self) -> dict[str, Any]:
-        """One JSON object, the first line of a stored branch."""
-        record = {"record": "continuation", **asdict(replace(self, events={})), "to": list(self.to)}
-        del record["events"]  # functions: of a call, not of a file
-        return {key: value for key, value in record.items() if value or key not in self.follow}
+        """One JSON object, the first line of a stored branch; events are functions, of a call and not of a file."""
+        plain = asdict(replace(self, events={}, follow={}))
+        record = {key: value for key, value in plain.items() if key not in ("events", "follow")}
+        followed = {kind: times for kind, times in self.follow.items() if times}
+        return {"record": "continuation", **record, "to": list(self.to), **followed}
 
 
 def check_request(gait: Gait, request: Request) -> None:

@@ -92,7 +92,7 @@ class Walk:
 
     def _branch(self, kind: str, number: int, begin: Callable[[], Beginning]) -> "Walk":
         request, times = self.limits.request, FOLLOWS[kind]
-        once_less = replace(request, **{times: request.follow[times] - 1})  # type: ignore[arg-type]
+        once_less = replace(request, follow={**request.follow, times: request.follow[times] - 1})
         return replace(self, begin=begin, number=number, limits=replace(self.limits, request=once_less))
 
 

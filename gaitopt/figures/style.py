@@ -72,13 +72,7 @@ def panels(
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) -> list[Path]:
-    """Write a figure in several formats; the same figure gives the same bytes.
-
-    Raises
-    ------
-    StorageError
-        If a file cannot be written; none is left half-written.
-    """
+    """Write a figure in several formats; the same figure gives the same bytes."""
     paths = [stem.with_name(f"{stem.name}.{extension}") for extension in formats]
     for path, extension in zip(paths, formats, strict=True):
         write_whole(path, drawn(figure, extension))

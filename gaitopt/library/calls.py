@@ -105,9 +105,7 @@ def continuation(
         max_points=max_points,
         max_seconds=max_seconds,
         verify_every=verify_every,
-        doublings=doublings,
-        branch_points=branch_points,
-        mode_changes=mode_changes,
+        follow={"doublings": doublings, "branch_points": branch_points, "mode_changes": mode_changes},
     )
     records = list[BranchPoint | SpecialPoint]()
     with shown(progress, value_progress, "continuing", parameter) as show:

@@ -105,28 +105,16 @@ def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], N
             bar = progress.add_task(what, total=None)
             yield lambda done, total: progress.update(bar, completed=done, total=total)
         return
-    clock = _Clock()
+    began = last = time.monotonic()
+    first: int | None = None
 
     def show(done: int, total: int) -> None:
-        words = clock.look(done, total)
-        if words:
-            console.print(f"  {what}: {done} of {total}{words}")
+        nonlocal last, first
+        now, first = time.monotonic(), done - 1 if first is None else first
+        if now - last < LINE_EVERY and done < total:
+            return
+        last, left = now, (now - began) / max(done - first, 1) * (total - done)
+        words = f"about {left:.0f} s left" if done < total else f"{now - began:.0f} s"
+        console.print(f"  {what}: {done} of {total}, {words}")
 
     yield show
-
-
-class _Clock:
-    """When to print a line, and how long it will still take at the pace so far."""
-
-    def __init__(self) -> None:
-        self._began = self._last = time.monotonic()
-        self._first: int | None = None
-
-    def look(self, done: int, total: int) -> str:
-        now = time.monotonic()
-        self._first = done - 1 if self._first is None else self._first
-        if now - self._last < LINE_EVERY and done < total:
-            return ""
-        self._last = now
-        left = (now - self._began) / max(done - self._first, 1) * (total - done)
-        return f", about {left:.0f} s left" if done < total else f", {now - self._began:.0f} s"

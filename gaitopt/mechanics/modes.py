@@ -26,8 +26,6 @@ class Mode(str):
     stops : state of every stop and switch by its name, in order; not to be written to.
     free, locked : names of the stops in either state.
     off : names of the switches that are off.
-    direction : sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight.
-    sticks, flies, slips : whether the foot is held by friction, off the ground, or neither.
     """
 
     STICK: ClassVar["Mode"]
@@ -39,10 +37,9 @@ class Mode(str):
     free: tuple[str, ...]
     locked: tuple[str, ...]
     off: tuple[str, ...]
-    direction: int
-    sticks: bool
-    flies: bool
-    slips: bool
+    _direction: int
+    _sticks: bool
+    _flies: bool
 
     def __new__(cls, text: str) -> "Mode":
         """The mode with this text.
@@ -59,8 +56,7 @@ class Mode(str):
                 raise ValueError(f"{text!r} is no mode: a foot can {', '.join(_DIRECTIONS)}")
             mode = super().__new__(cls, text)
             mode.contact = Mode(contact) if stops else mode
-            mode.direction, mode.sticks, mode.flies = _DIRECTIONS[contact], contact == "stick", contact == "flight"
-            mode.slips = mode.direction != 0
+            mode._direction, mode._sticks, mode._flies = _DIRECTIONS[contact], contact == "stick", contact == "flight"
             mode.stops = states
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == own) for own in STATES
@@ -112,6 +108,26 @@ class Mode(str):
     def key(self) -> str:
         """The text as part of an identifier."""
         return re.sub(r"\W+", "_", self)
+
+    @property
+    def direction(self) -> int:
+        """Sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight."""
+        return self._direction
+
+    @property
+    def sticks(self) -> bool:
+        """Whether the foot is held by friction."""
+        return self._sticks
+
+    @property
+    def flies(self) -> bool:
+        """Whether no foot touches the ground."""
+        return self._flies
+
+    @property
+    def slips(self) -> bool:
+        """Whether the foot slips."""
+        return self._direction != 0
 
     def with_contact(self, contact: "Mode") -> "Mode":
         """Another contact with the same states of the stops."""

@@ -30,11 +30,6 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     problem : the problem that was continued.
     parameter : dotted key of the parameter that was continued.
     records : points and special points, as the continuation wrote them.
-
-    Raises
-    ------
-    ValueError
-        If there is no point among the records.
     """
     points = [record for record in records if record["record"] == "point" and record["state"] is not None]
     if not points:

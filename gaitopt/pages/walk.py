@@ -13,13 +13,7 @@ from gaitopt.study.simulate import Walk
 
 
 def walk_report(walk: Walk) -> str:
-    """HTML of a walk.
-
-    Raises
-    ------
-    ValueError
-        If the walk ended before anything moved.
-    """
+    """HTML of a walk."""
     names = [name for name in walk.system.state_names if name != "x"]
     columns = [walk.system.state_names.index(name) for name in names]
     states = walk.trajectory.section_states[:, columns]

@@ -52,16 +52,16 @@ def record(archive: Archive) -> dict[str, Any]:
 
 def markdown(table: Mapping[str, Any]) -> str:
     """The same for people."""
-    return "\n".join(
-        [INTRODUCTION, *_numbers(table["numbers"]), "", *_reasons(), "", *_sentences(table["sentences"]), ""]
-    )
+    reasons = [f"- **{reason}**: {EXPLANATIONS[reason]}" for reason in Reason]
+    sections = (INTRODUCTION, *_numbers(table["numbers"]), "", "## Reasons", "", *reasons, "")
+    return "\n".join([*sections, "## Sentences without a number", "", *_sentences(table["sentences"]), ""])
 
 
 def _numbers(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    yield "| where | quantity | printed | computed | difference | agrees | reason | otherwise |"
+    yield _line("where", "quantity", "printed", "computed", "difference", "agrees", "reason", "otherwise")
     yield "|---|---|---:|---:|---:|---|---|---|"
     for entry in rows:
-        cells = (
+        yield _line(
             entry["where"],
             entry["quantity"].replace("|", "\\|"),
             entry["printed"],
@@ -71,20 +71,14 @@ def _numbers(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             entry["reason"] or "",
             ", ".join(f"{words}: {value:.{DIGITS}g}" for words, value in entry["otherwise"].items()),
         )
-        yield f"| {' | '.join(cells)} |"
-
-
-def _reasons() -> Iterator[str]:
-    yield "## Reasons"
-    yield ""
-    for reason in Reason:
-        yield f"- **{reason}**: {EXPLANATIONS[reason]}"
 
 
 def _sentences(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    yield "## Sentences without a number"
-    yield ""
-    yield "| where | the paper says | holds |"
+    yield _line("where", "the paper says", "holds")
     yield "|---|---|---|"
     for entry in rows:
-        yield f"| {entry['where']} | {entry['sentence']} | {'yes' if entry['holds'] else 'no'} |"
+        yield _line(entry["where"], entry["sentence"], "yes" if entry["holds"] else "no")
+
+
+def _line(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |"

@@ -17,12 +17,13 @@ from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
-from gaitopt.problem.control_sections import ControlSpec, CurveReference, PDSpec
-from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
+from gaitopt.problem.control_sections import ControlSpec
+from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
 from gaitopt.problem.parts import Free, Guess, OpenSequence, Range
 from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.record import digest_of, problem_data, resolved_data
+from gaitopt.problem.reference import reference_name, unsuitable
 from gaitopt.problem.sections import FrictionCoefficients
 from gaitopt.problem.source import parse_source, read_text
 
@@ -145,7 +146,7 @@ class Problem(Tabulated):
         faults: list[Fault] = []
         data, place = apply_overrides(problem_data(self), overrides, faults, label)
         raise_faults(faults, place)
-        known = {} if self.reference is None else {_reference_name(self.control)[0]: self.reference}
+        known = {} if self.reference is None else {reference_name(self.control)[0]: self.reference}
         origin = _Origin(walkers=(type(self.walker),), path=self.path, chain=_chain(self.path))
         changed = _build(data, place, faults, origin, text=self.text, known=known)
         return changed._at(ChangedPlace(self.place, place))
@@ -279,7 +280,7 @@ def _build(
     """A problem from data, or all that is wrong with them; ``known`` are references that need no loading, by name."""
     walkers = {**registered_walkers(), **{walker.model: walker for walker in origin.walkers}}
     fields = assemble(data, walkers, faults)
-    name, key = _reference_name(fields["control"])
+    name, key = reference_name(fields["control"])
     reference = None
     if name:
         try:
@@ -287,22 +288,8 @@ def _build(
         except (UnknownNameError, ProblemError) as error:
             faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
     if reference and fields["walker"]:
-        untracked = ", ".join(angle for angle in fields["walker"].tracked if angle not in reference.walker.shape)
-        words = f"the reference {shown(name)} is a {reference.walker.model}"
-        faults += [Fault(key, f"{words}, which has no {untracked} to track")] if untracked else []
-    if reference and len(reference.cycle.steps) > 1:
-        message = f"the reference {shown(name)} has several steps, but its clock restarts at every impact"
-        faults.append(Fault(key, f"{message}: name a gait of one step"))
+        faults += [Fault(key, why) for why in unsuitable(name, reference, fields["walker"])]
     raise_faults(faults, place)
     problem = Problem(**fields, reference=reference, path=origin.path, text=text, place=place)
     raise_faults(impossible(problem), place)
     return problem
-
-
-def _reference_name(control: ControlSpec | None) -> tuple[str, Key]:
-    """Name or path of the other problem in a control, and the key that gives it; empty if there is none."""
-    if not isinstance(control, PDSpec):
-        return "", ()
-    if isinstance(control.reference, CurveReference):
-        return control.reference.start, ("control", "reference", "curve", "start")
-    return control.reference.gait, ("control", "reference", "gait")

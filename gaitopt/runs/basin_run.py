@@ -104,19 +104,7 @@ def check_basin(plan: BasinPlan) -> None:
 
 
 def walk_basin(plan: BasinPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Basin:
-    """Walk what is not yet on disk, and say where every state goes.
-
-    Parameters
-    ----------
-    plan : checked by ``check_basin``.
-    workers : where the tiles are walked.
-    progress : called with the number of tiles done and of all tiles.
-
-    Raises
-    ------
-    SolveError
-        If a tile kills its workers.
-    """
+    """Walk what is not yet on disk, and say where every state goes; a tile that kills its workers is a SolveError."""
     with writing(plan.folder, plan.problem):
         if not (plan.folder / MANIFEST_FILE).exists():
             begin_run(plan.folder, plan.problem)

@@ -140,13 +140,7 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
 
 
 def _tile_outcomes(place: Path, tile: int, most: int) -> Outcomes:
-    """The outcomes of one tile, of no more than ``most`` states.
-
-    Raises
-    ------
-    StorageError
-        If the file holds anything else.
-    """
+    """The outcomes of one tile, of no more than ``most`` states."""
     arrays = read_tile(place, tile)
     run, own = place.resolve().parent, place.resolve().name
     name = TILE_FILE.format(tile)

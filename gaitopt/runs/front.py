@@ -102,21 +102,7 @@ class Front(Plotted, Sequence[FrontPoint]):
 def design_front(
     problem: Problem, axis: Axis, folder: Path, *, progress: Counted = None, should_stop: Stop = None
 ) -> Front:
-    """Designs for every value of an axis, in its order, kept in a file of the run folder.
-
-    Parameters
-    ----------
-    problem : a design with an objective.
-    axis : dotted key of a number of the problem, for instance ``constraints.speed.min``, and its values.
-    folder : that keeps every design as soon as it is found; the same call goes on where it was.
-    progress : called with the number of designs done and their total.
-    should_stop : polled between designs.
-
-    Raises
-    ------
-    ProblemError
-        If the problem has no objective, or a value is wrong for it.
-    """
+    """Designs for every value of an axis of a problem, kept in its run folder; see ``check_front`` for its errors."""
     check_front(problem, axis, folder)
     problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
     with writing(folder, problem):
@@ -139,13 +125,7 @@ def front_record(front: Front, axis: Axis) -> Record:
 
 
 def read_fronts(folder: Path) -> list[Front]:
-    """The fronts in a run folder.
-
-    Raises
-    ------
-    StorageError
-        If the folder is not a run, or a file is broken.
-    """
+    """The fronts in a run folder."""
     problem, fronts = read_problem(folder), list[Front]()
     for path in sorted(folder.glob(front_file("*"))):
         record = read_object(folder, path.name)

@@ -95,13 +95,7 @@ def axis_of(key: str, lower: float | str, upper: float | str, count: int) -> Axi
 
 
 def number_or_angle(end: float | str) -> float:
-    """A number, or an angle with its unit in rad.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
+    """A number, or an angle with its unit in rad."""
     try:
         return float(end)
     except ValueError:
@@ -141,26 +135,14 @@ class Grid:
         return np.column_stack([axis.values[index] for axis, index in zip(self.axes, indices, strict=True)])
 
     def check_keys(self, known: Sequence[str], what: str) -> None:
-        """Refuse axes over anything else than ``known``.
-
-        Raises
-        ------
-        UnknownNameError
-            If there is such an axis.
-        """
+        """Refuse axes over anything else than ``known``."""
         unknown = [axis.key for axis in self.axes if axis.key not in known]
         if unknown:
             raise UnknownNameError(f"{unknown[0]}: not {what}{nearest_keys(unknown[0], known)}").about("over")
 
 
 def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
-    """The problem at a point of a grid, whose values have dotted keys.
-
-    Raises
-    ------
-    ProblemError
-        If it is no valid problem.
-    """
+    """The problem at a point of a grid, whose values have dotted keys."""
     try:
         return problem.replace(values)
     except ProblemError as error:

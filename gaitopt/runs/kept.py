@@ -41,13 +41,6 @@ def kept_results(
     folder : of the run, held for writing by the caller.
     known : results of parents that are not among the jobs.
     progress : called with the number of jobs done and their total.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full, or what the folder holds is broken; finished jobs are kept.
-    KeyboardInterrupt
-        If ``should_stop`` became true; what is finished is kept.
     """
     by_key, results = {job.key: job for job in jobs}, dict[str, Any]()
     for number, record in enumerate(stored_lines(folder, file.name), start=1):

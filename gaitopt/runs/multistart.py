@@ -18,6 +18,7 @@ from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, writing
 from gaitopt.study.system import build_system
+from gaitopt.study.warm import free_guesses
 from gaitopt.workers.jobs import Workers
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
@@ -85,14 +86,7 @@ def multistart(
     progress: Counted = None,
     should_stop: Stop = None,
 ) -> list[Optimum]:
-    """As ``gaitopt.multistart``; ``folder`` keeps what each start has found.
-
-    Parameters
-    ----------
-    workers : where the starts are worked on; by default all cores.
-    progress : called with the number of starts done and their total.
-    should_stop : polled; True ends the search with a KeyboardInterrupt, and what is finished is kept.
-    """
+    """As ``gaitopt.multistart``; ``folder`` keeps the results of all starts, on all cores if not said otherwise."""
     check_jobs_fit(starts, folder)
     problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
     jobs = [problem_job(p) for p in problems]
@@ -113,10 +107,9 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[P
         changes: dict[str, object] = {
             f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names
         }
-        for key, free in problem.free.items():
-            size = abs(free.guess) or free.upper - free.lower
-            guess = float(np.clip(free.guess + spread * size * rng.uniform(-1, 1), free.lower, free.upper))
-            changes[key] = {"free": [free.lower, free.upper], "guess": guess}
+        sizes = {key: abs(free.guess) or free.upper - free.lower for key, free in problem.free.items()}
+        guesses = {key: problem.free[key].guess + spread * size * rng.uniform(-1, 1) for key, size in sizes.items()}
+        changes |= free_guesses(problem, guesses)
         for name, points in curves.items():
             row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
             within = control.unknowns[f"reference.{name}.0"]

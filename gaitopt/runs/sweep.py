@@ -36,13 +36,7 @@ class SweepPlan:
 
     @cached_property
     def jobs(self) -> list[Job]:
-        """One job per point of the grid, in its order.
-
-        Raises
-        ------
-        ProblemError
-            If a point of the grid is no valid problem.
-        """
+        """One job per point of the grid, in its order."""
         jobs: list[Job] = []
         for number in range(self.grid.size):
             problem = at_point(self.problem, self.point(number))

@@ -14,6 +14,7 @@ from gaitopt.problem import Problem, cycle_data
 from gaitopt.search.candidates import SAME, Record
 from gaitopt.study.system import solve_sequence
 from gaitopt.study.verify import verify
+from gaitopt.study.warm import free_guesses
 from gaitopt.workers.jobs import FailedJob
 
 ATTEMPTS = 3
@@ -70,13 +71,7 @@ def gaits_of(
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gaits:
-    """The gaits behind the candidates of all parts of a search.
-
-    Parameters
-    ----------
-    known : gaits that need not be solved again.
-    progress, should_stop : of the solver, see ``solve``.
-    """
+    """The gaits behind the candidates of all parts of a search; ``known`` ones need not be solved again."""
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
     part = np.inf if problem.free or problem.objective else SAME  # a design finds its own motion
@@ -119,12 +114,9 @@ def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
         "state": {name: candidate["state"][name] for name in names},
         "durations": [phase["duration"] for phase in phases],
     }
-    changes: dict[str, object] = {"gait": {**cycle_data(cycle), "guess": guess}}
-    for key, free in problem.free.items():
-        if key in candidate["parameters"]:
-            value = float(np.clip(candidate["parameters"][key], free.lower, free.upper))
-            changes[key] = {"free": [free.lower, free.upper], "guess": value}
-    return problem.replace(changes)
+    return problem.replace(
+        {"gait": {**cycle_data(cycle), "guess": guess}, **free_guesses(problem, candidate.get("parameters", {}))}
+    )
 
 
 def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, should_stop: Stop) -> Gait:

@@ -70,15 +70,7 @@ def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = 
 def search(plan: SearchPlan, run: Run, *, progress: Valued = None, should_stop: Stop = None) -> Gaits:
     """The gaits that two searches lead to, and those on the families of these gaits that no start has led to.
 
-    Parameters
-    ----------
-    run : runs a task for all jobs and returns the results, or raises a KeyboardInterrupt.
-    progress, should_stop : of the solver, see ``solve``.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` said so.
+    ``run`` runs a task for all jobs and returns the results; ``progress`` is that of the solver.
     """
     parts = run(search_part, search_jobs(plan))
     gaits = gaits_of(plan.problem, parts, progress=progress, should_stop=should_stop)

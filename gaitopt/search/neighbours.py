@@ -50,9 +50,7 @@ def _crossings(gait: Gait, job: SearchJob, to: float, should_stop: Stop) -> Iter
         to=(to,),
         max_points=MAX_POINTS,
         verify_every=0,
-        branch_points=1,
-        mode_changes=1,
-        doublings=job.n_steps // (2 * len(gait.steps)),
+        follow={"branch_points": 1, "mode_changes": 1, "doublings": job.n_steps // (2 * len(gait.steps))},
     )
     before: BranchPoint | None = None
     try:

@@ -56,17 +56,15 @@ def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -
 
 def begin_branch(
     folder: Path, problem: Problem, request: Mapping[str, Any], records: Sequence[Mapping[str, Any]]
-) -> Path:
-    """Write the request and the records from which a branch goes on; returns the file to append to."""
+) -> None:
+    """Write the request and the records from which a branch goes on."""
     begin_run(folder, problem)
     write_files(folder, {BRANCH_FILE: lines_text((request, *records))})
-    return folder / BRANCH_FILE
 
 
-def write_branch_table(folder: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
+def write_branch_table(folder: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write the table of a branch beside it."""
     write_files(folder, {BRANCH_TABLE: csv_text(Table(header=tuple(header), rows=list(rows)))})
-    return folder / BRANCH_TABLE
 
 
 def _core(request: Mapping[str, Any]) -> dict[str, Any]:

@@ -64,6 +64,7 @@ class Walk(Moving, ReadOnlyArrays):
         """One JSON object with the keys of a gait as far as a simulation knows them; scalars are of the last step."""
         last = self.complete_steps[-1] if self.complete_steps else None
         state = self.trajectory.section_states[-1]
+        impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
         return {
             "problem": self.problem.name,
             "status": str(self.trajectory.ending),
@@ -74,7 +75,10 @@ class Walk(Moving, ReadOnlyArrays):
             "impact": None if last is None or last.impact is None else str(last.impact.mode),
             "state": self._state_record(state),
             **(dict.fromkeys(MEASURES) if last is None else measure(self.dynamics, [last])),
-            "section": self._section_records(),
+            "section": [
+                {"time": float(t), "impact": mode, "state": self._state_record(z)}
+                for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
+            ],
             "gait_states": [self._state_record(state) for state in self.gait_states],
             "parameters": self._freed(),
         }
@@ -89,12 +93,6 @@ class Walk(Moving, ReadOnlyArrays):
         stated = self.system.values(self.problem.parameters)
         values = zip(self.dynamics.parameters.items(), stated, strict=True)
         return {name: value for (name, value), own in values if value != own}
-
-    def _section_records(self) -> list[dict[str, Any]]:
-        """Time, impact and state just after it, the start first."""
-        impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
-        points = zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
-        return [{"time": float(t), "impact": mode, "state": self._state_record(z)} for t, mode, z in points]
 
     def _state_record(self, state: Array) -> dict[str, float]:
         return dict(zip(self.system.state_names, map(float, state), strict=True))

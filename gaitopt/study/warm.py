@@ -26,12 +26,18 @@ def guessed_from(problem: Problem, record: Mapping[str, Any], known: Mapping[str
     }
     if [Mode.from_record(phase) for phase in record["phases"]] == list(problem.cycle.phases):
         changes["gait.guess.durations"] = [phase["duration"] for phase in record["phases"]]
-    for key, free in problem.free.items():
-        if key in known:
-            guess = float(np.clip(known[key], free.lower, free.upper))
-            changes[key] = {"free": [free.lower, free.upper], "guess": guess}
     points = _control_points(problem, known)
-    return problem.replace(changes | ({"control.reference.curve.points": points} if points else {}))
+    changes |= {"control.reference.curve.points": points} if points else {}
+    return problem.replace(changes | free_guesses(problem, known))
+
+
+def free_guesses(problem: Problem, known: Mapping[str, float]) -> dict[str, object]:
+    """Changes of a problem that guess its free numbers by known values, within their ranges."""
+    return {
+        key: {"free": [free.lower, free.upper], "guess": float(np.clip(known[key], free.lower, free.upper))}
+        for key, free in problem.free.items()
+        if key in known
+    }
 
 
 def _control_points(problem: Problem, known: Mapping[str, float]) -> dict[str, list[float]]:

@@ -117,7 +117,7 @@ def test_special_points_without_other_branches_are_refused() -> None:
 
 def with_followed(start: Gait, done: list[dict[str, object]], **follow: int) -> list[dict[str, object]]:
     """Records of a family and of the other branches that begin on it that are not ``done``."""
-    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0, **follow)
+    request = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0, follow=follow)
     records = follow_family(start, request, done=done)
     return [json.loads(json.dumps(record.to_record())) for record in records]
 
@@ -171,7 +171,7 @@ def test_branches_that_begin_at_a_branch_point_are_followed_on_the_way() -> None
 @pytest.mark.slow
 def test_cascade_of_the_sticking_compass_up_to_sixteen_steps() -> None:
     """The distances between its doublings shrink like those of the logistic map."""
-    request = Request(parameter=SLOPE, to=(radians(6.1),), doublings=4, max_points=60)
+    request = Request(parameter=SLOPE, to=(radians(6.1),), follow={"doublings": 4}, max_points=60)
     records = [r.to_record() for r in follow_family(sticking("compass-passive-stick", 5.3), request)]
     (cascade,) = cascades(records)
     assert cascade.n_steps == (1, 2, 4, 8, 16)

@@ -7,7 +7,7 @@ import pytest
 
 from gaitopt import solve, verify
 from gaitopt.gait import curves
-from gaitopt.nlp import neighbourhood
+from gaitopt.nlp.design import neighbourhood
 from gaitopt.nlp.design.moduli import circle_rows, modulus_gradient
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS
 from gaitopt.nlp.design.quadratic import least_distance

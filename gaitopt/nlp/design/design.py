@@ -1,11 +1,10 @@
-"""The gait of a problem; where parameters are unknowns, the best one that meets the constraints.
+"""Where parameters are unknowns: the best gait that meets the constraints.
 
 A design starts from a gait: a given one, or that of the guessed parameters. From there IPOPT looks for the optimum of a
 smoothed problem over nodes, durations and freed parameters (``program``). Sequential quadratic programming in the freed
 parameters alone goes on to that of the exact problem, as the gait is measured (``reduced``, ``sqp``).
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -28,7 +27,7 @@ from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
 from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.solve import rejection_reason, solve_gait
+from gaitopt.nlp.solve import rejection_reason
 from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_states
 from gaitopt.problem import Problem
 
@@ -42,31 +41,22 @@ CREDITED = 1.2
 """Ratio of absolute to net cost above which a design is said to live on credited negative work."""
 
 
-def find_gait(
+def design_gait(
     problem: Problem,
     system: HybridSystem,
+    first: Gait,
     *,
-    start: Gait | None = None,
     progress: Progress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Gait:
-    """The gait of ``problem``: designed where parameters are unknowns, solved otherwise.
+    """The best gait over the freed parameters of ``problem``; arguments as of ``nlp.find_gait``.
 
     Parameters
     ----------
-    start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
-    progress : called at every iteration with its number and the largest violation.
-    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+    first : a gait, or a failed attempt at one, of the same system with the same mode sequence.
     """
-    if not free_parameters(problem, system):
-        return solve_gait(problem, system, progress=progress, should_stop=should_stop)
-    began = time.perf_counter()
-    first = start or solve_gait(problem, system, progress=progress, should_stop=should_stop)
-    if first.status is Status.INTERRUPTED:
-        return first
     design = _Design(problem, system, progress, should_stop)
-    gait = design.run(known(first, design.free) if first.steps else guessed(problem, system))
-    return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
+    return design.run(known(first, design.free) if first.steps else guessed(problem, system))
 
 
 class _Design:
