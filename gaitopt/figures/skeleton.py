@@ -23,6 +23,8 @@ RIGID = 1e-9
 """Relative change of a distance below which two points belong to one rigid part."""
 COINCIDENT = 1e-9
 """Points so close [m] are one."""
+DIGITS = 9
+"""Of lengths that are compared: rounding does not decide which of two equal legs comes first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +107,8 @@ def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
     pairs = []
     for a, b in combinations(range(bare.points.shape[1]), 2):
         distance = np.linalg.norm(bare.points[:, a] - bare.points[:, b], axis=1)
-        pairs.append((bool(np.ptp(distance) > RIGID * max(distance.mean(), COINCIDENT)), float(distance.mean()), a, b))
+        length = float(f"{distance.mean():.{DIGITS}g}")
+        pairs.append((bool(np.ptp(distance) > RIGID * max(length, COINCIDENT)), length, a, b))
     part = list(range(bare.points.shape[1]))
     legs, ties = list[tuple[int, int]](), list[tuple[int, int]]()
     for loose, length, a, b in sorted(pairs):

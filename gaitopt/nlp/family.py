@@ -7,12 +7,12 @@ along a line, the chords start from the polynomial through the last solutions on
 
 import time
 from collections import deque
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.iteration import iterate
 from gaitopt.mechanics import Dynamics
@@ -53,7 +53,7 @@ class Family:
         If ``gait`` is a failed attempt, or a design.
     """
 
-    def __init__(self, gait: Gait, *, should_stop: Callable[[], bool] | None = None) -> None:
+    def __init__(self, gait: Gait, *, should_stop: Stop = None) -> None:
         if not gait.steps or gait.shooting is None or gait.freed:
             raise ValueError(f"{gait.problem.name}: a family begins with a converged gait without freed parameters")
         self.gait, self._system = gait, gait.system

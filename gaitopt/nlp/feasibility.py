@@ -3,12 +3,11 @@
 The parameters are parameters of the NLP too, so that one that is built can be solved for any of their values.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from casadi import sum1, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.transcription import Transcription
 
@@ -31,7 +30,7 @@ class Feasibility:
         transcription: Transcription,
         *,
         progress: Progress | None = None,
-        should_stop: Callable[[], bool] | None = None,
+        should_stop: Stop = None,
         relaxed: bool = False,
     ) -> None:
         equalities, margins = transcription.equalities, transcription.inequalities[0]

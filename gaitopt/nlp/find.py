@@ -1,9 +1,9 @@
 """The gait of a problem: solved, or designed where parameters are unknowns."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Gait, Status
 from gaitopt.mechanics import HybridSystem
 from gaitopt.nlp.ipopt import Progress
@@ -18,7 +18,7 @@ def find_gait(
     *,
     start: Gait | None = None,
     progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Gait:
     """The gait of ``problem``: designed where parameters are unknowns, solved otherwise.
 

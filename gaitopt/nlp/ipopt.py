@@ -11,6 +11,7 @@ import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Status
 
 Progress = Callable[[int, float], None]
@@ -72,9 +73,7 @@ class IpoptResult:
 class Watch(Callback):
     """Reports every iteration, and stops IPOPT on request."""
 
-    def __init__(
-        self, n_w: int, n_g: int, n_p: int, progress: Progress | None, should_stop: Callable[[], bool] | None
-    ) -> None:
+    def __init__(self, n_w: int, n_g: int, n_p: int, progress: Progress | None, should_stop: Stop) -> None:
         super().__init__()
         self._sizes = {"x": n_w, "f": 1, "g": n_g, "lam_x": n_w, "lam_g": n_g, "lam_p": n_p}
         self._progress, self._should_stop = progress, should_stop
@@ -135,7 +134,7 @@ class Ipopt:
         objective: MX | None = None,
         objective_size: float = 1.0,
         progress: Progress | None = None,
-        should_stop: Callable[[], bool] | None = None,
+        should_stop: Stop = None,
     ) -> None:
         blocks = [g] if isinstance(g, MX) else list(g)
         self._scale = np.broadcast_to(scale, w.numel())

@@ -7,12 +7,12 @@ another family: a start from which they do not is left to IPOPT. P. Deuflhard (2
 Problems, ch. 2.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.iteration import iterate
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.newton import linearise
@@ -55,7 +55,7 @@ def solve_nearby(
     start: Array,
     p: Array,
     progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Nearby:
     """Newton's method from ``start``, shape (n_w,), at parameters ``p``, as long as its steps shrink.
 

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import Cycle, Dynamics, HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
@@ -54,7 +55,7 @@ def solve_gait(
     system: HybridSystem,
     *,
     progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Gait:
     """Solve ``problem`` for a periodic gait with its mode sequence.
 
@@ -132,7 +133,7 @@ def _nearby(
     p: Array,
     *,
     progress: Progress | None,
-    should_stop: Callable[[], bool] | None,
+    should_stop: Stop,
 ) -> Attempt:
     """Newton's method if the guess is close to a solution."""
     near = solve_nearby(transcription, start, p, progress, should_stop)
@@ -153,7 +154,7 @@ def _by_ipopt(
     p: Array,
     *,
     progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
     relaxed: bool = False,
 ) -> Attempt:
     """Run IPOPT; ``relaxed`` leaves the margins out."""

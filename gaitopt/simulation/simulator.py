@@ -4,13 +4,14 @@ On every arc one mode holds and dz/dt = flow_mode(t, z, p, r) is integrated to i
 mode follows from the forces, and at touchdown the impact from the impulses. Gamus & Or (2013), section II.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import ONSETS, PHASE_MARGINS, Dynamics, Mode
 from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
@@ -116,7 +117,7 @@ class Simulator:
         steps: int = 1,
         *,
         dense: bool = False,
-        should_stop: Callable[[], bool] | None = None,
+        should_stop: Stop = None,
     ) -> Trajectory:
         """Simulate up to ``steps`` steps from a state just after an impact.
 

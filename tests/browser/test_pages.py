@@ -186,6 +186,7 @@ def test_figures_that_are_swiped_leave_no_gap_below_the_first(visit):
 
 def test_equal_figures_of_gaits_side_by_side_stand_at_equal_heights(visit):
     page = visit(comparison_report([gait("compass-passive-a"), gait("compass-passive-stick")]), width=1200)
+    page.locator("figure", has_text="Largest difference").locator("svg").last.wait_for()
     tops = [
         page.locator("article")
         .nth(k)
@@ -199,10 +200,11 @@ def test_equal_figures_of_gaits_side_by_side_stand_at_equal_heights(visit):
 def test_a_jump_within_a_step_and_flight_are_drawn(visit):
     page = visit(comparison_report([gait("kneed-passive")]))
     portrait = page.locator("figure", has_text="Phase portrait")
+    portrait.locator(".jump").last.wait_for(state="attached")
     assert portrait.locator(".jump").count() > len(gait("kneed-passive").system.walker.shape)
     assert "a stop that locks" in portrait.inner_text()
     page = visit(comparison_report([gait("hopper")]))
-    assert page.locator("figure", has_text="Normal force").locator("path.flying").count() == 1
+    page.locator("figure", has_text="Normal force").locator("path.flying").wait_for(state="attached")
     assert "ẏ" not in page.locator("figure", has_text="Simulation and NLP").inner_text()
     assert " y" in page.locator("figure", has_text="Simulation and NLP").inner_text()
 

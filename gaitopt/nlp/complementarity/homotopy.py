@@ -4,13 +4,13 @@ S. Scholtes, Convergence properties of a regularization scheme for mathematical 
 constraints, SIAM J. Optim. 11 (2001).
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from casadi import MX, nlpsol, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Status
 from gaitopt.nlp.ipopt import ENDINGS, Progress, Watch
 
@@ -45,7 +45,7 @@ class Homotopy:
         bounds_w: Bounds,
         bounds_g: Bounds,
         progress: Progress | None = None,
-        should_stop: Callable[[], bool] | None = None,
+        should_stop: Stop = None,
     ) -> None:
         self._bounds_w, self._bounds_g = bounds_w, bounds_g
         parameters = vertcat(p, sigma)

@@ -14,7 +14,7 @@ A. Nurkanovic, M. Sperl, S. Albrecht, M. Diehl, Finite elements with switch dete
 nonsmooth systems, Numerische Mathematik 156 (2024).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
@@ -23,6 +23,7 @@ import numpy as np
 from casadi import MX, sum1, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Status
 from gaitopt.mechanics import Cycle, Dynamics, Mode, ModeSequence
 from gaitopt.nlp.complementarity.homotopy import Homotopy
@@ -94,7 +95,7 @@ class Complementarity:
         *,
         n_steps: int = 1,
         progress: Progress | None = None,
-        should_stop: Callable[[], bool] | None = None,
+        should_stop: Stop = None,
     ) -> None:
         self._dynamics, self._system = dynamics, dynamics.system
         self._free, self._within = free or {}, within or {}

@@ -5,13 +5,13 @@ smoothed problem over nodes, durations and freed parameters (``program``). Seque
 parameters alone goes on to that of the exact problem, as the gait is measured (``reduced``, ``sqp``).
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.gait import Cause, Gait, Status, in_words
 from gaitopt.mechanics import Dynamics, HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
@@ -47,7 +47,7 @@ def design_gait(
     first: Gait,
     *,
     progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Gait:
     """The best gait over the freed parameters of ``problem``; arguments as of ``nlp.find_gait``.
 
@@ -67,7 +67,7 @@ class _Design:
         problem: Problem,
         system: HybridSystem,
         progress: Progress | None,
-        should_stop: Callable[[], bool] | None,
+        should_stop: Stop,
     ) -> None:
         self._problem, self._system = problem, system
         self._progress, self._should_stop = progress, should_stop

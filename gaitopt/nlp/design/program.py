@@ -9,13 +9,13 @@ over nodes, durations, freed parameters and extrema. The radius of the multiplie
 It and |power| are smoothed, and what lies between the nodes is not seen: the solution is where ``sqp`` starts.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from casadi import MX, Function, sum1, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.mechanics import Dynamics
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS, Outcome
 from gaitopt.nlp.design.rows import CLEARANCE
@@ -61,7 +61,7 @@ class Program:
         p: Array,
         elastic: bool = False,
         progress: Progress | None = None,
-        should_stop: Callable[[], bool] | None = None,
+        should_stop: Stop = None,
     ) -> None:
         self._problem, self.transcription, self._p = problem, transcription, p
         self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))

@@ -7,12 +7,13 @@ damped BFGS updates (Powell 1978; structured: Dennis, Martinez & Tapia 1989). Un
 their typical sizes throughout.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
 from gaitopt.nlp.design.optimality import NEGLIGIBLE, kkt_residual, objective_size
 from gaitopt.nlp.design.quadratic import least_distance
 from gaitopt.nlp.design.reduced import Point, Reduced
@@ -77,7 +78,7 @@ def optimise(
     sizes: Array,
     *,
     progress: Progress | None = None,
-    should_stop: Callable[[], bool] | None = None,
+    should_stop: Stop = None,
 ) -> Optimum:
     """The optimum next to a point.
 
