@@ -165,7 +165,10 @@ def return_map(orbit: Orbit, box: Box, passage: Passage, defect: Defect) -> Any:
             break
     entries = scattered(X, arb_mat.entries)
     H = matrix(n_xi, [entries[k * n_xi + i] for k in section for i in range(n_xi)])
-    return exact(np.eye(n_xi)) - H.inv()
+    try:
+        return exact(np.eye(n_xi)) - H.inv()
+    except ZeroDivisionError as failure:
+        raise NotProved("the derivative of the return map cannot be enclosed: a multiplier may be one") from failure
 
 
 def _width(X: Any) -> float:

@@ -247,6 +247,16 @@ def test_a_mutation_of_the_checker_is_noticed(monkeypatch, owner, name, mutation
     assert any(notices in claim for claim in refused)
 
 
+def test_a_multiplier_that_may_be_one_leaves_the_return_map_unproved(monkeypatch):
+    """Its derivative is 1 - H^-1; bounds that hold a singular H are a claim that is not proved."""
+    equations, box, passage = traversed("rimless-wheel-slip")
+    with ctx.workprec(PRECISION):
+        defect = krawczyk.preconditioned(equations, passage)
+        monkeypatch.setattr(krawczyk, "matrix", lambda n, entries: arb_mat(len(entries) // n, n))
+        with pytest.raises(NotProved, match="a multiplier may be one"):
+            krawczyk.return_map(equations, box, passage, defect)
+
+
 def test_without_the_motion_of_events_there_is_no_orbit():
     """The end of an arc moves with its duration; a derivative without that fails Krawczyk's test."""
     equations, box, _ = traversed("rimless-wheel-slip")
