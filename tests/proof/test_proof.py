@@ -311,7 +311,7 @@ def test_a_long_family_is_covered():
     assert result.proved, failed(result)
     for friction in (0.395, 0.4004, 0.405):
         other = solve(load_problem("rimless-wheel-slip").replace({"friction": friction}))
-        assert abs(float(result.state["dtheta"].mid()) - other.state[1]) <= float(result.state["dtheta"].rad())
+        assert result.state["dtheta"].contains(arb(other.scalar("state.dtheta"), 1e-9))
         assert result.multipliers[0].real.contains(arb(other.multipliers[0].real, 1e-9))
 
 
