@@ -77,7 +77,7 @@ class Field:
 
     @cached_property
     def observation(self) -> Graph:
-        """y -> |f_t / f_n| without its modulus, and the power of all motors."""
+        """y -> contact force f_t, f_n, and the power of all motors."""
         return self._graph("observation")
 
     def _graph(self, name: str) -> Graph:
@@ -95,7 +95,7 @@ def _function(states: States, mode: Mode, name: str) -> Function:
         expression = system.margins(mode)(*of_state)
     else:
         force, _, power, *_ = system.observation(mode)(*of_state)
-        expression = vertcat(force[0] / force[1], sum1(power))
+        expression = vertcat(force, sum1(power))
     if name == "jacobian":
         expression = jacobian(expression, y)
     return Function(name, [y, p, r], cse([expression]))

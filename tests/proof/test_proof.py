@@ -9,8 +9,9 @@ import pytest
 flint = pytest.importorskip("flint")
 from flint import arb, arb_mat, ctx  # noqa: E402
 
-from gaitopt import load_problem, prove, solve  # noqa: E402
+from gaitopt import load_problem, prove, simulate, solve  # noqa: E402
 from gaitopt.errors import UnknownNameError  # noqa: E402
+from gaitopt.gait import measure  # noqa: E402
 from gaitopt.proof import PRECISION, check, claims, krawczyk, orbit, prove_special  # noqa: E402
 from gaitopt.proof.branch import connection_claim  # noqa: E402
 from gaitopt.proof.check import check_box  # noqa: E402
@@ -145,6 +146,26 @@ def test_an_event_that_does_not_end_its_arc_is_refused():
     certificate = spoiled("rimless-wheel-slip")
     certificate["arcs"][0]["event"] = "cone_backward"
     assert "arc 1" in failures(certificate)["statement"]
+
+
+MEASURED = 1e-9
+"""To which the doubles of a gait are promised, in SI."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["rimless-wheel-stick", "rimless-wheel-slip"]
+    + [pytest.param(name, marks=pytest.mark.slow) for name in ("compass-passive-a", "compass-torque-slip")],
+)
+def test_measures_of_the_simulated_steps_lie_in_their_bounds(name):
+    bounds = proof(name).measures
+    walked = measure(gait(name).dynamics, simulate(gait(name), steps=1).trajectory.steps)
+    for key, bound in bounds.items():
+        if bound is None:
+            assert walked[key] is None
+        else:
+            assert float(bound.rad()) < 1e-10
+            assert arb(walked[key], MEASURED).contains(bound), key
 
 
 def test_parameters_other_than_those_of_the_problem_are_refused():
