@@ -32,19 +32,7 @@ WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
 def prove(gait: Gait, intervals: Mapping[str, str] | None = None, *, progress: Callable[[str], None] = silent) -> Proof:
     """Prove that a gait exists, is locally unique, has its mode sequence, and is stable or unstable.
 
-    Parameters
-    ----------
-    gait : converged; nothing of it is trusted.
-    intervals : parameters by dotted key for all of whose values this is to be proved, as ``0.18..0.25``. One with
-        which the orbit moves is covered by boxes that follow the orbit.
-    progress : is told in words how far the search is.
-
-    Raises
-    ------
-    UnknownNameError
-        If a key is no parameter of the gait.
-    ValueError
-        If an interval is not of that form.
+    What ``gaitopt.prove`` does, which documents the arguments; ``progress`` is told in words how far the search is.
     """
     texts = _texts(gait, intervals or {})
     proof = _prove(gait, texts, progress)
