@@ -172,8 +172,9 @@ class MultipleShooting:
         if (index, count) not in samples:
             start, end = self.layout.arc_times(self.unpack(w).durations)[index]
             fractions = (points(count) + 1) / 2
-            times, states = start + (end - start) * fractions, self.states_at(w, p, index, fractions)
-            samples[index, count] = (times, states)
+            times = start + (end - start) * fractions
+            times[-1] = end  # to the last bit, where the next arc starts
+            samples[index, count] = (times, self.states_at(w, p, index, fractions))
         times, states = samples[index, count]
         return times.copy(), states.copy()
 
