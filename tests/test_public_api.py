@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from difflib import unified_diff
+from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args
 
@@ -43,11 +44,18 @@ def _lines(name: str, value: Any) -> Iterator[str]:
     if is_dataclass(value):
         yield from (f"    {field.name}: {_type(field.type)}" for field in fields(value) if field.name[0] != "_")
     stated = {field.name for field in fields(value)} if is_dataclass(value) else set()
-    for key, member in sorted(vars(value).items()):
-        function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+    for key, member in _members(value):
+        is_value = isinstance(member, property | cached_property)
+        function = next((getattr(member, way) for way in ("fget", "func", "__func__") if hasattr(member, way)), member)
         if key[0] != "_" and key not in stated and inspect.isfunction(function):
-            words = "" if isinstance(member, property) else f"({', '.join(_parameters(function))})"
+            words = "" if is_value else f"({', '.join(_parameters(function))})"
             yield f"    {key}{words} -> {_type(inspect.signature(function).return_annotation)}"
+
+
+def _members(value: type) -> Iterator[tuple[str, Any]]:
+    """Members by name, also those that are inherited from a class of gaitopt."""
+    homes = [base for base in value.__mro__ if base.__module__.startswith("gaitopt")]
+    yield from sorted({key: member for base in reversed(homes) for key, member in vars(base).items()}.items())
 
 
 def _parameters(function: Any) -> Iterator[str]:

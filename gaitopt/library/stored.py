@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Branch, Gait, Step
-from gaitopt.gait.table import trajectory_header, trajectory_rows
+from gaitopt.gait.motion import trajectory_header, trajectory_rows
 from gaitopt.mechanics import Dynamics
 from gaitopt.runs.basin_tiles import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.front import Front, front_file, read_fronts

@@ -5,7 +5,7 @@ import pytest
 from named import named
 
 from gaitopt import simulate, verify
-from gaitopt.gait.table import trajectory_header, trajectory_rows
+from gaitopt.gait.motion import trajectory_header, trajectory_rows
 from gaitopt.runs.restore import restore_gait
 from gaitopt.store import Table, write_run
 
