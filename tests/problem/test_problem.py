@@ -123,7 +123,11 @@ def test_a_curve_may_be_the_reference_and_is_an_unknown():
     problem = parse_problem(walking(control=curve) + "objective: cost_of_transport\n")
     reference = problem.control.reference
     assert isinstance(reference, CurveReference)
-    assert (reference.degree, reference.start, reference.beyond_end) == (5, "compass-passive-b", BeyondEnd.OFF)
+    assert (reference.curve.degree, reference.curve.start, reference.beyond_end) == (
+        5,
+        "compass-passive-b",
+        BeyondEnd.OFF,
+    )
     assert problem.reference_problem().name == "compass-passive-b"
     assert restore_problem(problem.resolved()).digest == problem.digest
 
