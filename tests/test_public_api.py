@@ -46,7 +46,11 @@ def _lines(name: str, value: Any) -> Iterator[str]:
         yield from (f"    {field.name}: {_type(field.type)}" for field in fields(value) if field.name[0] != "_")
     elif not issubclass(value, BaseModel):
         notes = {key: note for base in value.__mro__ for key, note in inspect.get_annotations(base).items()}
-        yield from (f"    {key}: {_type(note)}" for key, note in sorted(notes.items()) if key[0] != "_")
+        yield from (
+            f"    {key}: {_type(note)}"
+            for key, note in sorted(notes.items())
+            if key[0] != "_" and "ClassVar" not in str(note)
+        )
     stated = {field.name for field in fields(value)} if is_dataclass(value) else set()
     for key, member in _members(value):
         is_value = isinstance(member, property | cached_property)

@@ -23,12 +23,12 @@ from gaitopt.mechanics import (
     Reference,
     StaticKineticFriction,
     Walker,
-    control_points,
 )
+from gaitopt.mechanics.control.bezier_tracking import control_points
 from gaitopt.mechanics.control.reference import continued
 from gaitopt.nlp import find_gait, integrate_to
-from gaitopt.problem import ConstantTorqueSpec, CurveReference, PDSpec, Problem
-from gaitopt.problem.control_sections import Curve
+from gaitopt.problem import CurveReference, PDSpec, Problem
+from gaitopt.problem.control_sections import ConstantTorqueSpec, Curve
 
 FLOW_PERIODS = 2
 """A reference that flows on is known for so many of its own periods past its end; no step takes that long."""

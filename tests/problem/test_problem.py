@@ -15,19 +15,9 @@ from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.units import NonNegative
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.problem import (
-    ConstantTorqueSpec,
-    CurveReference,
-    Free,
-    GaitReference,
-    NoControlSpec,
-    PDSpec,
-    Range,
-    load_problem,
-    parse_problem,
-    problem_names,
-    restore_problem,
-)
+from gaitopt.problem import CurveReference, PDSpec, Range, load_problem, parse_problem, problem_names, restore_problem
+from gaitopt.problem.control_sections import ConstantTorqueSpec, GaitReference, NoControlSpec
+from gaitopt.problem.parts import Free
 
 PAPER = {
     "rimless-wheel-stick": (1.0, ("stick",), "stick"),
