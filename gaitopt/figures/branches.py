@@ -24,7 +24,7 @@ Record = Mapping[str, Any]
 
 UNSTABLE: Any = (0, (1.2, 1.4))
 LOG = 10.0
-"""Multipliers beyond this go on a log axis, or those near the unit circle could not be told apart."""
+"""Multipliers beyond this are drawn on a log axis, or those near the unit circle could not be distinguished."""
 SPECIAL = {
     "fold": ("fold", "o"),
     "branch_point": ("branches cross", "p"),

@@ -92,7 +92,7 @@ def _compass(bare: Skeleton, motion: Motion) -> Skeleton:
 
 def _wheel(bare: Skeleton, motion: Motion) -> Skeleton:
     """All spokes, turned about the hub from the stance spoke."""
-    spokes = round(motion.parameter("walker.spokes"))
+    spokes = round(motion.dynamics.parameter("walker.spokes"))
     foot, swing, hub = (bare.points[:, k] for k in range(3))
     turns = -2 * np.pi / spokes * np.arange(2, spokes)
     arm = foot - hub

@@ -39,17 +39,17 @@ def comparison_report(gaits: Sequence[Gait]) -> str:
 
 
 def _names(gaits: Sequence[Gait]) -> list[str]:
-    """Names of the problems; gaits of the same name are told apart by their hash."""
+    """Names of the problems; gaits of the same name are distinguished by their hash."""
     names = [gait.problem.name for gait in gaits]
     return [n if names.count(n) == 1 else f"{n} ({g.problem.hash8})" for n, g in zip(names, gaits, strict=True)]
 
 
 def _shown(gait: Gait, name: str) -> dict[str, Any]:
     motion = motion_of(gait, name)
-    return {"film": film(motion), "roads": _roads(motion, gait), **numbers(gait.to_record())}
+    return {"film": film(motion), "comparison": _comparison(motion, gait), **numbers(gait.to_record())}
 
 
-def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
+def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:
     """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
     walked = simulated(gait)
     times, states = thinned(*(node_points(gait) or points_of(motion.steps)))

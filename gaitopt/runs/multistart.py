@@ -16,6 +16,7 @@ from gaitopt.mechanics import BezierTracking
 from gaitopt.problem import Problem
 from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
+from gaitopt.search.distinct import grouped
 from gaitopt.store import begin_run, writing
 from gaitopt.study.system import build_system
 from gaitopt.study.warm import free_guesses
@@ -119,12 +120,8 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[P
 
 
 def _distinct(problems: list[Problem], records: list[dict[str, Any]]) -> list[Optimum]:
-    groups: list[list[int]] = []
-    for k, record in enumerate(records):
-        if record["status"] != Status.CONVERGED:
-            continue
-        group = next((g for g in groups if _same(records[g[0]], record)), None)
-        groups.append([k]) if group is None else group.append(k)
+    solved = [k for k, record in enumerate(records) if record["status"] == Status.CONVERGED]
+    groups = grouped(solved, lambda first, second: _same(records[first], records[second]))
     optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
     return sorted(optima, key=_rank)
 
