@@ -130,12 +130,7 @@ def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) 
 
 def sweep_figures(result: Sweep) -> Figures:
     """Of a sweep over one or two parameters: any scalar."""
-    searched = result.problem.is_open
-    return Figures(
-        draw=lambda scalar: sweep(result.grid, result.records, scalar, searched=searched),
-        names=tuple(SCALARS),
-        usual=("spectral_radius",),
-    )
+    return Figures(draw=lambda scalar: sweep(result, scalar), names=tuple(SCALARS), usual=("spectral_radius",))
 
 
 def basin_figures(result: Basin) -> Figures:

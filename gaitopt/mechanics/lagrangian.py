@@ -130,7 +130,6 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
 
 
 def _energies(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX]:
-    """Kinetic and potential energy."""
     kinetic, potential = SX(0), SX(mechanism.potential)
     for body in mechanism.bodies:
         velocity = jtimes(body.position, q, dq)

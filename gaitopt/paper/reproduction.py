@@ -58,7 +58,7 @@ def reproduce(
     names = [name for name in parts() if not only or name in only]
     needed = {family for name in names for family in NEEDED.get(name, ())}
     if workers is not None:
-        _follow_families(archive, [family for family in reversed(tuple(FAMILIES)) if family in needed], workers)
+        follow_families(archive, [family for family in reversed(tuple(FAMILIES)) if family in needed], workers)
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
         written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
@@ -67,7 +67,7 @@ def reproduce(
     return written
 
 
-def _follow_families(archive: Archive, names: Sequence[str], workers: Workers) -> None:
+def follow_families(archive: Archive, names: Sequence[str], workers: Workers) -> None:
     """Follow those of the families that are not kept yet; one that fails is left to whoever needs it."""
     missing = [name for name in names if not has_family(archive, name)]
     if len(missing) < 2 or workers.count < 2:

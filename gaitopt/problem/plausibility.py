@@ -95,7 +95,9 @@ def lacks_energy(problem: ProblemStatement) -> bool:
     """Whether nothing replaces what impacts and friction take: no motors, no push-off, and no way downhill."""
     downhill = _geometry_at_guess(problem)[2][0]
     slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
-    driven = problem.walker.flies or _pushes(problem.walker)
+    walker, system = problem.walker, _system(type(problem.walker))
+    push, _ = system.push(np.zeros(system.n_z), [*_values(walker), 0.0])
+    driven = walker.flies or (walker.pushes and np.asarray(push).any())
     passive = isinstance(problem.control, NoControlSpec) and not problem.free and not driven
     return bool(passive and (downhill == 0 or (downhill < 0 and not slides_back)))
 
@@ -167,13 +169,6 @@ def _geometry_at_guess(problem: ProblemStatement) -> tuple[Any, float, Any]:
     shape = [0.0 if problem.start is None else problem.start.state[name] for name in problem.walker.shape]
     foot, upright, gravity = buffered(_geometry(type(problem.walker)))(shape, _values(problem.walker))
     return foot.copy(), float(upright[0]), gravity.copy()
-
-
-def _pushes(walker: Walker) -> bool:
-    """Whether the walker pushes off, and not with nothing."""
-    system = _system(type(walker))
-    impulse, _ = system.push(np.zeros(system.n_z), [*_values(walker), 0.0])
-    return bool(walker.pushes and np.asarray(impulse).any())
 
 
 def _values(walker: Walker) -> list[float]:

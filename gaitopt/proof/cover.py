@@ -149,7 +149,6 @@ class _Cover:
         return (record, piece), (point, centre, rate)
 
     def _radii(self, tilt: Sequence[arb], half: float) -> list[float]:
-        """Half widths that are tried first."""
         if half == 0:
             return [RADIUS] * len(tilt)
         if self._curvature:

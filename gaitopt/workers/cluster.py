@@ -142,7 +142,6 @@ def _end_workers(cluster: Any) -> None:
 
 
 def _kill(process: Any) -> None:
-    """Kill the process of a worker if it is still there."""
     try:
         if process.is_alive():
             os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))

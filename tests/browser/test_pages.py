@@ -4,10 +4,10 @@ import math
 import re
 
 import pytest
-from gaitopt.figures.animation import animation_page
 from pictured import TORSO, branch, gait
 
 from gaitopt import simulate
+from gaitopt.figures.film import animation_page
 from gaitopt.figures.motion import motion_of
 from gaitopt.pages import branch_report, comparison_report, walk_report
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gaitopt.paper.families import follow_families
 from named import named
 
 from gaitopt.cli.main import main
@@ -20,6 +19,7 @@ from gaitopt.paper.figures import FIGURES
 from gaitopt.paper.gaits import SOURCES, family_of, has_family, problem_of
 from gaitopt.paper.numbers import NUMBERS
 from gaitopt.paper.reasons import EXPLANATIONS, Reason
+from gaitopt.paper.reproduction import follow_families
 from gaitopt.paper.sentences import SENTENCES
 from gaitopt.paper.table import markdown, record, row
 from gaitopt.store import run_folder
