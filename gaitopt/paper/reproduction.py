@@ -61,7 +61,13 @@ def reproduce(
         follow_families(archive, [family for family in reversed(tuple(FAMILIES)) if family in needed], workers)
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
-        written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
+        if name == TABLE:
+            record = table.record(archive)
+            written += [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
+            write_whole(written[-2], table.markdown(record))
+            write_whole(written[-1], json_file(record))
+        else:
+            written += save(FIGURES[name](archive), folder / name)
         if progress is not None:
             progress(done, len(names))
     return written
@@ -82,11 +88,3 @@ def follow_families(archive: Archive, names: Sequence[str], workers: Workers) ->
 def _follow(argument: tuple[str, str], parent: object) -> None:
     name, results = argument
     family_of(Archive(Path(results)), name)
-
-
-def _table(archive: Archive, folder: Path) -> list[Path]:
-    record = table.record(archive)
-    paths = [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
-    write_whole(paths[0], table.markdown(record))
-    write_whole(paths[1], json_file(record))
-    return paths

@@ -73,7 +73,11 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
         part = getattr(walker, name) / scales.mass if (field.description or "").endswith("[kg]") else 1.0
         if 0 < part < LIGHT:
             yield Fault(("walker", name), f"is unusual: {part:.1g} of the whole mass")
-    yield from _many_phases(problem)
+    steps = () if problem.is_open else problem.cycle.steps
+    for k, step in enumerate(steps):
+        if len(step.phases) > MANY_PHASES:
+            place: Key = ("gait", "steps", k, "phases") if len(steps) > 1 else ("gait", "phases")
+            yield Fault(place, f"{len(step.phases)} phases in one step are many: a solution may take minutes")
     gravity = _geometry_at_guess(problem)[2]
     if lacks_energy(problem):
         yield Fault(("walker",), NO_ENERGY)
@@ -81,14 +85,6 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
     if problem.static_friction < needed and not problem.free:
         less = f"{problem.static_friction:g} is less than tan(slope) = {needed:.4g}"
         yield Fault(("friction",), f"{less}: no steady gait holds on such a slope")
-
-
-def _many_phases(problem: ProblemStatement) -> Iterator[Fault]:
-    steps = () if problem.is_open else problem.cycle.steps
-    for k, step in enumerate(steps):
-        if len(step.phases) > MANY_PHASES:
-            path: Key = ("gait", "steps", k, "phases") if len(steps) > 1 else ("gait", "phases")
-            yield Fault(path, f"{len(step.phases)} phases in one step are many: a solution may take minutes")
 
 
 def lacks_energy(problem: ProblemStatement) -> bool:

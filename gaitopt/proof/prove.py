@@ -98,9 +98,7 @@ def _arcs(arcs: Sequence[Arc]) -> list[dict[str, Any]]:
 
 
 def _texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
-    """Exact values of all parameters."""
-    system = gait.system
-    texts = exact_texts(gait.problem, system, dict(zip(system.parameters, map(float, gait.p), strict=True)))
+    texts = exact_texts(gait.problem, gait.dynamics.parameters)
     for key, interval in intervals.items():
         if key not in texts:
             raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(texts)}")

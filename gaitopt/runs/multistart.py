@@ -94,7 +94,11 @@ def multistart(
     with writing(folder, problem):
         begin_run(folder, problem)
         solved = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
-    return _distinct(problems, [solved[job.key] for job in jobs])
+    records = [solved[job.key] for job in jobs]
+    converged = [k for k, record in enumerate(records) if record["status"] == Status.CONVERGED]
+    groups = grouped(converged, lambda first, second: _same(records[first], records[second]))
+    optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
+    return sorted(optima, key=_rank)
 
 
 def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[Problem]:
@@ -117,13 +121,6 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[P
             changes[f"control.reference.curve.points.{name}"] = np.clip(row, *within).tolist()
         problems.append(problem.replace(changes))
     return problems
-
-
-def _distinct(problems: list[Problem], records: list[dict[str, Any]]) -> list[Optimum]:
-    solved = [k for k, record in enumerate(records) if record["status"] == Status.CONVERGED]
-    groups = grouped(solved, lambda first, second: _same(records[first], records[second]))
-    optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
-    return sorted(optima, key=_rank)
 
 
 def _rank(optimum: Optimum) -> tuple[bool, float, bool, float]:
