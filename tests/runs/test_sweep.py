@@ -248,8 +248,15 @@ def test_command_prints_one_object_and_draws(tmp_path, monkeypatch, capsys):
 
 def test_finished_sweep_is_drawn_again_from_its_folder_unless_it_is_broken(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    asked = ["sweep", "rimless-wheel-slip", "--over", "friction=0.38:0.4:2", "--over", "walker.slope=13deg:13.1deg:2"]
-    assert main([*asked, "--workers", "1", "--json", "--quiet"]) == 0
+    sweep_command = [
+        "sweep",
+        "rimless-wheel-slip",
+        "--over",
+        "friction=0.38:0.4:2",
+        "--over",
+        "walker.slope=13deg:13.1deg:2",
+    ]
+    assert main([*sweep_command, "--workers", "1", "--json", "--quiet"]) == 0
     record = json.loads(capsys.readouterr().out)
     drawn = [(tmp_path / figure).read_bytes() for figure in record["figures"]]
     assert main(["plot", record["run"], "-o", "again"]) == 0
