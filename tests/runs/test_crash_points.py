@@ -71,7 +71,7 @@ def forked(kind, n, work):
 def write_everything():
     """What the commands do to a disk, without the mathematics."""
     problem = load_problem(WHEEL)
-    write_run(Path("run"), problem=problem, gait=GAIT, trajectory=TABLE)
+    write_run(Path("run"), problem=problem, record=GAIT, table=TABLE)
     known = {record["job"] for record in stored_lines(Path("run"), "jobs.jsonl")}
     with growing(Path("run"), "jobs.jsonl") as lines:
         for job in {0, 1} - known:
