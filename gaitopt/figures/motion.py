@@ -10,7 +10,8 @@ from numpy.polynomial import chebyshev
 
 from gaitopt.families.records import POINTS, recorded_steps
 from gaitopt.figures.labels import Label, label
-from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
+from gaitopt.gait import Arc, Gait, Step, curves, observe
+from gaitopt.gait.measures import Observation
 from gaitopt.mechanics import Dynamics, Mode, Walker
 from gaitopt.study.simulate import Walk
 

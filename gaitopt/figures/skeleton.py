@@ -16,8 +16,10 @@ from casadi import SX, Function, horzcat, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion
-from gaitopt.mechanics import CompassBiped, RimlessWheel, Walker
+from gaitopt.mechanics import Walker
 from gaitopt.mechanics.lagrangian import parameter_namespace
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 RIGID = 1e-9
 """Relative change of a distance below which two points belong to one rigid part."""

@@ -1,10 +1,10 @@
 """Gaits and trajectories as data, and the scalars that describe them."""
 
-from gaitopt.gait.branch import TERMINAL, Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
+from gaitopt.gait.branch import TERMINAL, Branch, BranchPoint, SpecialPoint
 from gaitopt.gait.cause import Cause, in_words
-from gaitopt.gait.gait import Gait, Shooting, Status
-from gaitopt.gait.measures import MEASURES, Observation, measure, measure_scales, observe
-from gaitopt.gait.multipliers import floquet_multipliers, multiplier_distance
+from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.measures import MEASURES, measure, observe
+from gaitopt.gait.multipliers import floquet_multipliers
 from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
 
 __all__ = [
@@ -17,18 +17,12 @@ __all__ = [
     "Ending",
     "Gait",
     "ImpactRecord",
-    "Observation",
-    "Shooting",
     "SpecialPoint",
     "Status",
     "Step",
     "Trajectory",
-    "branch_header",
-    "branch_rows",
     "floquet_multipliers",
     "in_words",
     "measure",
-    "measure_scales",
-    "multiplier_distance",
     "observe",
 ]

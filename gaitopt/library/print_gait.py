@@ -8,7 +8,8 @@ from rich.console import Console
 from gaitopt.library.tables import number, section, with_degrees
 from gaitopt.mechanics.cycle import ModeSequence
 from gaitopt.mechanics.modes import Mode
-from gaitopt.problem import OpenSequence, PDSpec, Problem
+from gaitopt.problem import PDSpec, Problem
+from gaitopt.problem.parts import OpenSequence
 from gaitopt.problem.scalars import label_of, scalar_values, state_unit, telling_scalars, unit_of
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")

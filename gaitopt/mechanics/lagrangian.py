@@ -8,6 +8,7 @@ For a walker whose foot stays on the ground all is stated there: y = dy = 0.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import SimpleNamespace
 
 from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
@@ -74,6 +75,7 @@ def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
     return SimpleNamespace(**{name: p[i] for i, name in enumerate(walker.model_fields)})
 
 
+@lru_cache(maxsize=8)
 def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     """Derive the equations of motion of ``walker`` by differentiating its Lagrangian.
 

@@ -15,11 +15,13 @@ from gaitopt.mechanics.scales import Scales
 Checked = TypeVar("Checked", bound=BaseModel)
 UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "one": ("", lambda s: 1.0),
+    "mass": (" m", lambda s: s.mass),
     "length": (" l", lambda s: s.length),
     "time": (" sqrt(l/g)", lambda s: s.time),
     "rate": (" sqrt(g/l)", lambda s: 1 / s.time),
     "speed": (" sqrt(g l)", lambda s: s.speed),
     "force": (" m g", lambda s: s.force),
+    "impulse": (" m sqrt(g l)", lambda s: s.impulse),
     "torque": (" m g l", lambda s: s.energy),
     "damping": (" m g l sqrt(l/g)", lambda s: s.energy * s.time),
     "torque_squared": (" (m g l)^2 sqrt(l/g)", lambda s: s.energy**2 * s.time),

@@ -45,7 +45,10 @@ def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], fault
     model = _find_model(data, walkers, faults)
     walker = None if model is None else _read_walker(model, data["walker"], free, faults)
     head = _read_head(data, free, faults)
-    friction = _read_friction(data, free, faults)
+    several = _has_coefficients(data)
+    friction = (
+        _read_parameters(FrictionCoefficients, data["friction"], ("friction",), free, faults) if several else None
+    )
     control = _read_control(data.get("control", {"type": "none"}), model, free, faults)
     modes, guess = read_gait(data, model, walker, faults)
     fields: dict[str, Any] = {"walker": walker, "control": control, "modes": modes, "start": guess, "free": free}
@@ -79,12 +82,6 @@ def _read_head(data: Mapping[str, Any], free: dict[str, Free], faults: list[Faul
 def _has_coefficients(data: Mapping[str, Any]) -> bool:
     """Whether friction is given by several coefficients, not by a number or an unknown."""
     return isinstance(data.get("friction"), Mapping) and not _is_free(data["friction"])
-
-
-def _read_friction(data: Mapping[str, Any], free: dict[str, Free], faults: list[Fault]) -> FrictionCoefficients | None:
-    if not _has_coefficients(data):
-        return None
-    return _read_parameters(FrictionCoefficients, data["friction"], ("friction",), free, faults)
 
 
 def _find_model(

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from gaitopt.mechanics.cycle import Cycle
-from gaitopt.problem.control_sections import ConstantTorqueSpec, ControlSpec
+from gaitopt.problem.control_sections import ConstantTorqueSpec
 from gaitopt.problem.initial import OPEN
-from gaitopt.problem.parts import Free, OpenSequence, Range
+from gaitopt.problem.parts import OpenSequence
 
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
@@ -26,16 +26,19 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
         "walker": {"model": problem.walker.model, **problem.walker.model_dump(mode="json")},
         "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
-        "control": _control_data(problem.control),
+        "control": problem.control.model_dump(mode="json", exclude_none=True),
         "gait": _gait_data(problem),
     }
+    if isinstance(problem.control, ConstantTorqueSpec):
+        data["control"] = {"type": problem.control.type, **problem.control.torques}
     for key, free in problem.free.items():
         group, _, name = key.rpartition(".")
-        (data[group] if group else data)[name] = _free_data(free)
+        (data[group] if group else data)[name] = {"free": [free.lower, free.upper], "guess": free.guess}
     if problem.objective:
         data["objective"] = dict(problem.objective)
     if problem.constraints:
-        data["constraints"] = {name: _range_data(span) for name, span in problem.constraints.items()}
+        ends = {name: {"min": span.minimum, "max": span.maximum} for name, span in problem.constraints.items()}
+        data["constraints"] = {n: {k: v for k, v in own.items() if math.isfinite(v)} for n, own in ends.items()}
     return data
 
 
@@ -85,18 +88,3 @@ def cycle_data(cycle: Cycle) -> dict[str, Any]:
     """Phases and impact of one step, or those of several under ``steps``."""
     steps = [{"phases": [mode.data for mode in step.phases], "impact": str(step.impact)} for step in cycle.steps]
     return steps[0] if len(steps) == 1 else {"steps": steps}
-
-
-def _control_data(control: ControlSpec) -> Mapping[str, Any]:
-    if isinstance(control, ConstantTorqueSpec):
-        return {"type": control.type, **control.torques}
-    return control.model_dump(mode="json", exclude_none=True)
-
-
-def _free_data(free: Free) -> dict[str, Any]:
-    return {"free": [free.lower, free.upper], "guess": free.guess}
-
-
-def _range_data(span: Range) -> dict[str, float]:
-    ends = {"min": span.minimum, "max": span.maximum}
-    return {end: value for end, value in ends.items() if math.isfinite(value)}

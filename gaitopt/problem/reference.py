@@ -16,7 +16,7 @@ def reference_name(control: ControlSpec | None) -> tuple[str, Key]:
     if not isinstance(control, PDSpec):
         return "", ()
     if isinstance(control.reference, CurveReference):
-        return control.reference.start, ("control", "reference", "curve", "start")
+        return control.reference.curve.start, ("control", "reference", "curve", "start")
     return control.reference.gait, ("control", "reference", "gait")
 
 

@@ -14,10 +14,10 @@ from gaitopt.runs.basin import Outcomes, follow
 from gaitopt.runs.basin_tiles import BASIN_FILE, NUMBER, STATE_BYTES_MEMORY, Basin, assembled
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.simulation import Engine, choose_engine
-from gaitopt.store import begin_run, has_tile, json_file, seal, write_files, write_tile, writing
+from gaitopt.store import begin_run, json_file, write_files, writing
 from gaitopt.store.files import make_folder
-from gaitopt.store.manifest import MANIFEST_FILE
-from gaitopt.store.tiles import TILE_FILE
+from gaitopt.store.manifest import MANIFEST_FILE, seal
+from gaitopt.store.tiles import TILE_FILE, has_tile, write_tile
 from gaitopt.study.return_map import section_states, step_map
 from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 

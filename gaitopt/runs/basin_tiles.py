@@ -16,9 +16,10 @@ from gaitopt.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.basin import Attractors, Outcomes, ending_name, outcome_counts
 from gaitopt.runs.grid import Grid, check_room
-from gaitopt.store import read_manifest, read_object, read_problem, read_sealed, read_tile
+from gaitopt.store import read_object, read_problem, read_sealed
+from gaitopt.store.manifest import read_manifest
 from gaitopt.store.records import validated
-from gaitopt.store.tiles import TILE_FILE
+from gaitopt.store.tiles import TILE_FILE, read_tile
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -8,17 +8,11 @@ from typing import Any
 
 from gaitopt.callbacks import Stop
 from gaitopt.families import Request, follow_family, resumable
-from gaitopt.gait import Gait, SpecialPoint, branch_header, branch_rows
+from gaitopt.gait import Gait, SpecialPoint
+from gaitopt.gait.branch import branch_header, branch_rows
 from gaitopt.problem import Problem
-from gaitopt.store import (
-    BRANCH_FILE,
-    begin_branch,
-    branch_folder,
-    growing,
-    stored_lines,
-    stored_records,
-    write_branch_table,
-)
+from gaitopt.store import BRANCH_FILE, growing, stored_lines
+from gaitopt.store.branch import begin_branch, branch_folder, stored_records, write_branch_table
 
 Record = Mapping[str, Any]
 

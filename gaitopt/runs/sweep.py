@@ -11,8 +11,9 @@ from gaitopt.problem import Problem
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, Sweep, sweep_record, sweep_table
-from gaitopt.store import begin_run, csv_text, json_file, write_files, writing
+from gaitopt.store import begin_run, json_file, write_files, writing
 from gaitopt.store.files import make_folder
+from gaitopt.store.text import csv_text
 from gaitopt.workers.jobs import Job, Workers, key_of
 
 

@@ -16,7 +16,8 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
-from gaitopt.problem import Free, Problem
+from gaitopt.problem import Problem
+from gaitopt.problem.parts import Free
 from gaitopt.search.own import own_problem
 from gaitopt.study.system import solve_sequence
 

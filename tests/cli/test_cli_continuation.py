@@ -10,7 +10,8 @@ import pytest
 from gaitopt.errors import StorageError
 from gaitopt.families import continuer
 from gaitopt.families.continuer import Continuer
-from gaitopt.store import BRANCH_FILE, LineWriter, read_lines
+from gaitopt.store import BRANCH_FILE
+from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.manifest import seal
 from gaitopt.study.claims import Verification
 from gaitopt.study.verify import confirm

@@ -15,8 +15,8 @@ from gaitopt.figures.film import film
 from gaitopt.figures.motion import motion_of
 from gaitopt.figures.packing import CODES, pack
 from gaitopt.figures.skeleton import skeleton, slope
-from gaitopt.mechanics import CompassBiped
 from gaitopt.mechanics.mechanism import polar
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 WALKERS = (*SEQUENCES, TORSO)
 

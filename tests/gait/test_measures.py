@@ -8,7 +8,9 @@ from oracles import numbers
 from scipy.integrate import solve_ivp, trapezoid
 
 from gaitopt.gait import Arc, ImpactRecord, Step, curves, measure
-from gaitopt.mechanics import CompassBiped, ConstantTorque, Dynamics, HybridSystem, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import ConstantTorque, Dynamics, HybridSystem, Mode, NoControl
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 TORQUES = np.array([0.3, -0.2])

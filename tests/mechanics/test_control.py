@@ -7,7 +7,6 @@ from oracles import CASES, numbers
 
 from gaitopt.mechanics import (
     BeyondEnd,
-    CompassBiped,
     ConstantTorque,
     Control,
     HybridSystem,
@@ -17,6 +16,7 @@ from gaitopt.mechanics import (
     ProportionalDerivative,
 )
 from gaitopt.mechanics.control.reference import continued
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 KP, KD = 12.0, 3.0
 STATE = np.array([0.1, -0.2, 0.0, 0.7, -0.4, 0.0])

@@ -13,7 +13,7 @@ from gaitopt.cli.main import main
 from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
-from gaitopt.paper import Archive
+from gaitopt.paper.archive import Archive
 from gaitopt.paper.copied_torques import copied_torques, mean_torques
 from gaitopt.paper.families import follow_families
 from gaitopt.paper.figures import FIGURES

@@ -15,19 +15,9 @@ from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.units import NonNegative
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.problem import (
-    ConstantTorqueSpec,
-    CurveReference,
-    Free,
-    GaitReference,
-    NoControlSpec,
-    PDSpec,
-    Range,
-    load_problem,
-    parse_problem,
-    problem_names,
-    restore_problem,
-)
+from gaitopt.problem import CurveReference, PDSpec, Range, load_problem, parse_problem, problem_names, restore_problem
+from gaitopt.problem.control_sections import ConstantTorqueSpec, GaitReference, NoControlSpec
+from gaitopt.problem.parts import Free
 
 PAPER = {
     "rimless-wheel-stick": (1.0, ("stick",), "stick"),
@@ -123,7 +113,11 @@ def test_a_curve_may_be_the_reference_and_is_an_unknown():
     problem = parse_problem(walking(control=curve) + "objective: cost_of_transport\n")
     reference = problem.control.reference
     assert isinstance(reference, CurveReference)
-    assert (reference.degree, reference.start, reference.beyond_end) == (5, "compass-passive-b", BeyondEnd.OFF)
+    assert (reference.curve.degree, reference.curve.start, reference.beyond_end) == (
+        5,
+        "compass-passive-b",
+        BeyondEnd.OFF,
+    )
     assert problem.reference_problem().name == "compass-passive-b"
     assert restore_problem(problem.resolved()).digest == problem.digest
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics import registered_walkers
+from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.problem import load_problem, parse_problem
 
 GAIT = """\

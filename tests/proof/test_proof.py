@@ -12,12 +12,13 @@ from flint import arb, arb_mat, ctx  # noqa: E402
 from gaitopt import load_problem, prove, simulate, solve  # noqa: E402
 from gaitopt.errors import UnknownNameError  # noqa: E402
 from gaitopt.gait import measure  # noqa: E402
-from gaitopt.proof import PRECISION, check, claims, krawczyk, orbit, prove_special  # noqa: E402
+from gaitopt.proof import check, claims, krawczyk, orbit, prove_special  # noqa: E402
 from gaitopt.proof.branch import connection_claim  # noqa: E402
 from gaitopt.proof.check import check_box  # noqa: E402
 from gaitopt.proof.graph import NotProved  # noqa: E402
 from gaitopt.proof.parameters import ball, exact_texts  # noqa: E402
 from gaitopt.proof.statement import restore_box, restore_statement  # noqa: E402
+from gaitopt.proof.taylor import PRECISION  # noqa: E402
 
 WHEELS = ("rimless-wheel-stick", "rimless-wheel-slip")
 OTHERS = {

@@ -9,7 +9,7 @@ from gaitopt.runs import solved
 from gaitopt.runs.front import design_front
 from gaitopt.runs.grid import Axis
 from gaitopt.runs.multistart import multistart, sampled
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 from gaitopt.workers.jobs import Workers
 
 AXIS = Axis(key="constraints.speed.min", lower=0.4, upper=0.45, count=2)

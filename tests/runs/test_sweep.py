@@ -20,7 +20,7 @@ from gaitopt.runs.multistart import multistart
 from gaitopt.runs.solved import JOBS
 from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
 from gaitopt.runs.sweep_table import TABLE_FILE, sweep_record
-from gaitopt.store import read_lines
+from gaitopt.store.lines import read_lines
 from gaitopt.store.manifest import seal
 from gaitopt.workers.jobs import FailedJob, Workers
 

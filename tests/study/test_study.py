@@ -11,7 +11,8 @@ import gaitopt as go
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Ending, Gait
 from gaitopt.mechanics import BeyondEnd
-from gaitopt.study import Walk, build_system, gait_reference
+from gaitopt.study import Walk
+from gaitopt.study.system import build_system, gait_reference
 
 SIMULATED = {"problem", "status", "friction", "phases", "impact", "state", *MEASURES}
 RESULT = {
