@@ -34,8 +34,8 @@ SINGULAR = 1e-5
 """Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
 INVERSE_ITERATIONS = 2
 """The null vector of a matrix that is singular to nine digits is right to as many after one."""
-REMEMBERED = 1
-"""Points before the last one that are extrapolated from: with slopes a cubic polynomial, which adds little rounding."""
+REMEMBERED = 2
+"""Points before the last one that are extrapolated from, with slopes; more of them would be given too large weights."""
 FORWARD = 0.5
 """Cosine of the angle between tangents beyond which the curve has turned too far to be extrapolated."""
 SLOW = 0.2
