@@ -101,7 +101,6 @@ def _prove_special(target: str, width: float | None, output: Path | None, termin
 
 
 def _keep(proof: "Proof", file: Path, terminal: Terminal) -> int:
-    """Keep the certificate and report."""
     from gaitopt.store import json_text, write_whole
 
     write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
@@ -126,7 +125,6 @@ def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, s
 
 
 def _checked(file: Path) -> "Proof":
-    """The proof of a certificate's file."""
     from json import JSONDecodeError, loads
 
     from gaitopt.proof import check

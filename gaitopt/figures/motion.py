@@ -56,10 +56,6 @@ class Motion:
         """Coefficient of static friction, the edge of the cone."""
         return self.dynamics.static_friction
 
-    def parameter(self, key: str) -> float:
-        """Value of the parameter with this dotted key."""
-        return self.dynamics.parameter(key)
-
     def state_index(self, name: str) -> int:
         """Column of a state in ``Arc.states``."""
         return self.dynamics.system.state_names.index(name)

@@ -12,7 +12,7 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.errors import SolveError
 from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
-from gaitopt.gait.motion import Motion
+from gaitopt.gait.motion import WalkerMotion
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import Mode
 
@@ -50,7 +50,7 @@ class Shooting(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gait(Motion):
+class Gait(WalkerMotion):
     """A periodic cycle of steps, or the remains of a failed attempt: only ``status == converged`` is a gait.
 
     Attributes

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion(Moving, ReadOnlyArrays):
+class WalkerMotion(Moving, ReadOnlyArrays):
     """What a gait and a simulated walk have in common.
 
     Attributes

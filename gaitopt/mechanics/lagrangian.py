@@ -188,9 +188,9 @@ def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> Non
     unknown = {*walker.exchanged, *walker.exchanged.values()} - {*walker.model_fields}
     if unknown:
         raise ProblemError(f"{walker.__name__}: exchanged names {', '.join(sorted(unknown))}, which is no parameter")
-    strangers = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
-    if strangers:
-        raise ProblemError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")
+    foreign = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
+    if foreign:
+        raise ProblemError(f"{walker.__name__}: {', '.join(sorted(foreign))} is no shape coordinate")
     points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
     for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
         with_foot = jacobian(point, foot)

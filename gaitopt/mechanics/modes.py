@@ -135,7 +135,6 @@ def _joined(contact: str, *stops: tuple[str, str]) -> Mode:
 
 
 def _read(data: object) -> Mode:
-    """A mode from a problem file."""
     contact, stops = (
         (data.get("mode"), {k: v for k, v in data.items() if k != "mode"}) if isinstance(data, dict) else (data, {})
     )

@@ -96,12 +96,15 @@ def _words(span: Interval, unit: str) -> str:
 
 
 def shorter(part: str, whole: str) -> Any:
-    """A validator of a model for its class body: one length is less than another, both fields in m."""
+    """A validator of a model for its class body: the distance of a mass from its foot is less than the leg, in m."""
 
     def check(model: Checked) -> Checked:
         length, limit = getattr(model, part), getattr(model, whole)
         if length >= limit:
-            raise ValueError(f"{part} = {length:g} m must be less than {whole} = {limit:g} m")
+            raise ValueError(
+                f"{part} = {length:g} m must be less than {whole} = {limit:g} m: "
+                "a mass at or beyond the hip leaves the swing leg without inertia or turns it over"
+            )
         return model
 
     return model_validator(mode="after")(check)

@@ -8,12 +8,11 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.figures.style import save
 from gaitopt.paper import table
 from gaitopt.paper.archive import Archive
-from gaitopt.paper.families import follow_families
 from gaitopt.paper.figures import FIGURES, NEEDED
-from gaitopt.paper.gaits import FAMILIES
+from gaitopt.paper.gaits import FAMILIES, family_of, has_family
 from gaitopt.store import json_file, write_whole
 from gaitopt.store.files import clear_leftovers, make_folder
-from gaitopt.workers.jobs import Workers
+from gaitopt.workers.jobs import Job, Workers, key_of, run_jobs
 
 PAPERS = ("gamus-or-2013",)
 TABLE = "table"
@@ -62,15 +61,30 @@ def reproduce(
         follow_families(archive, [family for family in reversed(tuple(FAMILIES)) if family in needed], workers)
     written: list[Path] = []
     for done, name in enumerate(names, start=1):
-        written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
+        if name == TABLE:
+            record = table.record(archive)
+            written += [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
+            write_whole(written[-2], table.markdown(record))
+            write_whole(written[-1], json_file(record))
+        else:
+            written += save(FIGURES[name](archive), folder / name)
         if progress is not None:
             progress(done, len(names))
     return written
 
 
-def _table(archive: Archive, folder: Path) -> list[Path]:
-    record = table.record(archive)
-    paths = [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
-    write_whole(paths[0], table.markdown(record))
-    write_whole(paths[1], json_file(record))
-    return paths
+def follow_families(archive: Archive, names: Sequence[str], workers: Workers) -> None:
+    """Follow those of the families that are not kept yet; one that fails is left to whoever needs it."""
+    missing = [name for name in names if not has_family(archive, name)]
+    if len(missing) < 2 or workers.count < 2:
+        return
+    count, results = min(workers.count, len(missing)), str(archive.results.resolve())
+    archive.narrate(f"continuing {len(missing)} families in {count} processes")
+    jobs = [Job(key=key_of([name, results]), argument=(name, results)) for name in missing]
+    for _ in run_jobs(_follow, jobs, Workers(count=count), should_stop=archive.should_stop):
+        pass
+
+
+def _follow(argument: tuple[str, str], parent: object) -> None:
+    name, results = argument
+    family_of(Archive(Path(results)), name)

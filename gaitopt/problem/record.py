@@ -4,18 +4,16 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gaitopt.mechanics.cycle import Cycle
 from gaitopt.problem.control_sections import ConstantTorqueSpec
 from gaitopt.problem.initial import OPEN
 from gaitopt.problem.parts import OpenSequence
-
-if TYPE_CHECKING:
-    from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import ProblemStatement
 
 
-def problem_data(problem: "Problem") -> dict[str, Any]:
+def problem_data(problem: ProblemStatement) -> dict[str, Any]:
     """JSON-able data that would be read as the same problem; a reference stands there by its name.
 
     Of the guessed state only the section coordinates are given, so that what follows from them does when they change.
@@ -42,20 +40,6 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
     return data
 
 
-def resolved_data(problem: "Problem") -> dict[str, Any]:
-    """The same with the whole state of the guess; in a reference the other problem stands in place of its name."""
-    data = problem_data(problem)
-    if problem.start is not None:
-        data["gait"]["guess"]["state"] = dict(problem.start.state)
-    if problem.reference is not None:
-        reference = data["control"]["reference"]
-        if "curve" in reference:
-            reference["curve"]["start"] = problem.reference.resolved()
-        else:
-            reference["gait"] = problem.reference.resolved()
-    return data
-
-
 def digest_of(resolved: Mapping[str, Any]) -> str:
     """SHA-256 of resolved data without the texts ``about``."""
     canonical = json.dumps(_without_about(resolved), sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -68,7 +52,7 @@ def _without_about(data: Any) -> Any:
     return data
 
 
-def _gait_data(problem: "Problem") -> dict[str, Any]:
+def _gait_data(problem: ProblemStatement) -> dict[str, Any]:
     if isinstance(problem.modes, OpenSequence):
         data: dict[str, Any] = {"phases": OPEN}
         data |= {} if problem.modes.impact is None else {"impact": str(problem.modes.impact)}

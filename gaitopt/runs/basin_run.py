@@ -1,4 +1,4 @@
-"""A basin on disk: tiles of states, stored as they finish, so that a run that was killed goes on where it was."""
+"""A basin on disk: tiles of states, stored as they finish, so that a run that was killed resumes where it stopped."""
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -91,13 +91,7 @@ class BasinPlan:
 
 
 def check_basin(plan: BasinPlan) -> None:
-    """Refuse a basin that cannot be walked or kept, before it starts.
-
-    Raises
-    ------
-    UnknownNameError
-        If the grid is not over section coordinates, or the engine is not there.
-    """
+    """Refuse a basin that cannot be walked or kept, before it starts; its errors are those of ``gaitopt.basin``."""
     plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
     choose_engine(plan.engine)
     check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)

@@ -70,15 +70,7 @@ class SweepPlan:
 
 
 def check_sweep(sweep: SweepPlan) -> None:
-    """Refuse a sweep that cannot be made or kept, before it starts.
-
-    Raises
-    ------
-    UnknownNameError
-        If the grid is over something that is not a parameter.
-    ProblemError
-        If a point of the grid is no valid problem.
-    """
+    """Refuse a sweep that cannot be made or kept, before it starts; its errors are those of ``gaitopt.sweep``."""
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
     check_jobs_fit(sweep.grid.size, sweep.folder)
     _ = sweep.jobs

@@ -22,7 +22,7 @@ from gaitopt.search.own import own_problem
 from gaitopt.study.system import solve_sequence
 
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
-"""Special points beyond which a mode sequence does not go on, or not in the same direction."""
+"""Special points beyond which a mode sequence does not continue, or not in the same direction."""
 MAX_POINTS = 200
 """Bound on the work for one family, which answers within some tens of points if it does."""
 WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35

@@ -11,7 +11,7 @@ from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
-from gaitopt.gait.motion import Motion
+from gaitopt.gait.motion import WalkerMotion
 from gaitopt.mechanics import Dynamics
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, make_stepper
@@ -19,7 +19,7 @@ from gaitopt.study.system import problem_dynamics
 
 
 @dataclass(frozen=True, kw_only=True)
-class Walk(Motion):
+class Walk(WalkerMotion):
     """A simulated walk.
 
     Attributes
@@ -47,6 +47,7 @@ class Walk(Motion):
         """One JSON object with the keys of a gait as far as a simulation knows them; scalars are of the last step."""
         last = self.complete_steps[-1] if self.complete_steps else None
         state = self.trajectory.section_states[-1]
+        values = zip(self.dynamics.parameters.items(), self.system.values(self.problem.parameters), strict=True)
         impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
         return {
             "problem": self.problem.name,
@@ -63,19 +64,13 @@ class Walk(Motion):
                 for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
             ],
             "gait_states": [self._state_record(state) for state in self.gait_states],
-            "parameters": self._freed(),
+            "parameters": {key: value for (key, value), own in values if value != own},  # those of the gait
         }
 
     @property
     def section_times(self) -> Array:
         """Times of the start and of each impact [s]; shape (n_impacts + 1,)."""
         return np.cumsum([0.0, *(step.period for step in self.complete_steps)])
-
-    def _freed(self) -> dict[str, float]:
-        """Parameters of the gait that it started from, where they are not those of the problem."""
-        stated = self.system.values(self.problem.parameters)
-        values = zip(self.dynamics.parameters.items(), stated, strict=True)
-        return {name: value for (name, value), own in values if value != own}
 
     def _tabulated(self) -> tuple[tuple[Step, ...], dict[str, str]]:
         return self.trajectory.steps, {"problem": self.problem.name, "ending": str(self.trajectory.ending)}

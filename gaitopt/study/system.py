@@ -159,7 +159,6 @@ def _reference_gait(problem: Problem, should_stop: Stop) -> Gait:
 
 
 def _source(problem: Problem) -> Problem:
-    """The problem of a PD law's reference."""
     if problem.reference is None:
         raise ProblemError(f"{problem.name}: control.reference names no problem")
     return problem.reference

@@ -197,7 +197,7 @@ def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(
 
 
 @pytest.mark.parametrize(("name", "overrides"), OTHERS, ids=str)
-def test_both_roads_agree_for_other_parameters_from_the_same_guess(name: str, overrides: dict[str, object]) -> None:
+def test_both_methods_agree_for_other_parameters_from_the_same_guess(name: str, overrides: dict[str, object]) -> None:
     gait = go.solve(with_values(name, overrides))
     assert gait.converged
     assert [claim for claim in go.verify(gait).claims if not claim.passed] == []
