@@ -26,9 +26,8 @@ from gaitopt.nlp.trial import overflow_allowed
 RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step.
 
-Above ``ROUNDING`` one chord more is tried.
+One chord more then leads to rounding, also where the equations are so flat that a prediction meets them.
 """
-ROUNDING = 1e-14
 ITERATIONS = 11
 SINGULAR = 1e-5
 """Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
@@ -191,12 +190,15 @@ class Curve:
             size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
             return _Trial(w=w, residual=residual, offset=offset, size=size, chord=None if size > SLOW * last else chord)
 
-        def following(at: _Trial) -> _Trial:
-            chord = at.chord or self._bordered(linearise(self.transcription, at.w, self.p), normal)
+        def moved(at: _Trial, chord: ScaledMatrix) -> Array:
             w = at.w - chord.solve(np.append(at.residual, at.offset))
             if at_parameter:
                 w[-1] = predicted[-1]  # which rounding would move, perhaps out of its range
-            return trial(w, chord, at.size)
+            return w
+
+        def following(at: _Trial) -> _Trial:
+            chord = at.chord or self._bordered(linearise(self.transcription, at.w, self.p), normal)
+            return trial(moved(at, chord), chord, at.size)
 
         try:
             end = iterate(
@@ -210,9 +212,8 @@ class Curve:
             if not end.solved:
                 return None
             last = end.at
-            if last.chord is not None and last.size > ROUNDING:
-                last = min(last, following(last), key=lambda at: at.size)
-            return self._finish(linearise(self.transcription, last.w, self.p), forward, end.count)
+            w = last.w if last.chord is None else moved(last, last.chord)
+            return self._finish(linearise(self.transcription, w, self.p), forward, end.count)
         except RuntimeError:  # singular
             return None
 
