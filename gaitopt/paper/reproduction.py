@@ -56,17 +56,25 @@ def reproduce(
     every, names = set().union(*waiting.values()), tuple(waiting)
     needed, met = [need for need in EVERYTHING if need in every], set[Need]()
     written: dict[str, list[Path]] = {}
-    whole = sum(map(cost, needed)) + len(names)
+    workers = workers or Workers(count=1)
     if progress is not None:
         progress(0, 100)
-    for need in prepared(archive, needed, workers or Workers(count=1)):
+    for need in prepared(archive, needed, workers):
         met.add(need)
         for name in [name for name, own in waiting.items() if own <= met]:
             written[name] = _table(archive, folder) if name == TABLE else _figure(archive, folder, name)
             del waiting[name]
         if progress is not None:
-            progress(int(100 * (sum(map(cost, met)) + len(written)) / whole), 100)
+            progress(_percent([need in met for need in needed], needed, workers.count, len(written), len(names)), 100)
     return [path for name in names for path in written[name]]
+
+
+def _percent(met: Sequence[bool], needed: Sequence[Need], count: int, written: int, parts: int) -> int:
+    """How much of the work is done; what several processes are at counts half."""
+    costs = [cost(need) for need in needed]
+    done = sum(own for own, is_met in zip(costs, met, strict=True) if is_met)
+    going = [own for own, is_met in zip(costs, met, strict=True) if not is_met][: count if count > 1 else 0]
+    return int(100 * (done + sum(going) / 2 + written) / (sum(costs) + parts))
 
 
 def _figure(archive: Archive, folder: Path, name: str) -> list[Path]:

@@ -13,7 +13,7 @@ from gaitopt.cli.main import main
 from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
-from gaitopt.paper import Archive, parts, reproduce
+from gaitopt.paper import Archive, parts, reproduce, reproduction
 from gaitopt.paper.copied_torques import copied_torques, mean_torques
 from gaitopt.paper.figures import FIGURES
 from gaitopt.paper.gaits import SOURCES, family_of, has_family, problem_of
@@ -98,6 +98,18 @@ def test_progress_counts_what_parts_need_too(tmp_path, archive):
     counts = []
     reproduce(archive, tmp_path, ("fig3", "fig6"), lambda done, total: counts.append((done, total)))
     assert counts == [(0, 100), (50, 100), (100, 100)]
+
+
+def test_the_remaining_time_is_told_from_the_first_family_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(reproduction, "prepared", lambda archive, needed, workers: iter(needed))
+    monkeypatch.setattr(reproduction, "_figure", lambda *_: [])
+    monkeypatch.setattr(reproduction, "_table", lambda *_: [])
+    counts: list[int] = []
+    reproduce(Archive(tmp_path), tmp_path, (), lambda done, total: counts.append(done), Workers(count=2))
+    assert counts[0] == 0
+    assert 15 < counts[1] < 35  # the first of sixteen needs is the longest by far
+    assert counts[-1] == 100
+    assert np.all(np.diff(counts) >= 0)
 
 
 @pytest.mark.parametrize("name", SOURCES)
