@@ -12,8 +12,7 @@ integrates from the start of the step to any time within it, and Newton's method
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,8 +51,7 @@ MAX_BISECTIONS = 100
 """More than enough to halve any interval down to rounding."""
 
 
-@dataclass(frozen=True, slots=True)
-class Point:
+class Point(NamedTuple):
     """A point of a motion in natural units: time, state (n_z,), its rate (n_z,), margins and their rates."""
 
     time: float
