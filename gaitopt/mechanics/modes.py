@@ -26,6 +26,7 @@ class Mode(str):
     stops : state of every stop and switch by its name, in order; not to be written to.
     free, locked : names of the stops in either state.
     off : names of the switches that are off.
+    key : the text as part of an identifier.
     """
 
     STICK: ClassVar["Mode"]
@@ -37,6 +38,7 @@ class Mode(str):
     free: tuple[str, ...]
     locked: tuple[str, ...]
     off: tuple[str, ...]
+    key: str
     _direction: int
     _sticks: bool
     _flies: bool
@@ -57,7 +59,7 @@ class Mode(str):
             mode = super().__new__(cls, text)
             mode.contact = Mode(contact) if stops else mode
             mode._direction, mode._sticks, mode._flies = _DIRECTIONS[contact], contact == "stick", contact == "flight"
-            mode.stops = states
+            mode.stops, mode.key = states, re.sub(r"\W+", "_", text)
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == own) for own in STATES
             )
@@ -103,11 +105,6 @@ class Mode(str):
     def data(self) -> str | dict[str, str]:
         """As in a problem file: a word, or a mapping where there are stops."""
         return self.record if self.stops else str(self)
-
-    @property
-    def key(self) -> str:
-        """The text as part of an identifier."""
-        return re.sub(r"\W+", "_", self)
 
     @property
     def direction(self) -> int:

@@ -90,13 +90,15 @@ class HybridSystem:
 
         return self._build(f"events_{mode.key}", lambda: {"margins": self._symbols.margins(mode), "rates": rates()})
 
-    def gradients(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> Jacobian of the margins in z."""
+    def linearized(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> dz/dt, Jacobian of the margins in z, and rates of the margins along the flow."""
 
         def outputs() -> dict[str, SX]:
-            return {"margins_by_z": jacobian(self._symbols.margins(mode), self._eom.z)}
+            dz, margins = self._symbols.motion(mode).dz, self._symbols.margins(mode)
+            by_z = jacobian(margins, self._eom.z)
+            return {"dz": dz, "margins_by_z": by_z, "rates": by_z @ dz + jacobian(margins, self._t)}
 
-        return self._build(f"gradients_{mode.key}", outputs)
+        return self._build(f"linearized_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""

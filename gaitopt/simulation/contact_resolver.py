@@ -40,6 +40,8 @@ class Termination:
 
 NORMAL_FORCE = margin_names(Mode.STICK).index("normal_force")
 """Its place among the margins of every mode on the ground."""
+CONE = {name: margin_names(Mode.STICK).index(name) for name in ONSETS}
+"""Places of the margins of the cone in stick."""
 CANNOT_SLIP = Termination(Ending.PAINLEVE, "a foot without mass cannot slip, and friction does not hold it")
 
 
@@ -177,15 +179,12 @@ class ContactResolver:
 
     def _leaves(self, stuck: Mode, point: Point, data: Array) -> set[Mode]:
         """Which slips the foot is pushed into: the margins of the cone that do not hold for longer than an instant."""
-        cone = [(name, margin_names(stuck).index(name)) for name in ONSETS]
-        rates = point.rates
-        if any(bends_decide(point.margins[k], rates[k]) for _, k in cone):
-            later = self._points(stuck, *point.shifted(LOOK), data).rates
-        else:
-            later = rates
-        return {
-            ONSETS[name] for name, k in cone if falls(name, point.margins[k], rates[k], (later[k] - rates[k]) / LOOK)
-        }
+        margins, rates = point.margins, point.rates
+        near = [name for name, k in CONE.items() if margins[k] <= EDGE]
+        decided = not any(bends_decide(margins[CONE[name]], rates[CONE[name]]) for name in near)
+        later = rates if decided else self._points(stuck, *point.shifted(LOOK), data).rates
+        rows = ((name, margins[CONE[name]], rates[CONE[name]], later[CONE[name]]) for name in near)
+        return {ONSETS[name] for name, m, rate, end in rows if falls(name, m, rate, (end - rate) / LOOK)}
 
     def _record(self, chosen: _Candidate, stick: _Candidate, z_minus: Array) -> ImpactRecord | Termination:
         if chosen.lift_velocity <= 0:

@@ -214,7 +214,7 @@ class Simulator:
         self, mode: Mode, moment: _Moment, arrival: Arrival
     ) -> tuple[Mode | ImpactRecord | Termination, _Moment]:
         """What comes after an arc: a mode, the impact, or the end of the motion; and the moment it begins."""
-        here = moment._replace(time=arrival.time, state=arrival.state)
+        here = _Moment(arrival.time, arrival.state, moment.segment, moment.switches)
         if arrival.failure:
             return Termination(Ending.NUMERICAL, arrival.failure), here
         event = "touchdown" if arrival.event is None and self._is_touchdown(mode, here) else arrival.event
@@ -225,7 +225,7 @@ class Simulator:
             return FATAL[event], here
         if event == "touchdown":
             return self._resolver.impact(here.state), here
-        here = here._replace(switches=here.switches + 1)
+        here = _Moment(arrival.time, arrival.state, moment.segment, moment.switches + 1)
         if here.switches > self._max_switches:
             return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
         if leaves:

@@ -6,7 +6,7 @@ the root of the lifted margin to that of the margin itself. Inside, all is in na
 """
 
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import heyoka as hy
@@ -68,11 +68,7 @@ class HeyokaStepper:
         event = fallen(names, start.margins, start.rates, partial(self._look, mode, data, start))
         if event is not None or limit <= time:
             return Arrival(time=time, state=state, event=event)
-        lifts = [
-            smallest_lift(name) if margin > EDGE else lift(name, margin, rate)
-            for name, margin, rate in zip(names, start.margins, start.rates, strict=True)
-        ]
-        taylor = self._loaded("events", mode, data, start.time, start.state, lifts=lifts)
+        taylor = self._loaded("events", mode, data, start.time, start.state, lifts=_lifts(names, start))
         taylor.reset_cooldowns()
         outcome = taylor.propagate_until(self._precision(limit / unit.time), max_steps=MAX_TAYLOR_STEPS)[0]
         end, zeta = float(taylor.time), np.array(taylor.state, dtype=float)
@@ -127,9 +123,10 @@ class HeyokaStepper:
         end, zeta = refine(k, near, partial(self._reach, mode, data))
         names, shift = margin_names(mode), end - near.time
         together = [
-            name
-            for name, m, r, first in zip(names, near.margins, near.rates, start.margins, strict=True)
-            if r < 0 and coincides(m + shift * r, r) and (is_armed(name, first) or end > start.time + INSTANT)
+            names[j]
+            for j, rate in enumerate(near.rates)
+            if rate < 0 and coincides(near.margins[j] + shift * rate, rate)
+            if is_armed(names[j], start.margins[j]) or end > start.time + INSTANT
         ]
         return min((names[k], *together), key=priority), end, zeta
 
@@ -141,6 +138,20 @@ class HeyokaStepper:
     def _look(self, mode: Mode, data: Array, point: Point) -> list[float]:
         """Rates of the margins a little later, from which their bends follow."""
         return list(self._points(mode, *point.shifted(LOOK), data).rates)
+
+
+def _lifts(names: tuple[str, ...], start: Point) -> list[float]:
+    """By how much every margin is lifted in an arc."""
+    lifts = list(_smallest_lifts(names))
+    for k, margin in enumerate(start.margins):
+        if margin <= EDGE:
+            lifts[k] = lift(names[k], margin, start.rates[k])
+    return lifts
+
+
+@lru_cache(maxsize=64)
+def _smallest_lifts(names: tuple[str, ...]) -> tuple[float, ...]:
+    return tuple(map(smallest_lift, names))
 
 
 class _Loaded:
