@@ -149,7 +149,7 @@ class HybridSystem:
         def outputs() -> dict[str, SX]:
             return {"impacts": horzcat(*(vertcat(*self.impact(mode).call([z, p])) for mode in modes))}
 
-        return self._build("_".join(["impacts", *(mode.key for mode in modes)]), outputs, inputs={"z": z, "p": p})
+        return self._build("_".join(["impacts", *(mode.key for mode in modes)]), outputs, "zp")
 
     def impact_jacobian(self, mode: Mode) -> Function:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
