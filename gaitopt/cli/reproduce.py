@@ -29,7 +29,7 @@ def reproduce(terminal: Terminal, paper: PaperArgument, only: OnlyOption = None,
     from gaitopt.workers.jobs import Workers
 
     check_names(paper, only or ())
-    with terminal.working("parts") as (progress, interrupted):
+    with terminal.working("percent") as (progress, interrupted):
         archive = Archive(narrate=terminal.say, should_stop=interrupted)
         written = write(archive, output or RESULTS / paper, only or (), progress, Workers())
     terminal.print_paths(written)

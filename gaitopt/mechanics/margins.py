@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, read_only
 from gaitopt.mechanics.modes import Mode
 from gaitopt.mechanics.ranges import UNITS
 from gaitopt.mechanics.scales import Scales
@@ -202,9 +202,10 @@ def impact_margin_names(mode: Mode, walker: type[Walker], *, two_coefficients: b
     return (*common, "impact_slip_velocity", "impact_painleve", *(("impact_onset",) if two_coefficients else ()))
 
 
+@lru_cache(maxsize=64)
 def margin_scales(mode: Mode, scales: Scales) -> Array:
-    """Natural unit of every margin of a mode, in the order of ``margin_names``."""
-    return np.array([margin_unit(name, scales) for name in margin_names(mode)])
+    """Natural unit of every margin of a mode, in the order of ``margin_names``; read-only."""
+    return read_only(np.array([margin_unit(name, scales) for name in margin_names(mode)]))
 
 
 def margin_unit(name: str, scales: Scales) -> float:

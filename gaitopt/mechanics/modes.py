@@ -29,6 +29,7 @@ class Mode(str):
     direction : sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight.
     sticks, slips : whether the foot is held by friction, or slips.
     flies : whether no foot touches the ground.
+    key : the text as part of an identifier.
     """
 
     STICK: ClassVar["Mode"]
@@ -40,6 +41,7 @@ class Mode(str):
     free: tuple[str, ...]
     locked: tuple[str, ...]
     off: tuple[str, ...]
+    key: str
     direction: int
     sticks: bool
     slips: bool
@@ -62,7 +64,7 @@ class Mode(str):
             mode.contact = Mode(contact) if stops else mode
             mode.direction = _DIRECTIONS[contact]
             mode.sticks, mode.slips, mode.flies = contact == "stick", mode.direction != 0, contact == "flight"
-            mode.stops = states
+            mode.stops, mode.key = states, re.sub(r"\W+", "_", text)
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == own) for own in STATES
             )
@@ -108,11 +110,6 @@ class Mode(str):
     def data(self) -> str | dict[str, str]:
         """As in a problem file: a word, or a mapping where there are stops."""
         return self.record if self.stops else str(self)
-
-    @property
-    def key(self) -> str:
-        """The text as part of an identifier."""
-        return re.sub(r"\W+", "_", self)
 
     def with_contact(self, contact: "Mode") -> "Mode":
         """Another contact with the same states of the stops."""

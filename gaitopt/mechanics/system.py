@@ -8,14 +8,14 @@ Every number of walker, friction and control is an entry of ``p``, named by its 
 can be varied, freed or continued without rebuilding anything. The NLP and the simulator both use these functions.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
+from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
@@ -90,13 +90,15 @@ class HybridSystem:
 
         return self._build(f"events_{mode.key}", lambda: {"margins": self._symbols.margins(mode), "rates": rates()})
 
-    def gradients(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> Jacobian of the margins in z."""
+    def linearized(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> dz/dt, Jacobian of the margins in z, and rates of the margins along the flow."""
 
         def outputs() -> dict[str, SX]:
-            return {"margins_by_z": jacobian(self._symbols.margins(mode), self._eom.z)}
+            dz, margins = self._symbols.motion(mode).dz, self._symbols.margins(mode)
+            by_z = jacobian(margins, self._eom.z)
+            return {"dz": dz, "margins_by_z": by_z, "rates": by_z @ dz + jacobian(margins, self._t)}
 
-        return self._build(f"gradients_{mode.key}", outputs)
+        return self._build(f"linearized_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
@@ -139,6 +141,15 @@ class HybridSystem:
             return {field.name: getattr(result, field.name) for field in fields(result)}
 
         return self._build(f"impact_{mode.key}", outputs, "zp")
+
+    def impacts(self, modes: Sequence[Mode]) -> Function:
+        """(z, p) -> what ``impact`` gives for each of several modes, one column per mode."""
+        z, p = self._eom.z, self._p
+
+        def outputs() -> dict[str, SX]:
+            return {"impacts": horzcat(*(vertcat(*self.impact(mode).call([z, p])) for mode in modes))}
+
+        return self._build("_".join(["impacts", *(mode.key for mode in modes)]), outputs, "zp")
 
     def impact_jacobian(self, mode: Mode) -> Function:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""

@@ -33,18 +33,21 @@ class Problem(ProblemStatement):
     path, text : where it came from, verbatim; overrides are not in the text.
     origin : the problem with an open sequence that this one answers, under whose name and digest it is kept.
     place : where each of its values was given: a line of the file, or an override.
-    remarks : what is unusual about its numbers, one line each with its place; empty for most problems.
     """
 
     reference: "Problem | None" = None
     path: Path | None = None
     text: str = ""
     place: Place = field(compare=False, repr=False)
-    remarks: tuple[str, ...] = field(default=(), compare=False)
     origin: "Problem | None" = None
 
     def __hash__(self) -> int:
         return hash(self.digest)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is unusual about its numbers, one line each with its place; empty for most problems."""
+        return tuple(fault_lines(remarks(self), self.place))
 
     def reference_problem(self) -> "Problem | None":
         """The problem whose gait the control tracks or its curve starts from; never touched by ``replace``."""
@@ -67,9 +70,9 @@ class Problem(ProblemStatement):
         data, place = apply_overrides(problem_data(self), overrides, faults, label)
         raise_faults(faults, place)
         known = {} if self.reference is None else {reference_name(self.control)[0]: self.reference}
-        origin = _Origin(walkers=(type(self.walker),), path=self.path, chain=_chain(self.path))
+        origin = _Origin(walkers=(type(self.walker),), path=self.path)
         changed = _build(data, place, faults, origin, text=self.text, known=known)
-        return changed._at(ChangedPlace(self.place, place))
+        return replace(changed, place=ChangedPlace(self.place, place))
 
     def objection(self, key: str, value: float) -> str | None:
         """Why a parameter cannot have a value, independently of all others; None if it can."""
@@ -101,10 +104,6 @@ class Problem(ProblemStatement):
         """The first eight digits of the digest."""
         return self.digest[:8]
 
-    def _at(self, place: Place) -> "Problem":
-        """The problem with its remarks, whose values were given at ``place``."""
-        return replace(self, place=place, remarks=tuple(fault_lines(remarks(self), place)))
-
 
 def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
     """The problem of a name in the catalogue, or of a file.
@@ -132,7 +131,7 @@ def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type
     ProblemError
         As ``load_problem``.
     """
-    return _parse(text, _Origin(walkers=tuple(walkers), path=path, chain=_chain(path)))
+    return _parse(text, _Origin(walkers=tuple(walkers), path=path))
 
 
 def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -153,12 +152,12 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
         if isinstance(holder, dict) and isinstance(holder.get(key), Mapping):
             nested = restore_problem(holder[key], walkers=walkers)
             known, holder[key] = {nested.name: nested}, nested.name
-    return _build(data, place, [], _Origin(walkers=tuple(walkers)), known=known)._at(place)
+    return _build(data, place, [], _Origin(walkers=tuple(walkers)), known=known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Origin:
-    """Where a problem is read from: its file, all the files that led to it by reference, and further walkers."""
+    """Where a problem is read from: its file, those that refer to it one after the other, and further walkers."""
 
     walkers: tuple[type[Walker], ...]
     path: Path | None = None
@@ -168,9 +167,9 @@ class _Origin:
 def _load(name_or_path: str | Path, origin: _Origin) -> Problem:
     path = find_problem(name_or_path, None if origin.path is None else origin.path.parent)
     text = read_text(path)
-    chain = (*origin.chain, *_chain(path))
-    if chain[-1] in origin.chain:
-        raise ProblemError(f"references run in a circle: {' -> '.join(file.stem for file in chain)}")
+    chain = origin.chain if origin.path is None else (*origin.chain, origin.path.resolve())
+    if path.resolve() in chain:
+        raise ProblemError(f"references run in a circle: {' -> '.join(file.stem for file in (*chain, path))}")
     return _parse(text, _Origin(walkers=origin.walkers, path=path, chain=chain))
 
 
@@ -182,11 +181,7 @@ def _parse(text: str, origin: _Origin) -> Problem:
     if not isinstance(source.data, Mapping):
         faults.append(Fault((), "the file holds no mapping of keys; `gaitopt schema` describes a problem file"))
         raise_faults(faults, place)
-    return _build(source.data, place, faults, origin, text=text)._at(place)
-
-
-def _chain(path: Path | None) -> tuple[Path, ...]:
-    return () if path is None else (path.resolve(),)
+    return _build(source.data, place, faults, origin, text=text)
 
 
 def _build(

@@ -13,13 +13,16 @@ from gaitopt.cli.main import main
 from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
+from gaitopt.paper import reproduction
 from gaitopt.paper.archive import Archive
 from gaitopt.paper.copied_torques import copied_torques, mean_torques
 from gaitopt.paper.figures import FIGURES
 from gaitopt.paper.gaits import SOURCES, family_of, has_family, problem_of
+from gaitopt.paper.needs import Kind, needs
 from gaitopt.paper.numbers import NUMBERS
+from gaitopt.paper.preparation import prepared
 from gaitopt.paper.reasons import EXPLANATIONS, Reason
-from gaitopt.paper.reproduction import follow_families
+from gaitopt.paper.reproduction import parts, reproduce
 from gaitopt.paper.sentences import SENTENCES
 from gaitopt.paper.table import markdown, record, row
 from gaitopt.store import run_folder
@@ -79,6 +82,36 @@ def test_every_committed_figure_is_there_and_no_other():
 
 def test_the_committed_markdown_is_that_of_the_committed_numbers():
     assert (COMMITTED / "table.md").read_text(encoding="utf-8") == markdown(committed())
+
+
+def test_no_problem_is_computed_twice():
+    everything = set().union(*needs(parts()).values())
+    digests = [problem_of(name).digest for kind, name in everything if kind is not Kind.ROUNDED]
+    assert len(digests) == len(set(digests)) == len({problem_of(name).digest for name in SOURCES})
+
+
+def test_a_figure_needs_families_or_gaits():
+    assert needs(["fig4"])["fig4"] == {(Kind.FAMILY, "wheel")}
+    assert needs(["fig3"])["fig3"] == {(Kind.GAIT, "wheel")}
+    assert needs(["fig3", "fig4"])["fig3"] == {(Kind.FAMILY, "wheel")}  # which holds its gait
+
+
+def test_progress_counts_what_parts_need_too(tmp_path, archive):
+    counts = []
+    reproduce(archive, tmp_path, ("fig3", "fig6"), lambda done, total: counts.append((done, total)))
+    assert counts == [(0, 100), (50, 100), (100, 100)]
+
+
+def test_the_remaining_time_is_told_from_the_first_family_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(reproduction, "prepared", lambda archive, needed, workers: iter(needed))
+    monkeypatch.setattr(reproduction, "_figure", lambda *_: [])
+    monkeypatch.setattr(reproduction, "_table", lambda *_: [])
+    counts: list[int] = []
+    reproduce(Archive(tmp_path), tmp_path, (), lambda done, total: counts.append(done), Workers(count=2))
+    assert counts[0] == 0
+    assert 15 < counts[1] < 35  # the first of sixteen needs is the longest by far
+    assert counts[-1] == 100
+    assert np.all(np.diff(counts) >= 0)
 
 
 @pytest.mark.parametrize("name", SOURCES)
@@ -183,7 +216,8 @@ def test_the_whole_table_computed_from_nothing_is_what_is_committed(archive):
 @pytest.mark.slow
 def test_families_that_two_processes_follow_are_those_of_one(tmp_path: Path) -> None:
     names, values = ("wheel", "I"), []
-    follow_families(Archive(tmp_path / "both"), names, Workers(count=2))
+    needed = [(Kind.FAMILY, name) for name in names]
+    assert set(prepared(Archive(tmp_path / "both"), needed, Workers(count=2))) == set(needed)
     assert all(has_family(Archive(tmp_path / "both"), name) for name in names)
     for folder in ("both", "one"):
         archive = Archive(tmp_path / folder)
