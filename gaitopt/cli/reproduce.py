@@ -22,8 +22,9 @@ def reproduce(terminal: Terminal, paper: PaperArgument, only: OnlyOption = None,
 
     Gaits and families are taken from the run folders in results/, or computed, on all cores, and kept there.
     """
-    from gaitopt.paper import Archive, check_names
     from gaitopt.paper import reproduce as write
+    from gaitopt.paper.archive import Archive
+    from gaitopt.paper.reproduction import check_names
     from gaitopt.store.run import RESULTS
     from gaitopt.workers.jobs import Workers
 

@@ -39,6 +39,12 @@ def _fine(count: int) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=32)
+def _slope(count: int) -> Array:
+    """The matrix from values at the points to derivatives there."""
+    return np.asarray(chebyshev.chebvander(points(count), count - 2) @ _differentiation(count) @ _analysis(count))
+
+
+@lru_cache(maxsize=32)
 def _weights(count: int) -> Array:
     """Clenshaw-Curtis weights: the integral of T_k over [-1, 1] is 2 / (1 - k^2) for even k, 0 for odd k."""
     k = np.arange(count)
@@ -138,27 +144,26 @@ def slopes(values: Array, s: Array) -> Array:
 
 def critical(values: Array) -> Array:
     """Points in (-1, 1) where the curve has extrema, ascending."""
-    c = derivative(coefficients(values))
-    return roots(evaluate(np.append(c, 0.0), points(values.shape[0])))
+    return roots(_slope(values.shape[0]) @ values)
 
 
 def minima(values: Array) -> Array:
     """Points in (-1, 1) where the curve has minima, ascending."""
-    at, bend = critical(values), derivative(derivative(coefficients(values)))
-    return at[evaluate(bend, at) > 0]
+    at = critical(values)
+    return at[evaluate(derivative(derivative(coefficients(values))), at) > 0] if at.size else at
 
 
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     """Where in [start, 1] the curve is largest, and its value there."""
-    c = coefficients(values)
     s, to_fine, _ = _fine(values.shape[0])
     heights = to_fine @ values
     if start > -1:
         inside = s > start
         s = np.concatenate([[start], s[inside]])
-        heights = np.concatenate([evaluate(c, s[:1]), heights[inside]])
+        heights = np.concatenate([evaluate(coefficients(values), s[:1]), heights[inside]])
     best = int(np.argmax(heights))
     if 0 < best < s.size - 1:
+        c = coefficients(values)
         at = _newton(derivative(c), s[best - 1 : best], s[best + 1 : best + 2])
         height = evaluate(c, at)
         if height[0] > heights[best]:
@@ -168,13 +173,13 @@ def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
 
 def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) -> Array:
     """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is put back on its edge."""
-    slope = derivative(c)
-    s = (lower + upper) / 2 if start is None else np.clip(start, lower, upper)
+    both = np.column_stack([c, np.append(derivative(c), 0.0)])
+    s = (lower + upper) / 2 if start is None else start
     for _ in range(NEWTON_STEPS):
-        rate = evaluate(slope, s)
-        step = np.divide(evaluate(c, s), rate, out=np.zeros_like(s), where=rate != 0)
-        s = np.clip(s - step, lower, upper)
-    return s
+        s = np.minimum(np.maximum(s, lower), upper)
+        value, rate = evaluate(both, s).T
+        s = s - np.divide(value, rate, out=np.zeros_like(s), where=rate != 0)
+    return np.minimum(np.maximum(s, lower), upper)
 
 
 def derivative(c: Array) -> Array:

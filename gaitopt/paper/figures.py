@@ -31,7 +31,7 @@ def _motions(archive: Archive, names: Mapping[str, str]) -> list[Motion]:
 
 
 def _drawn(records: Records, targets: Sequence[float]) -> Records:
-    """The records without the ends of the drawn range; where the family itself ends, its line goes on to the end."""
+    """The records without the ends of the drawn range; where the family itself ends, its line continues to the end."""
     ends = [record for record in records if record.get("type") == "end"]
     inner = [end for end in ends if min(abs(end["value"] - target) for target in targets) > SAME]
     last = [

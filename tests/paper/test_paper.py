@@ -13,7 +13,8 @@ from gaitopt.cli.main import main
 from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
-from gaitopt.paper import Archive, parts, reproduce, reproduction
+from gaitopt.paper import reproduction
+from gaitopt.paper.archive import Archive
 from gaitopt.paper.copied_torques import copied_torques, mean_torques
 from gaitopt.paper.figures import FIGURES
 from gaitopt.paper.gaits import SOURCES, family_of, has_family, problem_of
@@ -21,6 +22,7 @@ from gaitopt.paper.needs import Kind, needs
 from gaitopt.paper.numbers import NUMBERS
 from gaitopt.paper.preparation import prepared
 from gaitopt.paper.reasons import EXPLANATIONS, Reason
+from gaitopt.paper.reproduction import parts, reproduce
 from gaitopt.paper.sentences import SENTENCES
 from gaitopt.paper.table import markdown, record, row
 from gaitopt.store import run_folder
@@ -66,7 +68,7 @@ def test_rounding_is_a_reason_only_where_the_rounding_of_the_torques_reaches_the
             assert least - number.half_digit <= printed <= most + number.half_digit, entry["quantity"]
 
 
-def test_a_part_of_the_table_computed_anew_is_what_is_committed(archive):
+def test_a_part_of_the_table_computed_again_is_what_is_committed(archive):
     stored = {(entry["where"], entry["quantity"]): entry for entry in committed()["numbers"]}
     for number in NUMBERS:
         if number.quantity in RECOMPUTED:
@@ -145,7 +147,7 @@ def test_a_second_reproduction_computes_nothing(tmp_path):
     assert len(said) == 2  # solved once, continued once
 
 
-def test_a_family_that_was_interrupted_is_taken_up_and_ends_the_same(tmp_path):
+def test_an_interrupted_family_resumes_and_ends_the_same(tmp_path):
     problem, polls = problem_of("B"), iter(range(1000))
     whole = Archive(tmp_path / "whole").family(problem, "friction", (0.13,))
     Archive(tmp_path / "torn").gait(problem)
@@ -180,7 +182,7 @@ def test_an_error_without_an_interrupt_stays_what_it_is():
         raise NotImplementedError("wrong arguments")
 
 
-def test_one_figure_alone_is_written_where_it_is_wanted(tmp_path, monkeypatch, capsys):
+def test_one_figure_alone_is_written_to_its_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", "gamus-or-2013", "--only", "fig3", "-o", "pictures"]) == 0
     assert sorted(path.name for path in Path("pictures").iterdir()) == ["fig3.png", "fig3.svg"]
