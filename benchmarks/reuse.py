@@ -8,6 +8,7 @@ from timing import Row
 from gaitopt import load_problem, solve
 from gaitopt.gait import Gait
 from gaitopt.nlp import Family
+from gaitopt.nlp.conditions import conditions, differentiated
 from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.problem import Problem
@@ -40,6 +41,6 @@ def rows() -> list[Row]:
 
 def solve_anew(problem: Problem) -> Gait:
     """Solve with nothing kept of its layout, as the first problem of its kind is."""
-    transcribe.cache_clear()
-    shooting_jacobian.cache_clear()
+    for kept in (transcribe, shooting_jacobian, conditions, differentiated):
+        kept.cache_clear()
     return solve(problem)

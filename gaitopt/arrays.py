@@ -16,7 +16,7 @@ class ReadOnlyArrays:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for name in _arrays(type(self)):
+        for name in _arrays(type(self)):  # type: ignore[arg-type]  # a class has a hash
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, read_only(value))

@@ -51,12 +51,12 @@ class MonitorValue:
 
 def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     """All monitors of a solution, whether or not they hold."""
-    return {**dict(_phase_values(gait)), **dict(_impact_values(gait))}
-
-
-def _phase_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
-    modes = gait.problem.cycle.phases
     arcs = _arcs_by_phase(gait)
+    return {**dict(_phase_values(gait, arcs)), **dict(_impact_values(gait, arcs))}
+
+
+def _phase_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKey, MonitorValue]]:
+    modes = gait.problem.cycle.phases
     along = {id(arc): _margins(gait, arc) for whole in arcs for arc in whole}
     period = abs(gait.period)
     for phase, whole in enumerate(arcs):
@@ -109,7 +109,7 @@ def _lowest(values: list[Array], zeros: tuple[int, int], group: list[Arc], whole
         at, height = curves.maximum(-(_deflation(own.size, start, end) @ own if start or end else own))
         time = arc.start + arc.duration * (at + 1) / 2
         minima.append((-height, (time - whole[0].start) / (whole[-1].end - whole[0].start)))
-    return MonitorValue(*minima[int(np.argmin([value for value, _ in minima]))])
+    return MonitorValue(*min(minima))
 
 
 @lru_cache(maxsize=64)
@@ -140,9 +140,9 @@ def _margins(gait: Gait, arc: Arc) -> Array:
     return np.asarray(values / margin_scales(arc.mode, gait.dynamics.scales)).T
 
 
-def _impact_values(gait: Gait) -> Iterator[tuple[MonitorKey, MonitorValue]]:
+def _impact_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKey, MonitorValue]]:
     """Margins of every impact in natural units."""
-    cycle, arcs, scales = gait.problem.cycle, _arcs_by_phase(gait), gait.dynamics.scales
+    cycle, scales = gait.problem.cycle, gait.dynamics.scales
     for phase, mode in cycle.resets:
         at, last = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}, arcs[phase][-1]
         for kind, value in gait.dynamics.standing(last.side).impact_margins(mode, last.states[-1]).items():

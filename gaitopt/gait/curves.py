@@ -39,6 +39,12 @@ def _fine(count: int) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=32)
+def _slope(count: int) -> Array:
+    """The matrix from values at the points to derivatives there."""
+    return np.asarray(chebyshev.chebvander(points(count), count - 2) @ _differentiation(count) @ _analysis(count))
+
+
+@lru_cache(maxsize=32)
 def _weights(count: int) -> Array:
     """Clenshaw-Curtis weights: the integral of T_k over [-1, 1] is 2 / (1 - k^2) for even k, 0 for odd k."""
     k = np.arange(count)
@@ -49,6 +55,12 @@ def _weights(count: int) -> Array:
 @lru_cache(maxsize=32)
 def _differentiation(count: int) -> Array:
     return np.asarray(chebyshev.chebder(np.eye(count)))
+
+
+@lru_cache(maxsize=32)
+def _primitive(count: int) -> Array:
+    """From values at the points to the Chebyshev coefficients of the curve's integral; shape (count + 1, count)."""
+    return np.asarray(chebyshev.chebint(_analysis(count)), dtype=float)
 
 
 def coefficients(values: Array) -> Array:
@@ -76,32 +88,24 @@ def integral(values: Array, duration: float) -> float:
     return float(_weights(values.shape[0]) @ values) * duration / 2
 
 
+def signed_weights(values: Array) -> tuple[Array, Array]:
+    """Weights (m,) that integrate curves over [-1, 1], multiplied by the sign of the one through ``values`` (m,).
+
+    The second result are the changes of sign, across which the integrals are exact.
+    """
+    changes = roots(values)
+    pieces = np.diff(evaluate(_primitive(values.size), np.concatenate([[-1.0], changes, [1.0]])), axis=0)
+    return np.sign(pieces @ values) @ pieces, changes
+
+
 def absolute_integral(values: Array, duration: float) -> float:
     """Integral of the curve's absolute value, exact across its changes of sign."""
-    changes = roots(values)
-    if changes.size == 0:
-        return abs(integral(values, duration))
-    primitive = np.asarray(chebyshev.chebint(coefficients(values)), dtype=float)
-    ends = np.concatenate([[-1.0], changes, [1.0]])
-    return float(np.abs(np.diff(evaluate(primitive, ends))).sum()) * duration / 2
+    return float(signed_weights(values)[0] @ values) * duration / 2
 
 
 def integrals(columns: Array, duration: float) -> Array:
     """Integrals of many curves, shape (m, n), over an interval of the given duration; shape (n,)."""
     return np.asarray(_weights(columns.shape[0]) @ columns) * duration / 2
-
-
-def signed_integrals(values: Array, columns: Array, duration: float) -> Array:
-    """Integrals of curves (m, n) multiplied by the sign of the curve through ``values`` (m,); shape (n,)."""
-    changes = roots(values)
-    primitive = np.asarray(chebyshev.chebint(coefficients(columns)), dtype=float)
-    pieces = np.diff(evaluate(primitive, np.concatenate([[-1.0], changes, [1.0]])), axis=0)
-    sign = 1.0 if integral(values, 1.0) >= 0 else -1.0
-    if changes.size:
-        own = np.asarray(chebyshev.chebint(coefficients(values)), dtype=float)
-        signs = np.sign(np.diff(evaluate(own, np.concatenate([[-1.0], changes, [1.0]]))))
-        return np.asarray(signs @ pieces) * duration / 2
-    return np.asarray(sign * pieces[0]) * duration / 2
 
 
 def roots(values: Array) -> Array:
@@ -140,27 +144,26 @@ def slopes(values: Array, s: Array) -> Array:
 
 def critical(values: Array) -> Array:
     """Points in (-1, 1) where the curve has extrema, ascending."""
-    c = derivative(coefficients(values))
-    return roots(evaluate(np.append(c, 0.0), points(values.shape[0])))
+    return roots(_slope(values.shape[0]) @ values)
 
 
 def minima(values: Array) -> Array:
     """Points in (-1, 1) where the curve has minima, ascending."""
-    at, bend = critical(values), derivative(derivative(coefficients(values)))
-    return at[evaluate(bend, at) > 0]
+    at = critical(values)
+    return at[evaluate(derivative(derivative(coefficients(values))), at) > 0] if at.size else at
 
 
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     """Where in [start, 1] the curve is largest, and its value there."""
-    c = coefficients(values)
     s, to_fine, _ = _fine(values.shape[0])
     heights = to_fine @ values
     if start > -1:
         inside = s > start
         s = np.concatenate([[start], s[inside]])
-        heights = np.concatenate([evaluate(c, s[:1]), heights[inside]])
+        heights = np.concatenate([evaluate(coefficients(values), s[:1]), heights[inside]])
     best = int(np.argmax(heights))
     if 0 < best < s.size - 1:
+        c = coefficients(values)
         at = _newton(derivative(c), s[best - 1 : best], s[best + 1 : best + 2])
         height = evaluate(c, at)
         if height[0] > heights[best]:
@@ -170,13 +173,13 @@ def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
 
 def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) -> Array:
     """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is put back on its edge."""
-    slope = derivative(c)
-    s = (lower + upper) / 2 if start is None else np.clip(start, lower, upper)
+    both = np.column_stack([c, np.append(derivative(c), 0.0)])
+    s = (lower + upper) / 2 if start is None else start
     for _ in range(NEWTON_STEPS):
-        rate = evaluate(slope, s)
-        step = np.divide(evaluate(c, s), rate, out=np.zeros_like(s), where=rate != 0)
-        s = np.clip(s - step, lower, upper)
-    return s
+        s = np.minimum(np.maximum(s, lower), upper)
+        value, rate = evaluate(both, s).T
+        s = s - np.divide(value, rate, out=np.zeros_like(s), where=rate != 0)
+    return np.minimum(np.maximum(s, lower), upper)
 
 
 def derivative(c: Array) -> Array:

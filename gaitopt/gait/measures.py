@@ -12,7 +12,7 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.mechanics import Dynamics, HybridSystem, Scales
-from gaitopt.mechanics.buffered import buffered_map
+from gaitopt.mechanics.buffered import buffered, buffered_map
 from gaitopt.problem.scalars import SCALARS
 
 MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
@@ -84,7 +84,7 @@ def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None
     )
     length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
     moves = abs(length) > ON_THE_SPOT * dynamics.scales.length
-    weighted_length = float(dynamics.system.weight(dynamics.p)) * length
+    weighted_length = float(buffered(dynamics.system.weight)(dynamics.p)[0][0]) * length
     sticking = [friction_ratio(o.force) for a, o in observed if a.mode.sticks]
     return {
         "period": period,
@@ -111,12 +111,10 @@ def measure_scales(scales: Scales) -> dict[str, float]:
 
 def friction_ratio(force: Array) -> Array:
     """f_t / f_n along an arc from its contact force (m, 2); where a spring's force is zero at an end, its limit."""
-    nothing = WITHOUT_FORCE * np.abs(force).max()
-    slopes = np.column_stack([curves.slopes(column, ENDS) for column in force.T])
-    full = force.copy()
-    for end, slope in zip((0, -1), slopes, strict=True):
+    nothing, full = WITHOUT_FORCE * np.abs(force).max(), force.copy()
+    for end in (0, -1):
         if abs(force[end, 1]) <= nothing:
-            full[end] = slope
+            full[end] = [curves.slopes(column, ENDS)[end] for column in force.T]
     return np.asarray(full[:, 0] / full[:, 1])
 
 

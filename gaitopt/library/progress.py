@@ -41,7 +41,9 @@ def shown(
         yield progress
         return
     console = Console(stderr=True)
-    console.quiet = not (progress and _is_live(console))
+    if not (progress and _is_live(console)):
+        yield lambda *_: None
+        return
     with bar(console, *words) as show:
         yield show
 

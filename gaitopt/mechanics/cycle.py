@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -46,7 +46,7 @@ class ModeSequence:
         return f"{mode_words(self.phases)}; {self.impact}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Cycle:
     """The steps after which a gait repeats itself; phases are counted through all of them.
 
@@ -82,10 +82,10 @@ class Cycle:
             tuple(ModeSequence(tuple(map(Mode.from_record, step["phases"])), Mode(step["impact"])) for step in steps)
         )
 
-    @property
+    @cached_property
     def phases(self) -> tuple[Mode, ...]:
         """Modes of all phases in order."""
-        return _phases(self.steps)
+        return tuple(mode for step in self.steps for mode in step.phases)
 
     @property
     def impacts(self) -> tuple[Mode, ...]:
@@ -97,10 +97,10 @@ class Cycle:
         """The impact that ends the cycle."""
         return self.steps[-1].impact
 
-    @property
+    @cached_property
     def first_phases(self) -> tuple[int, ...]:
         """Index of the first phase of every step."""
-        return _first_phases(self.steps)
+        return tuple(accumulate((len(step.phases) for step in self.steps[:-1]), initial=0))
 
     def step_of(self, phase: int) -> int:
         """Index of the step to which a phase belongs."""
@@ -122,10 +122,11 @@ class Cycle:
         """The impact with which a phase begins, that of the last step before the first; None where nothing jumps."""
         return self.reset_after((phase - 1) % len(self.phases))
 
-    @property
+    @cached_property
     def resets(self) -> tuple[tuple[int, Mode], ...]:
         """Every phase that an impact ends, with that impact."""
-        return _resets(self)
+        pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
+        return tuple((phase, reset) for phase, reset in pairs if reset is not None)
 
     def phase_words(self, phase: int) -> str:
         """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
@@ -151,19 +152,3 @@ class Cycle:
 
     def __str__(self) -> str:
         return " | ".join(map(str, self.steps))
-
-
-@lru_cache(maxsize=256)
-def _phases(steps: tuple[ModeSequence, ...]) -> tuple[Mode, ...]:
-    return tuple(mode for step in steps for mode in step.phases)
-
-
-@lru_cache(maxsize=256)
-def _first_phases(steps: tuple[ModeSequence, ...]) -> tuple[int, ...]:
-    return tuple(accumulate((len(step.phases) for step in steps[:-1]), initial=0))
-
-
-@lru_cache(maxsize=256)
-def _resets(cycle: Cycle) -> tuple[tuple[int, Mode], ...]:
-    pairs = ((phase, cycle.reset_after(phase)) for phase in range(len(cycle.phases)))
-    return tuple((phase, reset) for phase, reset in pairs if reset is not None)

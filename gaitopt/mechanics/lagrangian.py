@@ -12,6 +12,7 @@ which takes half the operations of derivatives of the kinetic energy. As (x, y) 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import SimpleNamespace
 
 from casadi import DM, SX, dot, gradient, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
@@ -78,6 +79,7 @@ def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
     return SimpleNamespace(**{name: p[i] for i, name in enumerate(walker.model_fields)})
 
 
+@lru_cache(maxsize=8)
 def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     """Derive the equations of motion of ``walker``.
 
@@ -186,9 +188,9 @@ def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> Non
     unknown = {*walker.exchanged, *walker.exchanged.values()} - {*walker.model_fields}
     if unknown:
         raise ProblemError(f"{walker.__name__}: exchanged names {', '.join(sorted(unknown))}, which is no parameter")
-    strangers = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
-    if strangers:
-        raise ProblemError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")
+    foreign = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
+    if foreign:
+        raise ProblemError(f"{walker.__name__}: {', '.join(sorted(foreign))} is no shape coordinate")
     points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
     for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
         with_foot = jacobian(point, foot)

@@ -11,7 +11,6 @@ References
 H. B. Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,24 +18,23 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.iteration import NO_CONTRACTION, iterate
 from gaitopt.nlp.extrapolation import extrapolation
-from gaitopt.nlp.newton import Linearisation
-from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
+from gaitopt.nlp.newton import Linearisation, linearise
+from gaitopt.nlp.sparse import ScaledMatrix
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
 
 RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step.
 
-Above ``ROUNDING`` one chord more is tried.
+One chord more then leads to rounding, also where the equations are so flat that a prediction meets them.
 """
-ROUNDING = 1e-14
 ITERATIONS = 11
 SINGULAR = 1e-5
 """Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
 INVERSE_ITERATIONS = 2
 """The null vector of a matrix that is singular to nine digits is right to as many after one."""
-REMEMBERED = 1
-"""Points before the last one that are extrapolated from: with slopes a cubic polynomial, which adds little rounding."""
+REMEMBERED = 2
+"""Points before the last one that are extrapolated from, with slopes; more of them would be given too large weights."""
 FORWARD = 0.5
 """Cosine of the angle between tangents beyond which the curve has turned too far to be extrapolated."""
 SLOW = 0.2
@@ -82,18 +80,10 @@ class Curve:
     transcription : with exactly one freed parameter.
     p : ndarray - values of the others.
     scales : ndarray, shape (n_xi + n_phases + 1,) - scales of the section coordinates, durations and parameter.
-    jacobian : (w, p) -> sparse Jacobian of the equalities; by ``ShootingJacobian`` unless given.
     """
 
-    def __init__(
-        self,
-        transcription: Transcription,
-        p: Array,
-        scales: Array,
-        jacobian: Callable[[Array, Array], SparseMatrix] | None = None,
-    ) -> None:
+    def __init__(self, transcription: Transcription, p: Array, scales: Array) -> None:
         self.transcription, self.p = transcription, p
-        self._jacobian = transcription.jacobian if jacobian is None else jacobian
         section = transcription.system.section(transcription.layout.cycle.impact)
         n_w, n_phases = transcription.w.numel(), transcription.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
@@ -164,7 +154,7 @@ class Curve:
         ----------
         along : ndarray, shape of y - tangent of the known branch in scaled coordinates.
         """
-        at = self._linearised(w, self.transcription.violation(w, self.p))
+        at = linearise(self.transcription, w, self.p)
         bordered = self._bordered(at, along)
         vector = np.random.default_rng(0).standard_normal(w.size) / self._columns
         for _ in range(INVERSE_ITERATIONS):
@@ -200,12 +190,15 @@ class Curve:
             size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
             return _Trial(w=w, residual=residual, offset=offset, size=size, chord=None if size > SLOW * last else chord)
 
-        def following(at: _Trial) -> _Trial:
-            chord = at.chord or self._bordered(self._linearised(at.w, at.residual), normal)
+        def moved(at: _Trial, chord: ScaledMatrix) -> Array:
             w = at.w - chord.solve(np.append(at.residual, at.offset))
             if at_parameter:
                 w[-1] = predicted[-1]  # which rounding would move, perhaps out of its range
-            return trial(w, chord, at.size)
+            return w
+
+        def following(at: _Trial) -> _Trial:
+            chord = at.chord or self._bordered(linearise(self.transcription, at.w, self.p), normal)
+            return trial(moved(at, chord), chord, at.size)
 
         try:
             end = iterate(
@@ -219,14 +212,10 @@ class Curve:
             if not end.solved:
                 return None
             last = end.at
-            if last.chord is not None and last.size > ROUNDING:
-                last = min(last, following(last), key=lambda at: at.size)
-            return self._finish(self._linearised(last.w, last.residual), forward, end.count)
+            w = last.w if last.chord is None else moved(last, last.chord)
+            return self._finish(linearise(self.transcription, w, self.p), forward, end.count)
         except RuntimeError:  # singular
             return None
-
-    def _linearised(self, w: Array, residual: Array) -> Linearisation:
-        return Linearisation(w=w, p=self.p, residual=residual, jacobian=self._jacobian(w, self.p), units=self._units)
 
     def _finish(self, at: Linearisation, forward: Array, iterations: int) -> CurvePoint:
         """A converged point with its tangent."""

@@ -142,13 +142,13 @@ class Family:
         ahead = (p - last) / unit
         if not ahead.any():
             return self._w
-        places, solutions, weights = [0.0], [self._w], np.ones(1)  # the last solution lies at 0, and ``p`` at 1
+        places, solutions = [0.0], [self._w]  # the last solution lies at 0, and ``p`` at 1
         for before, w in list(self._solved)[-2::-1]:
             offset = (before - last) / unit
             place = float(offset @ ahead / (ahead @ ahead))
-            beside = np.abs(offset - place * ahead).max() > STRAIGHT * np.abs(offset).max()
-            following = None if beside else extrapolation([*places, place], 1.0)
-            if following is None:
+            if np.abs(offset - place * ahead).max() > STRAIGHT * np.abs(offset).max():
                 break
-            places, solutions, weights = [*places, place], [*solutions, w], following
+            places, solutions = [*places, place], [*solutions, w]
+        while (weights := extrapolation(places, 1.0)) is None:
+            places, solutions = places[:-1], solutions[:-1]
         return np.asarray(weights @ np.array(solutions))

@@ -64,12 +64,22 @@ class Layout:
         jumps = np.array([phase for phase, _ in self.cycle.resets])
         return tuple(int(k) + int((jumps < arc.phase).sum()) for k, arc in zip(ends, self.arcs, strict=True))
 
-    @property
+    @cached_property
     def start_nodes(self) -> NDArray[np.intp]:
         """Index of the node at which every interval starts; shape (intervals,)."""
         return np.concatenate(
             [f + np.arange(arc.intervals) for f, arc in zip(self.first_nodes, self.arcs, strict=True)]
         )
+
+    @cached_property
+    def end_nodes(self) -> NDArray[np.intp]:
+        """Index of the node at which every interval ends; shape (intervals,)."""
+        return self.start_nodes + 1
+
+    @cached_property
+    def joints(self) -> tuple[list[int], list[int]]:
+        """Indices of the last node of every phase, and of the node just after every impact."""
+        return list(self.last_nodes), [(node + 1) % self.n_nodes for node in self.reset_nodes]
 
     @cached_property
     def last_nodes(self) -> tuple[int, ...]:
@@ -89,9 +99,12 @@ class Layout:
 
     def switches(self, durations: Array) -> list[tuple[float, float]]:
         """Start and end of every phase for given phase durations, times since the last impact [s]."""
-        firsts = (*self.cycle.first_phases, len(durations))
-        steps = (np.cumsum([0.0, *durations[a:b]]).tolist() for a, b in pairwise(firsts))
-        return [phase for switches in steps for phase in pairwise(switches)]
+        firsts, switches, end = self.cycle.first_phases, list[tuple[float, float]](), 0.0
+        for phase, duration in enumerate(durations.tolist()):
+            start = 0.0 if phase in firsts else end
+            end = start + duration
+            switches.append((start, end))
+        return switches
 
     def arc_times(self, durations: Array) -> list[tuple[float, float]]:
         """Start and end of every arc for given phase durations, times since the last impact [s]."""

@@ -2,10 +2,11 @@
 
 Unknowns w = (nodes z_0 .. z_K, phase durations, freed parameters). Equalities, as many as nodes and durations:
 
-    defects      z_{k+1} = step(z_k)              on every interval; in stick with v_t = 0
-    events       v_t = 0 where a slip ends, mu f_n +- f_t = 0 where a stick ends, guard = 0 at touchdown
-    resets       z_{k+1} = impact(z_k)            at every impact; of a foot, with x counted from the new stance foot
-    periodicity  z_0 = impact(z_K)                likewise, from the last step to the first
+    defects      z_{k+1} = step(z_k)    on every interval; in stick with v_t = 0
+    conditions   events, resets and periodicity, see ``conditions``
+
+As expressions of CasADi they serve IPOPT; as numbers they are evaluated by functions of one step and of one cycle,
+which every layout shares.
 
 Friction complementarity: the mode sets one factor of each pair to zero (the force's factor in slip is eliminated
 by eq. (5)); the other factor stays an inequality at every node, except where an event already makes it zero.
@@ -13,14 +14,16 @@ by eq. (5)); the other factor stays an inequality at every node, except where an
 
 from collections.abc import Callable, Iterator
 from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from casadi import MX, Function, horzcat, repmat, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.gait.curves import points
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode, ending_margin, margin_names, margin_unit
-from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
+from gaitopt.mechanics import Cycle, Dynamics, HybridSystem, Mode, margin_unit
+from gaitopt.mechanics.buffered import BufferedFunction, BufferedMap, buffered, buffered_map
+from gaitopt.nlp.conditions import conditions, endings
 from gaitopt.nlp.inequalities import inequalities
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
@@ -28,6 +31,24 @@ from gaitopt.nlp.shooting_jacobian import shooting_jacobian
 from gaitopt.nlp.sparse import SparseMatrix
 from gaitopt.nlp.transcription import Unknowns
 from gaitopt.nlp.units import Label, Units
+
+
+class Intervals(NamedTuple):
+    """What the steps of one arc begin with, as arguments of ``shooting_step``.
+
+    Attributes
+    ----------
+    nodes : ndarray, shape (m, n_z).
+    times : ndarray, shape (m, 1) - at which they start [s].
+    length : of each [s].
+    p, data : all parameters, as the leg stands, and the segment data of the control.
+    """
+
+    nodes: Array
+    times: Array
+    length: float
+    p: Array
+    data: Array
 
 
 class MultipleShooting:
@@ -77,10 +98,20 @@ class MultipleShooting:
 
     def dynamics(self, p: Array, freed: Array, phase: int = 0) -> Dynamics:
         """The system at its parameters with the freed ones put in, in the step of a phase."""
-        full, walker = p.copy(), self.system.walker
-        for name, value in zip(self.free, freed, strict=True):
-            full[self.system.parameters.index(name)] = value
-        return _dynamics(self.system, full.tobytes(), walker.side(self.layout.cycle.step_of(phase)))
+        return _dynamics(self.system, self._standing(self._full(p, freed), phase).tobytes())
+
+    def _full(self, p: Array, freed: Array) -> Array:
+        """All parameters, the freed ones put in."""
+        if not self.free:
+            return p
+        full = p.copy()
+        full[[self.system.parameters.index(name) for name in self.free]] = freed
+        return full
+
+    def _standing(self, p: Any, phase: int) -> Any:
+        """Parameters, as numbers or symbols, as the leg of a phase stands."""
+        walker = self.system.walker
+        return walker.standing(p, walker.side(self.layout.cycle.step_of(phase)))
 
     def standing_names(self, phase: int) -> tuple[str, ...]:
         """Dotted keys under which the freed parameters stand in the parameter vector of a phase."""
@@ -92,12 +123,15 @@ class MultipleShooting:
     @cached_property
     def equalities(self) -> MX:
         """Defects, events, resets, periodicity; shape (n_z n_nodes + n_phases,)."""
-        return vertcat(self._defects(halves=1), self.conditions)
+        joints = [self.Z[:, nodes] for nodes in self.layout.joints]
+        last = conditions(*self.joined)(*joints, self.durations, self.freed, self.parameters)
+        return vertcat(self._defects(), last)
 
-    @cached_property
-    def conditions(self) -> MX:
-        """The equalities without the defects."""
-        return vertcat(*self._events(), *self._resets())
+    @property
+    def joined(self) -> tuple[HybridSystem, Cycle, tuple[int, ...], tuple[str, ...]]:
+        """What ``conditions`` takes."""
+        segments = {arc.phase: arc.segment for arc in self.layout.arcs}
+        return self.system, self.layout.cycle, tuple(segments.values()), self.free
 
     @cached_property
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
@@ -109,13 +143,15 @@ class MultipleShooting:
         """Natural units of unknowns, equalities and margins for the walker at parameters ``p``, shape (n_p,)."""
         known = p.tobytes()
         if self._units is None or self._units[0] != known:
-            self._units = known, self._units_at(_dynamics(self.system, known, 0))
+            self._units = known, self._units_at(_dynamics(self.system, known))
         return self._units[1]
 
     def _units_at(self, dynamics: Dynamics) -> Units:
         scales, state = dynamics.scales, dynamics.state_units
         nodes = np.tile(state, self.n_nodes)
-        events = [margin_unit(name, scales) / scales.time**order for _, name, order in self._endings()]
+        events = [
+            margin_unit(name, scales) / scales.time**order for _, name, order in endings(self.system, self.layout.cycle)
+        ]
         return Units(
             unknowns=self.pack(nodes, np.full(self.n_phases, scales.time), np.ones(len(self.free))),
             equalities=np.concatenate(
@@ -125,20 +161,59 @@ class MultipleShooting:
 
     def margin_units(self, p: Array) -> Array:
         """Natural units of the inequalities."""
-        scales = _dynamics(self.system, p.tobytes(), 0).scales
+        scales = _dynamics(self.system, p.tobytes()).scales
         return np.array([label.unit(scales) for label in self.inequalities[1]])
-
-    @cached_property
-    def _violation(self) -> BufferedFunction:
-        return BufferedFunction(Function("violation", [self.w, self.parameters], [self.equalities]))
 
     def violation(self, w: Array, p: Array) -> Array:
         """Values of the equalities, shape (n_z n_nodes + n_phases,)."""
-        return self._violation(w, p)[0].copy()
+        return np.concatenate([self._gaps(w, p, 1), *self._conditions(*self.joints(w), p)])
 
-    def jacobian(self, w: Array, p: Array) -> SparseMatrix:
-        """Derivative of the equalities in nodes, durations and freed parameters, shape (n, n + n_free)."""
-        return shooting_jacobian(self).jacobian(w, p)
+    @cached_property
+    def _conditions(self) -> BufferedFunction:
+        return buffered(conditions(*self.joined))
+
+    def linearised(self, w: Array, p: Array) -> tuple[Array, SparseMatrix]:
+        """Values of the equalities, and their derivative in all unknowns; shape (n, n + n_free)."""
+        return shooting_jacobian(self).linearised(w, p)
+
+    def halved_defects(self, w: Array, p: Array) -> Array:
+        """The defects when every interval is integrated in two halves."""
+        return self._gaps(w, p, 2)
+
+    def _gaps(self, w: Array, p: Array, parts: int) -> Array:
+        """Between the nodes and the steps that lead there, each in some equal parts; shape (n_z intervals,)."""
+        ends = []
+        for step, (state, times, length, own, data) in zip(self._steps, self.intervals(w, p), strict=True):
+            for k in range(parts):
+                (state,) = step(state, times + k * length / parts, length / parts, own, data)
+            ends.append(state.copy())
+        return self.gaps(w, np.concatenate(ends))
+
+    @cached_property
+    def _steps(self) -> list[BufferedMap]:
+        """Those of every arc."""
+        return [buffered_map(shooting_step(self.system, arc.mode), arc.intervals) for arc in self.layout.arcs]
+
+    def gaps(self, w: Array, ends: Array) -> Array:
+        """By how much the nodes differ from the states (intervals, n_z) that the steps lead to."""
+        nodes = w[: ends.shape[1] * self.n_nodes].reshape(self.n_nodes, -1)
+        return np.asarray((nodes[self.layout.end_nodes] - ends).ravel())
+
+    def joints(self, w: Array) -> tuple[Array, Array, Array, Array]:
+        """States at the end of every phase and after every reset, durations and freed parameters."""
+        nodes, durations, freed = self.unpack(w)
+        ends, starts = (nodes.T[at].ravel() for at in self.layout.joints)
+        return ends, starts, durations, freed
+
+    def intervals(self, w: Array, p: Array) -> Iterator[Intervals]:
+        """What the steps of every arc begin with."""
+        nodes, durations, freed = self.unpack(w)
+        layout, full = self.layout, self._full(p, freed)
+        for arc, first, (start, end) in zip(layout.arcs, layout.first_nodes, layout.arc_times(durations), strict=True):
+            length = (end - start) / arc.intervals
+            times = start + length * np.arange(arc.intervals, dtype=float)[:, None]
+            own = self._standing(full, arc.phase)
+            yield Intervals(nodes.T[first : first + arc.intervals], times, length, own, self.system.data(arc.segment))
 
     def margin_values(self, w: Array, p: Array) -> Array:
         """Values of the inequalities."""
@@ -147,14 +222,6 @@ class MultipleShooting:
     @cached_property
     def _margin_values(self) -> BufferedFunction:
         return BufferedFunction(Function("margins", [self.w, self.parameters], [self.inequalities[0]]))
-
-    @cached_property
-    def _halved_defects(self) -> BufferedFunction:
-        return BufferedFunction(Function("halved_defects", [self.w, self.parameters], [self._defects(halves=2)]))
-
-    def halved_defects(self, w: Array, p: Array) -> Array:
-        """The defects when every interval is integrated in two halves."""
-        return self._halved_defects(w, p)[0].copy()
 
     def node_times(self, w: Array) -> Array:
         """Time since impact of every node; shape (K + 1,) [s]."""
@@ -183,12 +250,11 @@ class MultipleShooting:
         nodes, durations, freed = self.unpack(w)
         arc, first = self.layout.arcs[index], self.layout.first_nodes[index]
         start, end = self.layout.arc_times(durations)[index]
-        h = (end - start) / arc.intervals
-        k = np.clip((fractions * arc.intervals).astype(int), 0, arc.intervals - 1)
-        offset = (fractions * arc.intervals - k) * h
+        h, places = (end - start) / arc.intervals, fractions * arc.intervals
+        k = np.minimum(places.astype(int), arc.intervals - 1)
         step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
-        own, data = self.dynamics(p, freed, arc.phase).p, self.system.data(arc.segment)
-        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], offset[:, None], own, data)
+        own, data = self._standing(self._full(p, freed), arc.phase), self.system.data(arc.segment)
+        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], own, data)
         return states.copy()
 
     def arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
@@ -215,69 +281,27 @@ class MultipleShooting:
 
     def standing(self, phase: int) -> MX:
         """The parameters in a phase, as its leg stands."""
-        walker = self.system.walker
-        return walker.standing(self.p, walker.side(self.layout.cycle.step_of(phase)))
+        return self._standing(self.p, phase)
 
     def constants(self, arc: ArcLayout, width: int) -> list[MX]:
         """Parameters and segment data of an arc, repeated."""
         return [repmat(self.standing(arc.phase), 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
 
-    def _defects(self, halves: int) -> MX:
+    def _defects(self) -> MX:
         def columns(i: int) -> list[MX]:
             arc, Z, start, h = self.arc(i)
             times = start + h * MX(np.arange(arc.intervals)).T
             return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *self.constants(arc, arc.intervals)]
 
-        def step(mode: Mode) -> Function:
-            single = shooting_step(self.system, mode)
-            if halves == 1:
-                return single
-            z, t, h, p, r = (MX.sym(name, single.size1_in(i)) for i, name in enumerate("zthpr"))
-            middle = single(z, t, h / 2, p, r)
-            return Function("two_halves", [z, t, h, p, r], [single(middle, t + h / 2, h / 2, p, r)])
-
+        steps = self.map_arcs(lambda mode: shooting_step(self.system, mode), columns)
         ends = horzcat(*(self.arc(i)[1][:, 1:] for i in range(len(self.layout.arcs))))
-        return vec(ends - horzcat(*self.map_arcs(step, columns)))
-
-    def _events(self) -> list[MX]:
-        """What ends each phase: an edge of the cone, zero slip velocity, or touchdown.
-
-        A slip that starts at rest is also at rest after no time at all; dividing by that zero leaves its real end,
-        and keeps the equations regular where the slip comes into being.
-        """
-        events = []
-        for phase, (mode, name, order) in enumerate(self._endings()):
-            index = max(i for i, arc in enumerate(self.layout.arcs) if arc.phase == phase)
-            margin = self._end_margins(index)[margin_names(mode).index(name)]
-            events.append(margin / self.durations[phase] ** order if order else margin)
-        return events
-
-    def _endings(self) -> Iterator[tuple[Mode, str, int]]:
-        """Mode of every phase, the margin that ends it, and the order of the zero that this margin starts from."""
-        cycle, jump = self.layout.cycle, self.system.friction.two_coefficients
-        for phase, mode in enumerate(cycle.phases):
-            name = ending_margin(mode, cycle.after(phase))
-            yield mode, name, cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
-
-    def _end_margins(self, index: int) -> MX:
-        arc, Z, start, h = self.arc(index)
-        time = start + arc.intervals * h
-        return self.system.margins(arc.mode)(time, Z[:, -1], self.standing(arc.phase), self.system.data(arc.segment))
-
-    def _resets(self) -> list[MX]:
-        """From just before every impact to just after it; the last leads back to the start."""
-        n, rows = self.system.n_shape, []
-        for (phase, impact), end in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
-            z_plus = self.system.impact(impact)(z=self.Z[:, end], p=self.standing(phase))["z_plus"]
-            x = z_plus[n] if impact.locked else 0  # counted from the new stance foot
-            rows.append(self.Z[:, (end + 1) % self.n_nodes] - vertcat(z_plus[:n], x, z_plus[n + 1 :]))
-        return rows
+        return vec(ends - horzcat(*steps))
 
 
 @lru_cache(maxsize=64)
-def _dynamics(system: HybridSystem, p: bytes, side: int) -> Dynamics:
-    """The system at its parameters, as a leg stands; an examination of one solution reads it many times."""
-    return Dynamics(system, np.frombuffer(p)).standing(side)
+def _dynamics(system: HybridSystem, p: bytes) -> Dynamics:
+    """The system at its parameters; an examination of one solution reads it many times."""
+    return Dynamics(system, np.frombuffer(p))
 
 
 @lru_cache(maxsize=32)

@@ -6,7 +6,7 @@ A dW = lift,  DPi = impact' dW_K       return map's derivative, A being J withou
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ NEWTON_TOLERANCE = 3e-15
 """Rounding of the equalities in natural units; a polish that does not get there ends where it no longer improves."""
 NEWTON_STEPS = 8
 """A polish starts at IPOPT's tolerance; more steps mean that it does not converge."""
+CONSTANT = 1e-13
+"""Residual in natural units of a point whose Jacobian is that of the solution up to rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,8 +77,7 @@ class Polished:
 @overflow_allowed()
 def linearise(problem: Transcription, w: Array, p: Array) -> Linearisation:
     """Equalities and their sparse Jacobian at ``w``."""
-    residual = problem.violation(w, p)
-    jacobian = problem.jacobian(w, p)
+    residual, jacobian = problem.linearised(w, p)
     return Linearisation(w=w, p=p, residual=residual, jacobian=jacobian, units=problem.units(p))
 
 
@@ -87,6 +88,8 @@ def polish(problem: Transcription, w: Array, p: Array) -> Polished:
     def following(at: Linearisation) -> Linearisation:
         trial = at.w.copy()
         trial[: at.residual.size] -= at.scaled.solve(at.residual)
+        if at.size < CONSTANT:
+            return replace(at, w=trial, residual=problem.violation(trial, p))
         return linearise(problem, trial, p)
 
     first = linearise(problem, w, p)

@@ -17,7 +17,8 @@ from gaitopt.arrays import Array
 from gaitopt.integration.dop853 import combined
 from gaitopt.integration.tableau import N_STAGES, A, B, C
 from gaitopt.mechanics import HybridSystem, Mode
-from gaitopt.mechanics.buffered import BufferedFunction, buffered_map
+from gaitopt.mechanics.buffered import BufferedFunction, BufferedMap, buffered_map
+from gaitopt.nlp.conditions import differentiated
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
 
 if TYPE_CHECKING:
@@ -60,23 +61,18 @@ class ShootingJacobian:
         ]
         self._by_duration()
 
-    def jacobian(self, w: Array, p: Array) -> SparseMatrix:
-        """d equalities / d w."""
-        (tail,) = self._tail_nonzeros(w, p)
-        data = np.concatenate([np.ones(self._n * self._n_z), *self._steps(w, p), tail])
-        return SparseMatrix(pattern=self._pattern, data=data[self._order])
+    def linearised(self, w: Array, p: Array) -> tuple[Array, SparseMatrix]:
+        """Values of the equalities, and d equalities / d w."""
+        ends, *steps = self._steps(w, p)
+        last, joints = self._joints(*self._t.joints(w), p)
+        data = np.concatenate([np.ones(self._n * self._n_z), *steps, joints])
+        residual = np.concatenate([self._t.gaps(w, ends), last])
+        return residual, SparseMatrix(pattern=self._pattern, data=data[self._order])
 
     @cached_property
-    def _tail(self) -> Function:
-        """(w, p) -> Jacobian of events, resets and periodicity."""
-        t = self._t
-        values = Function("tail", [t.w, t.parameters], [t.conditions]).expand()
-        w, p = values.sx_in()
-        return Function("tail_jacobian", [w, p], [jacobian(values(w, p), w)])
-
-    @cached_property
-    def _tail_nonzeros(self) -> BufferedFunction:
-        return BufferedFunction(self._tail, nonzeros=True)
+    def _joints(self) -> BufferedFunction:
+        """Events, resets and periodicity with the entries of their Jacobian."""
+        return BufferedFunction(differentiated(*self._t.joined), nonzeros=True)
 
     def _by_duration(self) -> None:
         """Derivatives of start and length of every interval by the durations; both are linear in them."""
@@ -98,7 +94,7 @@ class ShootingJacobian:
         row = np.arange(n * n_z)
         block = row.reshape(n, n_z, 1)
         starts = n_z * t.layout.start_nodes
-        after = (starts[:, None] + n_z + np.arange(n_z)).ravel()
+        after = (n_z * t.layout.end_nodes[:, None] + np.arange(n_z)).ravel()
         own = (
             np.broadcast_to(block, (n, n_z, n_z)),
             np.broadcast_to(starts[:, None, None] + np.arange(n_z), (n, n_z, n_z)),
@@ -107,42 +103,44 @@ class ShootingJacobian:
             np.broadcast_to(block, (n, n_z, n_tail)),
             np.broadcast_to(n_w - n_tail + np.arange(n_tail), (n, n_z, n_tail)),
         )
-        sparsity = self._tail.sparsity_out(0)
+        sparsity = differentiated(*t.joined).sparsity_out(1)
+        at_nodes = n_z * np.concatenate(t.layout.joints)[:, None] + np.arange(n_z)
+        joint_columns = np.concatenate([at_nodes.ravel(), np.arange(n_w - n_tail, n_w)])
         rows = np.concatenate([row, own[0].ravel(), rest[0].ravel(), n * n_z + np.array(sparsity.row(), dtype=int)])
-        columns = np.concatenate([after, own[1].ravel(), rest[1].ravel(), np.array(sparsity.get_col(), dtype=int)])
+        columns = np.concatenate([after, own[1].ravel(), rest[1].ravel(), joint_columns[sparsity.get_col()]])
         self._order = np.lexsort((rows, columns))
         pointers = np.searchsorted(columns[self._order], np.arange(n_w + 1))
-        self._pattern = Pattern(shape=(t.equalities.numel(), n_w), pointers=pointers, rows=rows[self._order])
+        self._pattern = Pattern(shape=(n * n_z + sparsity.size1(), n_w), pointers=pointers, rows=rows[self._order])
 
-    def _steps(self, w: Array, p: Array) -> tuple[Array, Array]:
-        """Minus the derivatives of all steps by their own nodes, and by durations and freed parameters."""
+    @cached_property
+    def _stages(self) -> list[BufferedMap]:
+        """Those of every arc."""
+        t = self._t
+        return [
+            buffered_map(stage_derivatives(t.system, arc.mode, t.standing_names(arc.phase)), arc.intervals)
+            for arc in t.layout.arcs
+        ]
+
+    def _steps(self, w: Array, p: Array) -> tuple[Array, Array, Array]:
+        """Ends of all steps, and minus their derivatives by their own nodes, and by durations and freed parameters."""
         t, n_z = self._t, self._n_z
-        rates, derivatives, lengths = self._stages(w, p)
-        step = -_varied(rates, derivatives, lengths)
+        stages = np.empty((N_STAGES, self._n, n_z, n_z + 2 + len(t.free)))
+        starts, lengths = np.empty((self._n, n_z)), np.empty(self._n)
+        for at, values, (nodes, times, length, own, data) in zip(
+            self._intervals, self._stages, t.intervals(w, p), strict=True
+        ):
+            starts[at], lengths[at] = nodes, length
+            stages[:, at] = _by_stage(values(nodes, times, length, own, data)[0], n_z)
+        ends, step = _varied(starts, stages, lengths)
         for arc, at in zip(t.layout.arcs, self._intervals, strict=True):
             if arc.mode.sticks:
-                step[at, -1] = 0.0
+                ends[at, -1], step[at, -1] = 0.0, 0.0
+        step = -step
         by_durations = (
             step[:, :, n_z, None] * self._times[:, None, :] + step[:, :, n_z + 1, None] * self._lengths[:, None, :]
         )
         by_rest = np.concatenate([by_durations, step[:, :, n_z + 2 :]], axis=2)
-        return step[:, :, :n_z].ravel(), by_rest.ravel()
-
-    def _stages(self, w: Array, p: Array) -> tuple[Array, Array, Array]:
-        """Rates (12, K, n_z), their derivatives (12, K, n_z, n_z + 1 + n_free) and lengths (K,) of all intervals."""
-        t, n_z = self._t, self._n_z
-        nodes, durations, freed = t.unpack(w)
-        lengths, values = np.empty(self._n), np.empty((self._n, n_z, N_STAGES, n_z + 2 + len(t.free)))
-        starts = t.layout.start_nodes
-        for arc, at, (start, end) in zip(t.layout.arcs, self._intervals, t.layout.arc_times(durations), strict=True):
-            m = arc.intervals
-            lengths[at] = (end - start) / m
-            times: Array = start + lengths[at] * np.arange(m)
-            data = t.system.data(arc.segment)
-            own, free = t.dynamics(p, freed, arc.phase).p, t.standing_names(arc.phase)
-            values[at] = _stage_values(t.system, arc.mode, free, nodes.T[starts[at]], times, lengths[at], own, data)
-        stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
-        return stages[..., 0], stages[..., 1:], lengths
+        return ends, step[:, :, :n_z].ravel(), by_rest.ravel()
 
 
 @lru_cache(maxsize=32)
@@ -151,24 +149,31 @@ def shooting_jacobian(transcription: "MultipleShooting") -> ShootingJacobian:
     return ShootingJacobian(transcription)
 
 
-def _varied(rates: Array, derivatives: Array, lengths: Array) -> Array:
-    """Derivatives of all steps by (z, t, h, freed parameters); shape (K, n_z, n_z + 2 + n_free).
+def _varied(nodes: Array, stages: Array, lengths: Array) -> tuple[Array, Array]:
+    """Ends of all steps (K, n_z), and their derivatives by (z, t, h, freed parameters), (K, n_z, n_z + 2 + n_free).
 
     What a stage moves the state by is h K_i; of it dK_i is multiplied by h, and K_i stands in the column of h.
+
+    Parameters
+    ----------
+    nodes, lengths : where the steps start, shape (K, n_z), and how long they are, shape (K,) [s].
+    stages : rates, and behind them their derivatives by all but h, shape (12, K, n_z, n_z + 2 + n_free).
     """
+    rates, derivatives = stages[..., 0], stages[..., 1:] * lengths[:, None, None]
     n, n_z, n_in = derivatives.shape[1:]
     base = np.zeros((n, n_in, n_in + 1))
     base[:, : n_z + 1, : n_z + 1] = np.eye(n_z + 1)
     base[:, n_z + 1 :, n_z + 2 :] = np.eye(n_in - n_z - 1)
     moved = np.empty((N_STAGES, n, n_z, n_in + 1))
-    flat, scaled = moved.reshape(N_STAGES, -1), derivatives * lengths[:, None, None]
+    flat = moved.reshape(N_STAGES, -1)
     for i, (a, c) in enumerate(zip(A, C, strict=True)):
         inner = base.copy()
         inner[:, n_z, n_z + 1] = c
         inner[:, :n_z] += (a[:i] @ flat[:i]).reshape(n, n_z, -1)
-        np.matmul(scaled[i], inner, out=moved[i])
+        np.matmul(derivatives[i], inner, out=moved[i])
         moved[i, :, :, n_z + 1] += rates[i]
-    return np.asarray(base[:, :n_z] + (B @ flat).reshape(n, n_z, -1))
+    ends = nodes + lengths[:, None] * np.tensordot(B, rates, 1)
+    return ends, np.asarray(base[:, :n_z] + (B @ flat).reshape(n, n_z, -1))
 
 
 def step_derivatives(
@@ -188,25 +193,14 @@ def step_derivatives(
     nodes, times, lengths : where the steps start, shape (n_z, K) and (K,), and how long they are, shape (K,) [s].
     p, r : all parameters, and the segment data of the control.
     """
-    values = _stage_values(system, mode, free, nodes.T, times, lengths, p, r)
-    stages = np.ascontiguousarray(values.transpose(2, 0, 1, 3))
-    by = _varied(stages[..., 0], stages[..., 1:], lengths)
+    values = buffered_map(stage_derivatives(system, mode, free), times.size)
+    (stages,) = values(nodes.T, times[:, None], lengths[:, None], p, r)
+    _, by = _varied(nodes.T, _by_stage(stages, system.n_z), lengths)
     if mode.sticks:
         by[:, -1] = 0.0
     return by
 
 
-def _stage_values(
-    system: HybridSystem,
-    mode: Mode,
-    free: tuple[str, ...],
-    nodes: Array,
-    times: Array,
-    lengths: Array,
-    p: Array,
-    r: Array,
-) -> Array:
-    """f and its derivatives at all stages of K steps from ``nodes`` (K, n_z); shape (K, n_z, 12, n_z + 2 + n_free)."""
-    values = buffered_map(stage_derivatives(system, mode, free), times.size)
-    (stages,) = values(nodes, times[:, None], lengths[:, None], p, r)
-    return stages.reshape(times.size, N_STAGES, -1, system.n_z).transpose(0, 3, 1, 2)
+def _by_stage(values: Array, n_z: int) -> Array:
+    """f and its derivatives at all stages of K steps, shape (12, K, n_z, n_z + 2 + n_free), from their columns."""
+    return values.reshape(len(values), N_STAGES, -1, n_z).transpose(1, 0, 3, 2)

@@ -59,8 +59,8 @@ class Transcription(Protocol):
     def violation(self, w: Array, p: Array) -> Array:
         """Values of the equalities."""
 
-    def jacobian(self, w: Array, p: Array) -> SparseMatrix:
-        """Derivative of the equalities in nodes, durations and freed parameters, shape (n, n + n_free)."""
+    def linearised(self, w: Array, p: Array) -> tuple[Array, SparseMatrix]:
+        """Values of the equalities, and their derivative in all unknowns; shape (n, n + n_free)."""
 
     def margin_values(self, w: Array, p: Array) -> Array:
         """Values of the inequalities."""

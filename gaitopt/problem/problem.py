@@ -1,4 +1,4 @@
-"""A problem: which gait of which walker is to compute, complete and in SI; how it is loaded, changed and identified.
+"""A problem: how the statement of a gait is loaded, changed and identified.
 
 A problem that tracks another gait holds that gait's own problem, which overrides never touch.
 """
@@ -9,122 +9,45 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.mechanics.cycle import Cycle
-from gaitopt.mechanics.modes import ImpactLaw
 from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
-from gaitopt.problem.control_sections import ControlSpec
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
-from gaitopt.problem.parts import Free, Guess, OpenSequence, Range
 from gaitopt.problem.plausibility import impossible, remarks
-from gaitopt.problem.record import digest_of, problem_data, resolved_data
+from gaitopt.problem.record import digest_of, problem_data
 from gaitopt.problem.reference import reference_name, unsuitable
-from gaitopt.problem.sections import FrictionCoefficients
 from gaitopt.problem.source import parse_source, read_text
+from gaitopt.problem.statement import ProblemStatement
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Problem(Tabulated):
-    """The statement of one gait, complete and validated.
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Problem(ProblemStatement):
+    """The statement of one gait, validated, with where it comes from.
 
     Attributes
     ----------
-    name, about : from the file.
-    walker : the walker with its parameters; a freed parameter has its guess, here and below.
-    friction : coefficient of friction mu, or static and kinetic coefficient and drag.
-    impact_law : tangential law of a slipping impact.
-    control : what the motors do.
-    modes : those of the step, or of the steps, after which the gait repeats itself, and their impacts; or what is
-        known of a sequence that is open.
-    start : first guess of the gait, its state complete; None only where the sequence is open.
-    free : the unknown parameters by dotted key.
-    objective : weights of the scalars whose sum is minimised; empty if there is none.
-    constraints : ranges of scalars by name.
     reference : the problem whose gait the control tracks or its curve starts from.
     path, text : where it came from, verbatim; overrides are not in the text.
     origin : the problem with an open sequence that this one answers, under whose name and digest it is kept.
     place : where each of its values was given: a line of the file, or an override.
-    remarks : what is unusual about its numbers, one line each with its place; empty for most problems.
     """
 
-    name: str
-    about: str = ""
-    walker: Walker
-    friction: float | FrictionCoefficients
-    impact_law: ImpactLaw = ImpactLaw.COULOMB
-    control: ControlSpec
-    modes: Cycle | OpenSequence
-    start: Guess | None
-    free: Mapping[str, Free] = field(default_factory=dict)
-    objective: Mapping[str, float] = field(default_factory=dict)
-    constraints: Mapping[str, Range] = field(default_factory=dict)
     reference: "Problem | None" = None
     path: Path | None = None
     text: str = ""
     place: Place = field(compare=False, repr=False)
-    remarks: tuple[str, ...] = field(default=(), compare=False)
     origin: "Problem | None" = None
 
-    def __repr__(self) -> str:
-        return f"<Problem {self.name}: {self.walker.model}, {self.modes}>"
+    def __hash__(self) -> int:
+        return hash(self.digest)
 
     @property
-    def is_open(self) -> bool:
-        """Whether the mode sequence is to be found."""
-        return isinstance(self.modes, OpenSequence)
-
-    @property
-    def cycle(self) -> Cycle:
-        """The mode sequences of the steps after which the gait repeats itself.
-
-        Raises
-        ------
-        ProblemError
-            If they are open.
-        """
-        if isinstance(self.modes, OpenSequence):
-            raise self._open_error()
-        return self.modes
-
-    @property
-    def guess(self) -> Guess:
-        """The first guess.
-
-        Raises
-        ------
-        ProblemError
-            If the sequence is open and there is none.
-        """
-        if self.start is None:
-            raise self._open_error()
-        return self.start
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Every scalar parameter by dotted key, in a fixed order: walker, friction, control."""
-        walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
-        scalars = self.control.model_dump(exclude={"type", "reference"})
-        control = {f"control.{key}": value for key, value in scalars.get("torques", scalars).items()}
-        numbers = self.friction_data
-        friction = (
-            {f"friction.{k}": v for k, v in numbers.items()} if isinstance(numbers, dict) else {"friction": numbers}
-        )
-        return {**walker, **friction, **control}
-
-    @property
-    def static_friction(self) -> float:
-        """Coefficient that bounds the force of a sticking foot."""
-        return self.friction if isinstance(self.friction, float) else self.friction.static
-
-    @property
-    def friction_data(self) -> float | dict[str, float]:
-        """The coefficient of friction, or the coefficients by name, as in a file."""
-        return self.friction if isinstance(self.friction, float) else self.friction.model_dump()
+    def remarks(self) -> tuple[str, ...]:
+        """What is unusual about its numbers, one line each with its place; empty for most problems."""
+        return tuple(fault_lines(remarks(self), self.place))
 
     def reference_problem(self) -> "Problem | None":
         """The problem whose gait the control tracks or its curve starts from; never touched by ``replace``."""
@@ -147,9 +70,9 @@ class Problem(Tabulated):
         data, place = apply_overrides(problem_data(self), overrides, faults, label)
         raise_faults(faults, place)
         known = {} if self.reference is None else {reference_name(self.control)[0]: self.reference}
-        origin = _Origin(walkers=(type(self.walker),), path=self.path, chain=_chain(self.path))
+        origin = _Origin(walkers=(type(self.walker),), path=self.path)
         changed = _build(data, place, faults, origin, text=self.text, known=known)
-        return changed._at(ChangedPlace(self.place, place))
+        return replace(changed, place=ChangedPlace(self.place, place))
 
     def objection(self, key: str, value: float) -> str | None:
         """Why a parameter cannot have a value, independently of all others; None if it can."""
@@ -162,7 +85,14 @@ class Problem(Tabulated):
         """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name."""
         if self.origin is not None:
             return self.origin.resolved()
-        return resolved_data(self)
+        data = problem_data(self)
+        if self.start is not None:
+            data["gait"]["guess"]["state"] = dict(self.start.state)
+        if self.reference is not None:
+            reference = data["control"]["reference"]
+            holder, key = (reference["curve"], "start") if "curve" in reference else (reference, "gait")
+            holder[key] = self.reference.resolved()
+        return data
 
     @property
     def digest(self) -> str:
@@ -173,16 +103,6 @@ class Problem(Tabulated):
     def hash8(self) -> str:
         """The first eight digits of the digest."""
         return self.digest[:8]
-
-    def _at(self, place: Place) -> "Problem":
-        """The problem with its remarks, whose values were given at ``place``."""
-        return replace(self, place=place, remarks=tuple(fault_lines(remarks(self), place)))
-
-    def _open_error(self) -> ProblemError:
-        return ProblemError(
-            f"{self.name}: its mode sequence is open (gait.phases: auto), and this needs one: `gaitopt find` lists the "
-            "gaits that there are; give the phases and the impact of one of them"
-        )
 
 
 def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -211,7 +131,7 @@ def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type
     ProblemError
         As ``load_problem``.
     """
-    return _parse(text, _Origin(walkers=tuple(walkers), path=path, chain=_chain(path)))
+    return _parse(text, _Origin(walkers=tuple(walkers), path=path))
 
 
 def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -232,25 +152,25 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
         if isinstance(holder, dict) and isinstance(holder.get(key), Mapping):
             nested = restore_problem(holder[key], walkers=walkers)
             known, holder[key] = {nested.name: nested}, nested.name
-    return _build(data, place, [], _Origin(walkers=tuple(walkers)), known=known)._at(place)
+    return _build(data, place, [], _Origin(walkers=tuple(walkers)), known=known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Origin:
-    """Where a problem is read from: its file, all the files that led to it by reference, and further walkers."""
+    """Where a problem is read from: its file, those that refer to it one after the other, and further walkers."""
 
     walkers: tuple[type[Walker], ...]
     path: Path | None = None
     chain: tuple[Path, ...] = ()
 
 
-def _load(name_or_path: str | Path, asking: _Origin) -> Problem:
-    path = find_problem(name_or_path, None if asking.path is None else asking.path.parent)
+def _load(name_or_path: str | Path, origin: _Origin) -> Problem:
+    path = find_problem(name_or_path, None if origin.path is None else origin.path.parent)
     text = read_text(path)
-    chain = (*asking.chain, *_chain(path))
-    if chain[-1] in asking.chain:
-        raise ProblemError(f"references run in a circle: {' -> '.join(file.stem for file in chain)}")
-    return _parse(text, _Origin(walkers=asking.walkers, path=path, chain=chain))
+    chain = origin.chain if origin.path is None else (*origin.chain, origin.path.resolve())
+    if path.resolve() in chain:
+        raise ProblemError(f"references run in a circle: {' -> '.join(file.stem for file in (*chain, path))}")
+    return _parse(text, _Origin(walkers=origin.walkers, path=path, chain=chain))
 
 
 def _parse(text: str, origin: _Origin) -> Problem:
@@ -261,11 +181,7 @@ def _parse(text: str, origin: _Origin) -> Problem:
     if not isinstance(source.data, Mapping):
         faults.append(Fault((), "the file holds no mapping of keys; `gaitopt schema` describes a problem file"))
         raise_faults(faults, place)
-    return _build(source.data, place, faults, origin, text=text)._at(place)
-
-
-def _chain(path: Path | None) -> tuple[Path, ...]:
-    return () if path is None else (path.resolve(),)
+    return _build(source.data, place, faults, origin, text=text)
 
 
 def _build(

@@ -15,7 +15,8 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
-from gaitopt.mechanics import ONSETS, PHASE_MARGINS, Dynamics, Mode
+from gaitopt.mechanics import ONSETS, Dynamics, Mode
+from gaitopt.mechanics.margins import PHASE_MARGINS
 from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units

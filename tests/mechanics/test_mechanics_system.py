@@ -9,7 +9,6 @@ from oracles import CASES, Case, differences, directional, numbers
 from gaitopt.mechanics import (
     CONTACTS,
     BeyondEnd,
-    CompassBiped,
     HybridSystem,
     Mode,
     Piece,
@@ -18,6 +17,7 @@ from gaitopt.mechanics import (
     margin_names,
 )
 from gaitopt.mechanics.control.reference import continued
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 Array = np.ndarray
 MODES = CONTACTS

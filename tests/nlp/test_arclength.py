@@ -25,7 +25,12 @@ class Planar:
     system: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(section=lambda _: np.array([0])))
 
     def violation(self, w: np.ndarray, p: np.ndarray) -> np.ndarray:
-        return np.asarray(self.residual(w, p)[0]).ravel()
+        return self.linearised(w, p)[0]
+
+    def linearised(self, w: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, SparseMatrix]:
+        row = Pattern(shape=(1, 2), pointers=np.arange(3), rows=np.zeros(2, dtype=np.intp))
+        value, slopes = (np.asarray(output).ravel() for output in self.residual(w, p))
+        return value, SparseMatrix(pattern=row, data=slopes)
 
 
 def planar(equation: str) -> Planar:
@@ -36,13 +41,7 @@ def planar(equation: str) -> Planar:
 
 
 def curve_of(equation: str, scales: tuple[float, float]) -> Curve:
-    plane = planar(equation)
-    row = Pattern(shape=(1, 2), pointers=np.arange(3), rows=np.zeros(2, dtype=np.intp))
-
-    def slopes(w: np.ndarray, p: np.ndarray) -> SparseMatrix:
-        return SparseMatrix(pattern=row, data=np.asarray(plane.residual(w, p)[1]).ravel())
-
-    return Curve(plane, np.zeros(1), np.array(scales), slopes)
+    return Curve(planar(equation), np.zeros(1), np.array(scales))
 
 
 def walked(curve: Curve, start: CurvePoint, length: float, count: int) -> list[CurvePoint]:
