@@ -88,10 +88,6 @@ class NaturalSystem:
         """Rate of the state."""
         return self._build(f"flow_{mode.key}", lambda a: [self._rate(mode, a)])
 
-    def events(self, mode: Mode) -> Function:
-        """Margins and their rates along the flow."""
-        return self._build(f"events_{mode.key}", lambda a: self._events(mode, a))
-
     def point(self, mode: Mode) -> Function:
         """Rate of the state, margins and their rates."""
         return self._build(f"point_{mode.key}", lambda a: cse([self._rate(mode, a), *self._events(mode, a)]))
