@@ -19,7 +19,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from gaitopt.mechanics import Dynamics, Walker
 from gaitopt.nlp import roll_out
 from gaitopt.problem import Problem
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 SAMPLES = 41
 

@@ -23,6 +23,11 @@ settings.register_profile("reproducible", derandomize=True, deadline=None)
 settings.load_profile("reproducible")
 
 
+def pytest_xdist_auto_num_workers(config):
+    """One worker more than cores: a fifth of the suite waits for commands, workers and schedulers that it starts."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_collection_finish():
     """Modules and tests stay until the end: the garbage collector need not look at them again and again."""
     gc.collect()

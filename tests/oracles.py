@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import CompassBiped, HybridSystem, Mode, NoControl, RimlessWheel, Walker
+from gaitopt.mechanics import HybridSystem, Mode, NoControl, Walker
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 Array = NDArray[np.float64]
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"

@@ -3,7 +3,8 @@
 import numpy as np
 
 import gaitopt as go
-from gaitopt.gait import Gait, measure_scales
+from gaitopt.gait import Gait
+from gaitopt.gait.measures import measure_scales
 
 DIMENSIONS = {
     "leg_length": (1, 0, 0), "leg_com": (1, 0, 0), "radius": (1, 0, 0), "leg_mass": (0, 0, 1), "hip_mass": (0, 0, 1),

@@ -9,10 +9,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from difflib import unified_diff
+from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args
 
 import typer
+from pydantic import BaseModel
 
 import gaitopt
 from gaitopt.cli.main import app
@@ -42,12 +44,26 @@ def _lines(name: str, value: Any) -> Iterator[str]:
         yield from (f"    {member.name} = {str(member)!r}" for member in value)
     if is_dataclass(value):
         yield from (f"    {field.name}: {_type(field.type)}" for field in fields(value) if field.name[0] != "_")
+    elif not issubclass(value, BaseModel):
+        notes = {key: note for base in value.__mro__ for key, note in inspect.get_annotations(base).items()}
+        yield from (
+            f"    {key}: {_type(note)}"
+            for key, note in sorted(notes.items())
+            if key[0] != "_" and "ClassVar" not in str(note)
+        )
     stated = {field.name for field in fields(value)} if is_dataclass(value) else set()
-    for key, member in sorted(vars(value).items()):
-        function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+    for key, member in _members(value):
+        is_value = isinstance(member, property | cached_property)
+        function = next((getattr(member, way) for way in ("fget", "func", "__func__") if hasattr(member, way)), member)
         if key[0] != "_" and key not in stated and inspect.isfunction(function):
-            words = "" if isinstance(member, property) else f"({', '.join(_parameters(function))})"
+            words = "" if is_value else f"({', '.join(_parameters(function))})"
             yield f"    {key}{words} -> {_type(inspect.signature(function).return_annotation)}"
+
+
+def _members(value: type) -> Iterator[tuple[str, Any]]:
+    """Members by name, also those that are inherited from a class of gaitopt."""
+    homes = [base for base in value.__mro__ if base.__module__.startswith("gaitopt")]
+    yield from sorted({key: member for base in reversed(homes) for key, member in vars(base).items()}.items())
 
 
 def _parameters(function: Any) -> Iterator[str]:

@@ -39,7 +39,7 @@ def basin(
 ) -> int:
     """Walk from every state of a grid until it settles on a gait or fails.
 
-    The other coordinates are those of RUN's gait. Finished tiles are kept; the same command goes on where it was.
+    The other coordinates are those of RUN's gait. Finished tiles are kept; the same command resumes where it stopped.
     `gaitopt solve RUN@attractor.K` makes a gait of the K-th one, RUN being the folder that is printed.
     """
     from gaitopt.figures.catalogue import basin_figures

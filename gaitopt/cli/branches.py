@@ -11,42 +11,31 @@ if TYPE_CHECKING:
 SPECIAL = "@special."
 
 
-def holds(run: str, name: str) -> bool:
-    """Whether ``run`` is a folder with a file of this name in it."""
-    try:
-        return (Path(run) / name).is_file()
-    except OSError:  # no name of a folder
-        return False
-
-
-def holds_branch(run: str) -> bool:
-    """Whether ``run`` is a folder with a branch in it."""
-    from gaitopt.store import BRANCH_FILE
-
-    return holds(run, BRANCH_FILE)
-
-
-def holds_walk(run: str) -> bool:
-    """Whether ``run`` is a folder with a simulated walk, and no gait, in it."""
-    from gaitopt.store import GAIT_FILE, WALK_FILE
-
-    return holds(run, WALK_FILE) and not holds(run, GAIT_FILE)
-
-
-def holds_front(run: str) -> bool:
-    """Whether ``run`` is a folder with fronts, and no gait, in it."""
+def holding(run: str) -> str:
+    """What ``run`` is a folder of: ``branch``; ``walk`` or ``front`` where it has no gait; else nothing."""
     from gaitopt.runs.front import front_file
-    from gaitopt.store import GAIT_FILE
+    from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE
     from gaitopt.store.manifest import MANIFEST_FILE
 
-    return holds(run, MANIFEST_FILE) and any(Path(run).glob(front_file("*"))) and not holds(run, GAIT_FILE)
+    folder = Path(run)
+    try:
+        names = {path.name for path in folder.iterdir()}
+    except OSError:  # no folder, or no name of one
+        return ""
+    if BRANCH_FILE in names:
+        return "branch"
+    if GAIT_FILE in names:
+        return ""
+    if WALK_FILE in names:
+        return "walk"
+    return "front" if MANIFEST_FILE in names and any(folder.glob(front_file("*"))) else ""
 
 
 def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
     """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error."""
     from gaitopt.runs import restore_branch
 
-    if not holds_branch(run):
+    if holding(run) != "branch":
         raise StorageError(f"{label}{run} holds no branch; `gaitopt continue` writes one")
     return restore_branch.stored_branch(Path(run))
 

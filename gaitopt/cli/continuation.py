@@ -74,10 +74,9 @@ def continue_(
 
     From a special point RUN@special.K its other branches are continued: at a period doubling the cycles of twice as
     many steps, at a branch point the curve that crosses, at a change of modes the sequences that were not followed.
-    What is found is kept at once; the same command takes up a walk that was cut short.
+    What is found is kept at once; the same command resumes a walk that was interrupted.
     """
     from gaitopt.families import Request, check_request
-    from gaitopt.gait import SpecialPoint
     from gaitopt.runs.branch_run import BranchRun
     from gaitopt.store import writing
 
@@ -91,22 +90,22 @@ def continue_(
         verify_every=verify_every,
         follow=counts(follow),
     )
-    start = _special_point(problem, changes) if SPECIAL in problem else gait_of(problem, changes, None, terminal)[0]
-    gait, kind = (start.gait, start.type) if isinstance(start, SpecialPoint) else (start, "")
-    if gait is None:
-        raise SolveError(f"{problem}: there is no gait at this {kind}")
+    if SPECIAL in problem:
+        start, gait = _special_point(problem, changes)
+    else:
+        start, gait = None, gait_of(problem, changes, None, terminal)[0]
     if not gait.converged:
         report(gait, None, terminal)
         return NOT_A_GAIT
     check_request(gait, request)
-    run = BranchRun(problem=gait.problem, request=request, start_type=kind, output=output)
+    run = BranchRun(problem=gait.problem, request=request, start_type=start.type if start else "", output=output)
     with writing(run.folder, run.problem):
-        refuted = _walk(run, start, terminal)
+        refuted = _walk(run, start or gait, terminal)
     return NOT_VERIFIED if refuted else 0
 
 
-def _special_point(place: str, changes: list[str] | None) -> "SpecialPoint":
-    """The special point RUN@special.K: the K-th of the branch in a run folder, from 0, in the order of the table."""
+def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint, Gait]":
+    """The special point RUN@special.K and its gait: the K-th of a run's branch, from 0, in the order of the table."""
     from gaitopt.families.records import family_of, recorded_special
 
     if changes:
@@ -119,7 +118,10 @@ def _special_point(place: str, changes: list[str] | None) -> "SpecialPoint":
     if problem.free:  # whose values a point of the branch does not hold
         words = "has free parameters: fix them at the values of the design, and continue that"
         raise ProblemError(f"{problem.name} {words}")
-    return recorded_special(family_of(problem, parameter), parameter, records[int(index)])
+    special = recorded_special(family_of(problem, parameter), parameter, records[int(index)])
+    if special.gait is None:
+        raise SolveError(f"{place}: there is no gait at this {special.type}")
+    return special, special.gait
 
 
 def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: Terminal) -> bool:
@@ -130,7 +132,7 @@ def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: Terminal) ->
     with interruptible() as interrupted, _live(terminal, run.request.parameter) as show:
         done, to_come = run.walk(start, should_stop=interrupted)
         if done:
-            terminal.say(f"taken up from {run.folder} after {len(done)} records")
+            terminal.say(f"resumed from {run.folder} after {len(done)} records")
         for record in chain(done, to_come):
             shown = {key: record[key] for key in SHOWN if key in record}
             if record["record"] == "point":

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from gaitopt.cli.branches import holds_branch, holds_front, holds_walk, stored_branch
+from gaitopt.cli.branches import holding, stored_branch
 
 if TYPE_CHECKING:
     from gaitopt.figures.catalogue import Figures
@@ -54,11 +54,12 @@ def stored_figures(run: str) -> "list[Figures]":
     from gaitopt.runs.front import read_fronts
     from gaitopt.runs.restore import restore_walk
 
-    if holds_branch(run):
+    kind = holding(run)
+    if kind == "branch":
         return [branch_figures(*stored_branch(run))]
-    if holds_walk(run):
+    if kind == "walk":
         return [walk_figures(restore_walk(Path(run)))]
-    return [front_figures(front) for front in read_fronts(Path(run))] if holds_front(run) else []
+    return [front_figures(front) for front in read_fronts(Path(run))] if kind == "front" else []
 
 
 def map_in(run: str) -> str | None:

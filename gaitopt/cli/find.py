@@ -40,7 +40,7 @@ def find(
     """Search for all gaits at a problem's parameters, of any mode sequence.
 
     Walks from many start states and a program with open modes propose gaits; each is solved, verified and listed once,
-    stable ones first. What is done is kept; the same command goes on where it was.
+    stable ones first. What is done is kept; the same command resumes where it stopped.
     """
     from gaitopt.library.print_results import print_gaits
     from gaitopt.runs.find_run import find_durably

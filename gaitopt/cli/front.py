@@ -19,7 +19,7 @@ def front(
 ) -> int:
     """Design along one number of the problem, in both directions, and mark the Pareto front.
 
-    Every design is kept as soon as it is found; the same command goes on where it was.
+    Every design is kept as soon as it is found; the same command resumes where it stopped.
     """
     from gaitopt.figures.catalogue import front_figures
     from gaitopt.library.print_results import print_front

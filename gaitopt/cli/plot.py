@@ -27,7 +27,7 @@ COMPARISON = "comparison"
 WhatOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--what", metavar="NAME", help="Which figure; repeat it for several. Without it all that tell something."
+        "--what", metavar="NAME", help="Which figure; repeat it for several. Without it all that show something."
     ),
 ]
 FormatOption = Annotated[list[Format] | None, typer.Option("--format", help="svg and png if not given.")]

@@ -78,7 +78,8 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: T
 
 def _prove_special(target: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt import solve
-    from gaitopt.proof import BRACKETED, prove_special
+    from gaitopt.proof import prove_special
+    from gaitopt.proof.branch import BRACKETED
     from gaitopt.search.distinct import closed
 
     run, _, number = target.rpartition(SPECIAL)
@@ -100,7 +101,6 @@ def _prove_special(target: str, width: float | None, output: Path | None, termin
 
 
 def _keep(proof: "Proof", file: Path, terminal: Terminal) -> int:
-    """Keep the certificate and report."""
     from gaitopt.store import json_text, write_whole
 
     write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
@@ -111,7 +111,8 @@ def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, s
     """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
     from flint import ctx
 
-    from gaitopt.proof import INTERVAL, PRECISION, ball
+    from gaitopt.proof.parameters import INTERVAL, ball
+    from gaitopt.proof.taylor import PRECISION
 
     pairs = [key_value(text, "--set") for text in changes or ()]
     intervals = {key: text for key, text in pairs if INTERVAL in text}
@@ -124,7 +125,6 @@ def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, s
 
 
 def _checked(file: Path) -> "Proof":
-    """The proof of a certificate's file."""
     from json import JSONDecodeError, loads
 
     from gaitopt.proof import check

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gaitopt.cli.branches import holds_branch, holds_walk, stored_branch
+from gaitopt.cli.branches import holding, stored_branch
 from gaitopt.cli.endings import NOT_A_GAIT
 from gaitopt.cli.options import RunArguments, SetOption
 from gaitopt.cli.runs import gaits_of
@@ -34,9 +34,10 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
         raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
     if output is not None:
         check_writable(output)
-    if len(runs) == 1 and holds_branch(runs[0]):
+    kind = holding(runs[0]) if len(runs) == 1 else ""
+    if kind == "branch":
         page, folder = branch_report(*stored_branch(runs[0])), Path(runs[0])
-    elif len(runs) == 1 and holds_walk(runs[0]):
+    elif kind == "walk":
         page, folder = walk_report(restore_walk(Path(runs[0]))), Path(runs[0])
     else:
         gaits, folders = gaits_of(runs, changes, terminal)

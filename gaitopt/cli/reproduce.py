@@ -22,13 +22,14 @@ def reproduce(terminal: Terminal, paper: PaperArgument, only: OnlyOption = None,
 
     Gaits and families are taken from the run folders in results/, or computed, on all cores, and kept there.
     """
-    from gaitopt.paper import Archive, check_names
     from gaitopt.paper import reproduce as write
+    from gaitopt.paper.archive import Archive
+    from gaitopt.paper.reproduction import check_names
     from gaitopt.store.run import RESULTS
     from gaitopt.workers.jobs import Workers
 
     check_names(paper, only or ())
-    with terminal.working("parts") as (progress, interrupted):
+    with terminal.working("percent") as (progress, interrupted):
         archive = Archive(narrate=terminal.say, should_stop=interrupted)
         written = write(archive, output or RESULTS / paper, only or (), progress, Workers())
     terminal.print_paths(written)

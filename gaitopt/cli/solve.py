@@ -13,7 +13,10 @@ from gaitopt.cli.terminal import Terminal
 from gaitopt.errors import ProblemError, SolveError, StorageError
 
 if TYPE_CHECKING:
+    from gaitopt.gait import Gait
     from gaitopt.problem import Problem
+    from gaitopt.runs.multistart import Optimum
+    from gaitopt.workers.jobs import Workers
 
 ATTRACTOR = "@attractor."
 LARGEST_SPREAD = 0.99
@@ -61,7 +64,7 @@ def solve(
     """Solve for a gait, verify it and store it.
 
     With --starts the distinct solutions are listed and the best one is kept; what each start has found stays in the
-    run folder, so that the same command goes on where it was.
+    run folder, so that the same command resumes where it stopped.
     """
     from gaitopt.store import run_folder, writing
     from gaitopt.workers.jobs import make_workers
@@ -74,27 +77,34 @@ def solve(
     loaded = _started(loaded, start, terminal) if start else loaded
     folder = output or run_folder(loaded)
     jobs_at = make_workers(workers, scheduler)
-    if starts > 1:
-        from gaitopt.library.print_results import print_optima
-        from gaitopt.runs.grid import check_jobs_fit
-        from gaitopt.runs.multistart import multistart
-
-        check_jobs_fit(starts, folder)
     with writing(folder, loaded):
-        best, about = loaded, dict[str, Any]()
-        if starts > 1:
-            with terminal.working("starts") as (progress, interrupted):
-                optima = multistart(
-                    loaded, starts, folder, seed=seed, spread=spread, workers=jobs_at,
-                    progress=progress, should_stop=interrupted,
-                )  # fmt: skip
-            best = optima[0].problem if optima else loaded
-            about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
-            if not terminal.json:
-                print_optima(terminal.results, optima, starts)
-        gait = solve_verified(best, terminal)
-        gait = gait if best is loaded else replace(gait, problem=loaded)
-        return report(gait, folder if gait.converged else None, terminal, store=True, about=about)
+        if starts == 1:
+            return _report_solved(solve_verified(loaded, terminal), folder, terminal)
+        optima = _optima(loaded, starts, seed, spread, folder, jobs_at, terminal)
+        about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
+        gait = solve_verified(optima[0].problem if optima else loaded, terminal)
+        return _report_solved(replace(gait, problem=loaded), folder, terminal, about)
+
+
+def _report_solved(gait: "Gait", folder: Path, terminal: Terminal, about: dict[str, Any] | None = None) -> int:
+    return report(gait, folder if gait.converged else None, terminal, store=True, about=about)
+
+
+def _optima(
+    problem: "Problem", starts: int, seed: int, spread: float, folder: Path, workers: "Workers", terminal: Terminal
+) -> "list[Optimum]":
+    """The distinct solutions from many starts, printed."""
+    from gaitopt.library.print_results import print_optima
+    from gaitopt.runs.multistart import multistart
+
+    with terminal.working("starts") as (progress, interrupted):
+        optima = multistart(
+            problem, starts, folder, seed=seed, spread=spread, workers=workers,
+            progress=progress, should_stop=interrupted,
+        )  # fmt: skip
+    if not terminal.json:
+        print_optima(terminal.results, optima, starts)
+    return optima
 
 
 def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int:
@@ -110,26 +120,25 @@ def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int
     gait = verified(gait, terminal)
     folder = output or run_folder(gait.problem)
     with writing(folder, gait.problem):
-        return report(gait, folder if gait.converged else None, terminal, store=True)
+        return _report_solved(gait, folder, terminal)
 
 
 def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
     """The problem with a known gait as its guess."""
     from gaitopt.study.warm import guessed_from
 
-    source, record, known = _branch_point(start) if "@" in start else _gait(start, terminal)
+    if "@" in start:
+        source, record, known = _branch_point(start)
+    else:
+        gait, _, _ = gait_of(start, None, None, terminal)
+        if not gait.converged:
+            raise SolveError(f"--start {start}: {gait.status}: {gait.message}")
+        source, record, known = gait.problem, gait.to_record(), gait.dynamics.parameters
     if source.walker.model != problem.walker.model:
         raise ProblemError(
             f"--start {start}: a gait of {source.walker.model}, but {problem.name} has {problem.walker.model}"
         )
     return guessed_from(problem, record, known)
-
-
-def _gait(run: str, terminal: Terminal) -> "tuple[Problem, dict[str, Any], dict[str, float]]":
-    gait, _, _ = gait_of(run, None, None, terminal)
-    if not gait.converged:
-        raise SolveError(f"--start {run}: {gait.status}: {gait.message}")
-    return gait.problem, gait.to_record(), gait.dynamics.parameters
 
 
 def _branch_point(start: str) -> "tuple[Problem, dict[str, Any], dict[str, float]]":

@@ -30,7 +30,7 @@ def sweep(
 ) -> int:
     """Solve and verify a problem over a grid of its parameters.
 
-    What is done is kept and never done again; the same command goes on where it was. A point without a gait is a
+    What is done is kept and never done again; the same command resumes where it stopped. A point without a gait is a
     result.
     """
     from gaitopt.figures.catalogue import sweep_figures

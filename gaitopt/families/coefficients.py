@@ -9,8 +9,9 @@ import numpy as np
 
 from gaitopt.errors import ProblemError
 from gaitopt.gait import Gait
-from gaitopt.mechanics import CoulombFriction, Dynamics, Friction, HybridSystem, StaticKineticFriction
-from gaitopt.problem import FrictionCoefficients
+from gaitopt.mechanics import CoulombFriction, Dynamics, HybridSystem, StaticKineticFriction
+from gaitopt.mechanics.friction import Friction
+from gaitopt.problem.sections import FrictionCoefficients
 
 
 def with_friction(gait: Gait, parameter: str) -> Gait:

@@ -16,7 +16,8 @@ from collections.abc import Iterable, Iterator
 
 from gaitopt.families.monitors import MonitorKey, MonitorValue
 from gaitopt.gait import Gait
-from gaitopt.mechanics import IMPACT_MARGINS, MARGINS, Cycle, Mode, ModeSequence
+from gaitopt.mechanics import MARGINS, Cycle, Mode, ModeSequence
+from gaitopt.mechanics.margins import IMPACT_MARGINS
 
 EDGE = 0.02
 """Part of a phase at its ends within which an event is taken to be at the end."""

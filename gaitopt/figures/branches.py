@@ -24,7 +24,7 @@ Record = Mapping[str, Any]
 
 UNSTABLE: Any = (0, (1.2, 1.4))
 LOG = 10.0
-"""Multipliers beyond this go on a log axis, or those near the unit circle could not be told apart."""
+"""Multipliers beyond this are drawn on a log axis, or those near the unit circle could not be distinguished."""
 SPECIAL = {
     "fold": ("fold", "o"),
     "branch_point": ("branches cross", "p"),
@@ -62,8 +62,9 @@ def over_parameter(
     handles, present = dict[str, Line2D](), set[str]()
     for (name, records), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         points = _points(records, quantity)
-        specials = [_bounded(record, quantity) for record in records if record["record"] == "special"]
-        specials = [record for record in specials if not is_bound(record)]
+        specials = [record for record in records if record["record"] == "special" and not record.get("bound")]
+        if quantity == "spectral_radius":  # it may grow without bound to an end, which is drawn at the last point
+            specials = [{**record, "gait": {}} if record["type"] in TERMINAL else record for record in specials]
         named = _sequences(points) if len(curves) == 1 else {}
         points.sort(key=lambda point: (point["branch"], point["index"]))
         for number, branch in groupby(points, key=lambda point: point["branch"]):
@@ -107,16 +108,6 @@ def _place(line: Sequence[Record], value: float) -> int:
     detours = [abs(value - a) + abs(b - value) - abs(b - a) for a, b in pairwise(values)]
     beyond = 2 * abs(value - values[-1])
     return len(line) if not detours or beyond <= min(detours) else int(np.argmin(detours)) + 1
-
-
-def _bounded(special: Record, quantity: str) -> Record:
-    """A special point; where a family ends, multipliers may grow without bound, and the last gait's height is shown."""
-    return {**special, "gait": {}} if quantity == "spectral_radius" and special["type"] in TERMINAL else special
-
-
-def is_bound(special: Record) -> bool:
-    """Whether a branch ends at a bound of its request."""
-    return bool(special.get("bound"))
 
 
 def _sequences(points: Sequence[Record]) -> dict[int, tuple[str, str]]:

@@ -2,15 +2,14 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from matplotlib.figure import Figure
 
-from gaitopt.figures.animation import animation_page
 from gaitopt.figures.basin import basin
 from gaitopt.figures.branches import over_parameter
-from gaitopt.figures.comparison import node_points, simulated, two_roads
+from gaitopt.figures.comparison import method_comparison, node_points, simulated
+from gaitopt.figures.film import animation_page
 from gaitopt.figures.force import foot_slip, force_ratio, torques
 from gaitopt.figures.front import front_figure
 from gaitopt.figures.labels import parameter_of
@@ -27,11 +26,6 @@ from gaitopt.runs.sweep_table import Sweep
 from gaitopt.study.simulate import Walk
 
 Record = Mapping[str, Any]
-
-
-def _roads(gaits: Sequence[Gait]) -> Figure:
-    (gait,) = gaits
-    return two_roads(motion_of(gait), simulated(gait), node_points(gait))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +54,7 @@ GAIT_FIGURES: Mapping[str, Callable[[Sequence[Gait]], Figure]] = {
     "slip": lambda gaits: foot_slip([motion_of(gait) for gait in gaits]),
     "torques": lambda gaits: torques([motion_of(gait) for gait in gaits]),
     "multipliers": lambda gaits: multiplier_plane({gait.problem.name: gait.multipliers for gait in gaits}),
-    "roads": _roads,
+    "roads": lambda gaits: method_comparison(motion_of(gaits[0]), simulated(gaits[0]), node_points(gaits[0])),
 }
 """Figures of one or several gaits; ``roads`` is of one."""
 
@@ -80,7 +74,7 @@ CYCLE_FIGURES = ("step_length",)
 
 
 def informative(gaits: Sequence[Gait]) -> Iterator[str]:
-    """Words of the figures of gaits that have something to show: no torques of passive walkers, one gait's roads."""
+    """Names of the figures of gaits that show something: torques only of walkers with motors, ``roads`` of one gait."""
     for word in GAIT_FIGURES:
         if word == "torques" and not any(gait.measures["peak_torque"] for gait in gaits):
             continue
@@ -107,16 +101,13 @@ def branch_figure(word: str, problem: Problem, parameter: str, records: Sequence
 
 def gait_figures(gaits: Sequence[Gait]) -> Figures:
     """Of one or several gaits in one picture."""
+    first = gaits[0]
     return Figures(
         draw=lambda name: GAIT_FIGURES[name](gaits),
         names=tuple(GAIT_FIGURES),
         usual=tuple(informative(gaits)),
-        animation=partial(_gait_page, gaits[0]) if len(gaits) == 1 else None,
+        animation=(lambda: animation_page(motion_of(first), first.problem.about)) if len(gaits) == 1 else None,
     )
-
-
-def _gait_page(gait: Gait) -> str:
-    return animation_page(motion_of(gait), gait.problem.about)
 
 
 def walk_figures(walk: Walk) -> Figures:
@@ -139,12 +130,7 @@ def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) 
 
 def sweep_figures(result: Sweep) -> Figures:
     """Of a sweep over one or two parameters: any scalar."""
-    searched = result.problem.is_open
-    return Figures(
-        draw=lambda scalar: sweep(result.grid, result.records, scalar, searched=searched),
-        names=tuple(SCALARS),
-        usual=("spectral_radius",),
-    )
+    return Figures(draw=lambda scalar: sweep(result, scalar), names=tuple(SCALARS), usual=("spectral_radius",))
 
 
 def basin_figures(result: Basin) -> Figures:

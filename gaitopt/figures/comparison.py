@@ -26,7 +26,7 @@ def simulated(gait: Gait) -> tuple[Step, ...]:
     return Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
 
 
-def two_roads(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array] | None = None) -> Figure:
+def method_comparison(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array] | None = None) -> Figure:
     """Angles of a gait found by the NLP over those of the simulated steps, and all states' differences below.
 
     Parameters

@@ -1,10 +1,11 @@
-"""A cycle as data for a page that moves: the walker's drawing, forces, states and torques at some tens of times."""
+"""A moving walker on a page, and its data: the walker's drawing, forces, states and torques at some tens of times."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gaitopt.figures.motion import Motion, running
 from gaitopt.figures.packing import pack
@@ -59,6 +60,15 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "contact": drawing.contact,
         "frames": pack(_columns(motion, arcs, drawing)),
     }
+
+
+def animation_page(motion: Motion, about: str = "") -> str:
+    """HTML of the walker going through several steps of ``motion``; ``about`` stands under the title."""
+    templates = Environment(
+        loader=PackageLoader("gaitopt.figures", "web"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    templates.policies["json.dumps_kwargs"] = {"sort_keys": False, "separators": (",", ":")}
+    return templates.get_template("animation.html").render(film=film(motion), about=about)
 
 
 def _path(motion: Motion) -> list[list[float]]:

@@ -10,7 +10,8 @@ from numpy.polynomial import chebyshev
 
 from gaitopt.families.records import POINTS, recorded_steps
 from gaitopt.figures.labels import Label, label
-from gaitopt.gait import Arc, Gait, Observation, Step, curves, observe
+from gaitopt.gait import Arc, Gait, Step, curves, observe
+from gaitopt.gait.measures import Observation
 from gaitopt.mechanics import Dynamics, Mode, Walker
 from gaitopt.study.simulate import Walk
 
@@ -54,10 +55,6 @@ class Motion:
     def friction(self) -> float:
         """Coefficient of static friction, the edge of the cone."""
         return self.dynamics.static_friction
-
-    def parameter(self, key: str) -> float:
-        """Value of the parameter with this dotted key."""
-        return self.dynamics.parameter(key)
 
     def state_index(self, name: str) -> int:
         """Column of a state in ``Arc.states``."""

@@ -6,7 +6,7 @@ tied to its neighbour by a thin line.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import accumulate, combinations
 from types import SimpleNamespace
@@ -16,8 +16,10 @@ from casadi import SX, Function, horzcat, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion
-from gaitopt.mechanics import CompassBiped, RimlessWheel, Walker
+from gaitopt.mechanics import Walker
 from gaitopt.mechanics.lagrangian import parameter_namespace
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 RIGID = 1e-9
 """Relative change of a distance below which two points belong to one rigid part."""
@@ -83,23 +85,21 @@ def _strokes(lines: tuple[int, ...], first: int) -> tuple[tuple[int, int], ...]:
     return tuple((k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1))
 
 
-def _compass(bare: Skeleton, motion: Motion) -> Skeleton:
-    """Bodies are leg, hip, leg, also of the walkers that derive from the compass: both legs end in the hip."""
-    return Skeleton(points=bare.points, legs=((0, 3), (3, 1)), discs=bare.discs)
-
-
 def _wheel(bare: Skeleton, motion: Motion) -> Skeleton:
     """All spokes, turned about the hub from the stance spoke."""
-    spokes = round(motion.parameter("walker.spokes"))
+    spokes = round(motion.dynamics.parameter("walker.spokes"))
     foot, swing, hub = (bare.points[:, k] for k in range(3))
     turns = -2 * np.pi / spokes * np.arange(2, spokes)
     arm = foot - hub
     others = [hub + arm @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) for a in -turns]
     points = np.stack([foot, swing, hub, *others], axis=1)
-    return Skeleton(points=points, legs=tuple((2, k) for k in range(points.shape[1]) if k != 2), discs=bare.discs)
+    return replace(bare, points=points, legs=tuple((2, k) for k in range(points.shape[1]) if k != 2))
 
 
-_DRAWINGS: dict[type[Walker], Callable[[Skeleton, Motion], Skeleton]] = {CompassBiped: _compass, RimlessWheel: _wheel}
+_DRAWINGS: dict[type[Walker], Callable[[Skeleton, Motion], Skeleton]] = {
+    CompassBiped: lambda bare, motion: replace(bare, legs=((0, 3), (3, 1))),  # bodies are leg, hip, leg
+    RimlessWheel: _wheel,
+}
 
 
 def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
@@ -116,7 +116,7 @@ def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
             part = [part[a] if x == part[b] else x for x in part]
             if length > COINCIDENT:
                 (ties if loose else legs).append((a, b))
-    return Skeleton(points=bare.points, legs=tuple(legs), ties=tuple(ties), discs=bare.discs)
+    return replace(bare, legs=tuple(legs), ties=tuple(ties))
 
 
 @lru_cache(maxsize=8)

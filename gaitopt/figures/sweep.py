@@ -1,6 +1,6 @@
 """Sweeps: a scalar of the gait over one parameter as a curve, over two as a heat map."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import matplotlib as mpl
@@ -14,6 +14,7 @@ from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
 from gaitopt.gait import Status
 from gaitopt.runs.grid import Axis, Grid
+from gaitopt.runs.sweep_table import Sweep
 
 MISSING, FAILED = "#e4e4e4", ("#4d4d4d", "#882255", "#117733")
 """Where there is no gait: of the cell, and of the crosses in it, one for every reason."""
@@ -29,32 +30,27 @@ BOUNDARY = 1.0
 """Modulus of the largest multiplier at which stability is lost."""
 
 
-def sweep(grid: Grid, records: Sequence[Mapping[str, Any]], scalar: str, *, searched: bool = False) -> Figure:
+def sweep(result: Sweep, scalar: str) -> Figure:
     """A scalar over the whole grid; crosses where there is no gait, and a line where the spectral radius is one.
 
     Between neighbouring points the spectral radius is interpolated for that line.
-
-    Parameters
-    ----------
-    searched : whether any mode sequence would have been taken; else a cross says nothing about other phases.
 
     Raises
     ------
     ValueError
         If the grid has more than two axes.
     """
+    grid, values = result.grid, result.column(scalar)
     if len(grid.axes) > 2:
         raise ValueError(f"a picture needs one or two axes, not {len(grid.axes)}")
-    values = np.array([_value(record, scalar) for record in records]).reshape(grid.shape)
     figure, (axes,) = panels(height=4.6 if len(grid.axes) == 2 else 4.0)
     with mpl.rc_context(STYLE):
         handles = []
         if len(grid.axes) == 1:
             _curve(axes, shown(grid.axes[0]), values, scalar)
         else:
-            radii = np.array([_value(record, "spectral_radius") for record in records]).reshape(grid.shape)
-            handles += _heat_map(figure, axes, grid, values, radii, scalar)
-        handles += _crosses(axes, grid, records, searched=searched)
+            handles += _heat_map(figure, axes, grid, values, result.column("spectral_radius"), scalar)
+        handles += _crosses(axes, result)
         if handles:
             legend_below(figure, handles)
         axes.set_xlabel(axis_label(grid.axes[0]))
@@ -72,26 +68,24 @@ def axis_label(axis: Axis) -> str:
     return str(Parameter(key=axis.key, in_degrees=axis.unit == "deg").label)
 
 
-def _crosses(axes: Axes, grid: Grid, records: Sequence[Mapping[str, Any]], *, searched: bool) -> Iterator[Line2D]:
-    """Mark where there is no gait, one colour per reason; the legend's entries."""
+def _crosses(axes: Axes, result: Sweep) -> Iterator[Line2D]:
+    """Mark where there is no gait, one colour per reason; the legend's entries.
+
+    A mode sequence that was stated says nothing about other phases.
+    """
+    grid, infeasible = result.grid, "no gait" if result.problem.is_open else "not with these phases"
     places = np.array([[float(v) for v in point] for point in grid.points(np.arange(grid.size))])
     places = np.where([axis.unit == "deg" for axis in grid.axes], np.degrees(places), places)
     flat = len(grid.axes) == 1
-    failed = [(record["status"], place) for record, place in zip(records, places, strict=True) if not _solved(record)]
+    pairs = [(record["status"], place) for record, place in zip(result.records, places, strict=True)]
+    failed = [(status, place) for status, place in pairs if status != Status.CONVERGED]
     for status, colour in zip(dict.fromkeys(status for status, _ in failed), FAILED, strict=False):
         x = [place[0] for own, place in failed if own == status]
         y = [FOOT if flat else place[1] for own, place in failed if own == status]
         look: Any = {"marker": "x", "linestyle": "", "color": colour, "markeredgewidth": 1.5}
         height = axes.get_xaxis_transform() if flat else axes.transData
         axes.plot(x, y, **look, markersize=6 if flat else 4, transform=height)
-        yield entry(_reason(status, searched=searched), **look)
-
-
-def _reason(status: str, *, searched: bool) -> str:
-    """What a cross means: a sequence that was stated says nothing about other phases."""
-    if status != Status.INFEASIBLE:
-        return status.replace("_", " ")
-    return "no gait" if searched else "not with these phases"
+        yield entry(infeasible if status == Status.INFEASIBLE else status.replace("_", " "), **look)
 
 
 def _curve(axes: Axes, first: Array, values: Array, scalar: str) -> None:
@@ -130,12 +124,3 @@ def _limits(values: Array) -> tuple[float, float]:
         return middle - half, middle + half
     low, high = np.percentile(known, OUTLYING), np.percentile(known, 100 - OUTLYING)
     return float(max(known.min(), 2 * low - high)), float(min(known.max(), 2 * high - low))
-
-
-def _solved(record: Mapping[str, Any]) -> bool:
-    return bool(record["status"] == Status.CONVERGED)
-
-
-def _value(record: Mapping[str, Any], scalar: str) -> float:
-    value = record.get(scalar) if _solved(record) else None
-    return float("nan") if value is None else float(value)

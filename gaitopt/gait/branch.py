@@ -221,6 +221,13 @@ class Branch(Reported):
         return {name: unit_of(name) for name in header} | {"value": unit_of(self.parameter)}
 
 
+def collected(parameter: str, records: Sequence[BranchPoint | SpecialPoint]) -> Branch:
+    """The branch of points and special points in the order in which they were computed."""
+    points = tuple(record for record in records if isinstance(record, BranchPoint))
+    specials = tuple(record for record in records if isinstance(record, SpecialPoint))
+    return Branch(parameter=parameter, points=points, specials=specials)
+
+
 def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:
     """Columns of the table of a branch, from its JSON records."""
     first = next(record for record in records if record["record"] == "point")

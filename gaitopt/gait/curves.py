@@ -57,6 +57,12 @@ def _differentiation(count: int) -> Array:
     return np.asarray(chebyshev.chebder(np.eye(count)))
 
 
+@lru_cache(maxsize=32)
+def _primitive(count: int) -> Array:
+    """From values at the points to the Chebyshev coefficients of the curve's integral; shape (count + 1, count)."""
+    return np.asarray(chebyshev.chebint(_analysis(count)), dtype=float)
+
+
 def coefficients(values: Array) -> Array:
     """Chebyshev coefficients of the curve through ``values`` (n, ...) at ``points(n)``; same shape."""
     return _analysis(values.shape[0]) @ values
@@ -82,32 +88,24 @@ def integral(values: Array, duration: float) -> float:
     return float(_weights(values.shape[0]) @ values) * duration / 2
 
 
+def signed_weights(values: Array) -> tuple[Array, Array]:
+    """Weights (m,) that integrate curves over [-1, 1], multiplied by the sign of the one through ``values`` (m,).
+
+    The second result are the changes of sign, across which the integrals are exact.
+    """
+    changes = roots(values)
+    pieces = np.diff(evaluate(_primitive(values.size), np.concatenate([[-1.0], changes, [1.0]])), axis=0)
+    return np.sign(pieces @ values) @ pieces, changes
+
+
 def absolute_integral(values: Array, duration: float) -> float:
     """Integral of the curve's absolute value, exact across its changes of sign."""
-    changes = roots(values)
-    if changes.size == 0:
-        return abs(integral(values, duration))
-    primitive = np.asarray(chebyshev.chebint(coefficients(values)), dtype=float)
-    ends = np.concatenate([[-1.0], changes, [1.0]])
-    return float(np.abs(np.diff(evaluate(primitive, ends))).sum()) * duration / 2
+    return float(signed_weights(values)[0] @ values) * duration / 2
 
 
 def integrals(columns: Array, duration: float) -> Array:
     """Integrals of many curves, shape (m, n), over an interval of the given duration; shape (n,)."""
     return np.asarray(_weights(columns.shape[0]) @ columns) * duration / 2
-
-
-def signed_integrals(values: Array, columns: Array, duration: float) -> Array:
-    """Integrals of curves (m, n) multiplied by the sign of the curve through ``values`` (m,); shape (n,)."""
-    changes = roots(values)
-    primitive = np.asarray(chebyshev.chebint(coefficients(columns)), dtype=float)
-    pieces = np.diff(evaluate(primitive, np.concatenate([[-1.0], changes, [1.0]])), axis=0)
-    sign = 1.0 if integral(values, 1.0) >= 0 else -1.0
-    if changes.size:
-        own = np.asarray(chebyshev.chebint(coefficients(values)), dtype=float)
-        signs = np.sign(np.diff(evaluate(own, np.concatenate([[-1.0], changes, [1.0]]))))
-        return np.asarray(signs @ pieces) * duration / 2
-    return np.asarray(sign * pieces[0]) * duration / 2
 
 
 def roots(values: Array) -> Array:

@@ -51,6 +51,12 @@ def data_set(
     return _package("xarray").Dataset(arrays, places, attributes)
 
 
+def sample_set(header: Sequence[str], rows: Iterable[Sequence[Any]], units: Units, **attributes: Any) -> "Dataset":
+    """A table as a dataset over ``sample``, with its column ``t`` as a coordinate."""
+    variables = {name: (("sample",), values) for name, values in columns_of(header, rows).items()}
+    return data_set(variables, {"t": variables.pop("t")}, units, **attributes)
+
+
 def columns_of(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, Any]:
     """The columns of a table by name: floats with NaN for None, or words."""
     table = list(zip(*rows, strict=True))

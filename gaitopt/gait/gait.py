@@ -3,24 +3,18 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
-from gaitopt.display import Moving
 from gaitopt.errors import SolveError
 from gaitopt.gait.cause import Cause
 from gaitopt.gait.measures import MEASURES
-from gaitopt.gait.table import motion_frame, motion_set
+from gaitopt.gait.motion import WalkerMotion
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode
-from gaitopt.problem import Problem
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-    from xarray import Dataset
+from gaitopt.mechanics import Mode
 
 REPEATED = 1e-6
 """Largest difference of the states of steps that are the same, relative to the largest coordinate in natural units."""
@@ -56,7 +50,7 @@ class Shooting(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gait(Moving, ReadOnlyArrays):
+class Gait(WalkerMotion):
     """A periodic cycle of steps, or the remains of a failed attempt: only ``status == converged`` is a gait.
 
     Attributes
@@ -74,8 +68,6 @@ class Gait(Moving, ReadOnlyArrays):
     causes : why there is no gait, the first one being the worst; empty for a gait.
     """
 
-    problem: Problem
-    dynamics: Dynamics
     status: Status
     message: str
     steps: tuple[Step, ...] = ()
@@ -93,16 +85,6 @@ class Gait(Moving, ReadOnlyArrays):
         radius = self.spectral_radius
         stable = "" if radius is None else f", radius {radius:.4g} ({'stable' if radius < 1 else 'unstable'})"
         return f"<Gait {self.problem.name}: {self.problem.cycle}, period {self.period:.6g} s{stable}, {self.status}>"
-
-    @property
-    def system(self) -> HybridSystem:
-        """The hybrid system that was solved."""
-        return self.dynamics.system
-
-    @property
-    def p(self) -> Array:
-        """Parameter vector, shape (n_p,); see ``Dynamics``."""
-        return self.dynamics.p
 
     @property
     def converged(self) -> bool:
@@ -198,13 +180,8 @@ class Gait(Moving, ReadOnlyArrays):
             "verification": self.verification,
         }
 
-    def to_frame(self) -> "DataFrame":
-        """One cycle as a pandas data frame: the columns of ``trajectory.csv``, units in ``attrs["units"]``."""
-        return motion_frame(self.dynamics, self.steps, problem=self.problem.name)
-
-    def to_xarray(self) -> "Dataset":
-        """The same as an xarray dataset over ``sample``, with units as attributes."""
-        return motion_set(self.dynamics, self.steps, problem=self.problem.name)
+    def _tabulated(self) -> tuple[tuple[Step, ...], dict[str, str]]:
+        return self.steps, {"problem": self.problem.name}
 
     def _friction_record(self) -> float | Mapping[str, float]:
         """The coefficient, or all numbers of the friction law by name where there are several."""
@@ -237,9 +214,6 @@ class Gait(Moving, ReadOnlyArrays):
             "step_length": step.final_impact.step_length,
             "state": self._state_record(state),
         }
-
-    def _state_record(self, state: Array) -> dict[str, float]:
-        return dict(zip(self.system.state_names, map(float, state), strict=True))
 
 
 def _phase_records(phases: Iterable[tuple[Mode, float]]) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Tabulated
-from gaitopt.gait.frames import columns_of, data_frame, data_set
+from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.mechanics import Mode
 from gaitopt.problem.scalars import state_unit
 
@@ -185,9 +185,7 @@ class Trajectory(Tabulated, ReadOnlyArrays):
 
     def to_xarray(self) -> "Dataset":
         """The same as an xarray dataset over ``sample``, with units as attributes."""
-        columns = columns_of(self._header, self._rows())
-        variables = {name: (("sample",), values) for name, values in columns.items()}
-        return data_set(variables, {"t": variables.pop("t")}, self._units, ending=str(self.ending))
+        return sample_set(self._header, self._rows(), self._units, ending=str(self.ending))
 
     @property
     def _header(self) -> tuple[str, ...]:

@@ -35,12 +35,20 @@ class CompiledStep:
     rate : Function (t, y, p, r) -> dy/dt, for the stages.
     point : Function (t, y, p, r) -> dy/dt and whatever else is of interest at the end of the step.
     rtol, atol : tolerances; the absolute one may be an array, shape (n,).
+    compare : Function (whatever else at the start, the same at the end, ...) -> one more output of the step.
+
+    Attributes
+    ----------
+    compared : tuple of ndarray - inputs of ``compare`` besides those at the end, to be written in place.
     """
 
-    def __init__(self, rate: Function, point: Function, *, rtol: float, atol: float | Array) -> None:
-        self._step = BufferedFunction(_step(rate, point))
+    def __init__(
+        self, rate: Function, point: Function, *, rtol: float, atol: float | Array, compare: Function | None = None
+    ) -> None:
+        self._step = BufferedFunction(_step(rate, point, compare))
         self._step.inputs[6][:] = rtol
         self._step.inputs[7][:] = atol
+        self.compared = self._step.inputs[8:]
         self._n = rate.numel_in(1)
 
     def load(self, p: Array, r: Array) -> None:
@@ -73,15 +81,16 @@ class Integration:
     t, y, f : where it is now.
     outputs : what else ``step`` says about this point, valid until the next step.
     length : of the last step.
+    steps : how many.
     """
 
-    __slots__ = ("_bound", "_next", "_step", "f", "length", "outputs", "t", "y")
+    __slots__ = ("_bound", "_next", "_step", "f", "length", "outputs", "steps", "t", "y")
 
     def __init__(self, step: CompiledStep, t: float, y: Array, f: Array, bound: float, first_step: float) -> None:
         self._step, self._bound, self._next = step, bound, first_step
         self.t, self.y, self.f = t, y, f
         self.outputs: Sequence[Array] = ()
-        self.length = 0.0
+        self.length, self.steps = 0.0, 0
 
     @property
     def finished(self) -> bool:
@@ -106,6 +115,7 @@ class Integration:
             if error < 1:
                 self.t, self.y, self.f, self.outputs, self.length = end, y.copy(), f.copy(), others, h
                 self._next = h * min(largest, factor)
+                self.steps += 1
                 return
             h, largest = h * max(LEAST_FACTOR, factor), 1.0
         raise StepSizeError("the step size of the integrator vanishes: the motion is singular")
@@ -117,8 +127,11 @@ def combined(weights: Array, stages: Sequence[SX]) -> SX:
 
 
 @lru_cache(maxsize=64)
-def _step(rate: Function, point: Function) -> Function:
-    """(t, y, f, h, p, r, rtol, atol) -> squared errors of order 5 and 3 in tolerances, y_new, and ``point`` there."""
+def _step(rate: Function, point: Function, compare: Function | None) -> Function:
+    """(t, y, f, h, p, r, rtol, atol) -> squared errors of order 5 and 3 in tolerances, y_new, and ``point`` there.
+
+    What ``compare`` needs besides the new point are further inputs, and its value the last output.
+    """
     n, n_p, n_r = (rate.numel_in(k) for k in (1, 2, 3))
     sizes = (1, n, n, 1, n_p, n_r, 1, n)
     inputs = [SX.sym(f"x{k}", size) for k, size in enumerate(sizes)]
@@ -130,4 +143,9 @@ def _step(rate: Function, point: Function) -> Function:
     f_new, *others = point.call([t + h, y_new, p, r])
     scale = atol + rtol * fmax(fabs(y), fabs(y_new))
     squares = [sumsqr(combined(e, [*stages, f_new]) / scale) for e in (E5, E3)]
-    return Function("dop853", inputs, [vertcat(*squares), y_new, f_new, *others])
+    outputs = [vertcat(*squares), y_new, f_new, *others]
+    if compare is not None:
+        further = [SX.sym(f"c{k}", compare.numel_in(k)) for k in range(compare.n_in())]
+        inputs += further[: len(others)] + further[2 * len(others) :]
+        outputs += compare.call([*further[: len(others)], *others, *further[2 * len(others) :]])
+    return Function("dop853", inputs, outputs)

@@ -9,6 +9,7 @@ from gaitopt.callbacks import Stop
 from gaitopt.families import Request, follow_family
 from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint
 from gaitopt.gait.attractor import Attractor
+from gaitopt.gait.branch import collected
 from gaitopt.library.progress import Counter, Follower, job_progress, shown, solver_progress, value_progress
 from gaitopt.problem import Problem
 from gaitopt.search.distinct import Gaits
@@ -112,11 +113,7 @@ def continuation(
         for record in follow_family(start, request, should_stop=should_stop):
             records.append(record)
             show(len(records), record.value)
-    return Branch(
-        parameter=parameter,
-        points=tuple(record for record in records if isinstance(record, BranchPoint)),
-        specials=tuple(record for record in records if isinstance(record, SpecialPoint)),
-    )
+    return collected(parameter, records)
 
 
 def find(

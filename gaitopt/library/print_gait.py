@@ -8,8 +8,9 @@ from rich.console import Console
 from gaitopt.library.tables import number, section, with_degrees
 from gaitopt.mechanics.cycle import ModeSequence
 from gaitopt.mechanics.modes import Mode
-from gaitopt.problem import OpenSequence, PDSpec, Problem
-from gaitopt.problem.scalars import label_of, scalar_values, state_unit, telling_scalars, unit_of
+from gaitopt.problem import PDSpec, Problem
+from gaitopt.problem.parts import OpenSequence
+from gaitopt.problem.scalars import label_of, relevant_scalars, scalar_values, state_unit, unit_of
 
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
 LIST_COLUMNS = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
@@ -98,7 +99,7 @@ def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -
         phases = [row for step in steps for row in _phases(step)]
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         values = scalar_values(record)
-        scalars = ((label_of(key), number(values[key]), unit_of(key)) for key in telling_scalars([record]))
+        scalars = ((label_of(key), number(values[key]), unit_of(key)) for key in relevant_scalars([record]))
         section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
     state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
     section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))

@@ -81,7 +81,8 @@ def print_branch(console: Console, records: Sequence[Record], parameter: str) ->
     for branch in sorted({record["branch"] for record in records if record["record"] == "point"}):
         points = [record for record in records if record["record"] == "point" and record["branch"] == branch]
         radii = [point["spectral_radius"] for point in points]
-        joints = [_joint(s) for s in specials if s["branch"] == branch and (s["next"] or s["type"] in TERMINAL)]
+        own = [s for s in specials if s["branch"] == branch and (s["next"] or s["type"] in TERMINAL)]
+        joints = [" -> ".join(filter(None, (_words(s["type"]), ", ".join(map(str, s["next"]))))) for s in own]
         rows.append(
             (
                 str(branch),
@@ -102,11 +103,6 @@ def print_branch(console: Console, records: Sequence[Record], parameter: str) ->
         console.print(f"{k}: branch {special['branch']}, {place}{guess}: {event(special)}")
     for cascade in cascades(records):
         console.print(f"cascade: {cascade}")
-
-
-def _joint(special: Record) -> str:
-    leads = f" -> {', '.join(map(str, special['next']))}" if special["next"] else ""
-    return _words(special["type"]) + leads
 
 
 def event(special: Record) -> str:

@@ -1,6 +1,6 @@
 """Sweeps, basins, fronts and many starts, as the library offers them: with progress, kept in a run folder.
 
-What is finished is never computed again: a call that was interrupted goes on where it was. ``progress`` is as for
+What is finished is never computed again: a call that was interrupted resumes where it stopped. ``progress`` is as for
 ``solve``.
 """
 
@@ -36,7 +36,7 @@ def sweep(
 ) -> Sweep:
     """Solve and verify a problem over a grid of its parameters.
 
-    What is solved is kept in the run folder and never solved again; a call that was interrupted goes on where it was.
+    What is solved is kept in the run folder and never solved again; an interrupted call resumes where it stopped.
 
     Parameters
     ----------

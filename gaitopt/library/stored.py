@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Branch, Gait, Step
-from gaitopt.gait.table import trajectory_header, trajectory_rows
+from gaitopt.gait.motion import trajectory_header, trajectory_rows
 from gaitopt.mechanics import Dynamics
 from gaitopt.runs.basin_tiles import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.front import Front, front_file, read_fronts
@@ -13,7 +13,8 @@ from gaitopt.runs.restore import restore_gait, restore_walk
 from gaitopt.runs.restore_branch import restore_branch
 from gaitopt.runs.sweep_table import SWEEP_FILE, Sweep, read_sweep
 from gaitopt.runs.within import refuse_other_results
-from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, run_folder, write_run, write_walk
+from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, run_folder
+from gaitopt.store.run import write_run, write_walk
 from gaitopt.study.simulate import Walk
 
 Result = Gait | Branch | Walk | Sweep | Basin | Front

@@ -90,7 +90,8 @@ def _contradiction_at(
     p, p_plus = legs
     s_plus = section_posture(walker, free, p_plus)
     if walker.massless_feet:
-        return _landing_jump(walker, p, s_plus, scales) or _without_inertia(walker, _mass_matrix(walker, p, s_plus))
+        at_rest = posture(walker, np.array([*s_plus, 0, 0]), np.zeros(s_plus.size + 2), p)
+        return _landing_jump(at_rest, walker, p, scales) or _without_inertia(walker, at_rest.mass_matrix)
     s_minus = _before_relabelling(walker, s_plus, p)
     if s_minus is None:
         return "relabel cannot be inverted: after the swap of the feet the posture before it is no longer known"
@@ -100,33 +101,34 @@ def _contradiction_at(
     q_plus = np.array([*s_plus, *before.foot[0]])
     after = posture(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p_plus)
     if abs(before.guard) > AGREEMENT * before.guard_slope or after.guard > AGREEMENT * after.guard_slope:
+        posture_words = ", ".join(f"{name} = {value:.4g}" for name, value in zip(walker.shape, s_plus, strict=True))
         return (
             "after_impact and touchdown contradict each other: a step would begin in the posture "
-            f"{_named(walker.shape, s_plus)}, which is not that just after a touchdown "
+            f"{posture_words}, which is not that just after a touchdown "
             f"(guard {before.guard:.3g} before relabelling, {after.guard:.3g} after it)"
         )
     if np.abs([*before.gaps, *after.gaps]).max(initial=0.0) > AGREEMENT:
         return "a stop is not at its end at touchdown, or not just after it: its gap must be zero in both postures"
     if abs(before.foot[0, 1]) > AGREEMENT * scales.length:
         return f"the swing foot is {before.foot[0, 1]:.3g} m above the ground where touchdown is zero"
-    return (
-        _jump(before.bodies, after.bodies, scales)
-        or _spring_jump(before.spring_energy, after.spring_energy, scales)
-        or _driving_damper(before.dissipation)
-        or _without_inertia(walker, after.mass_matrix)
-    )
+    jump = _jump(before.bodies, after.bodies, scales)
+    if jump is not None:
+        return jump
+    energies = before.spring_energy, after.spring_energy
+    if abs(energies[1] - energies[0]) > AGREEMENT * max(scales.energy, abs(energies[0])):
+        change = f"from {energies[0]:.6g} J to {energies[1]:.6g} J when the feet swap roles"
+        return f"its potential energy jumps {change}: springs must act alike on both legs"
+    if before.dissipation < 0:
+        power = f"{-before.dissipation:.3g} W at a touchdown"
+        return f"its dampers give energy, {power}: their coefficients must not be negative"
+    return _without_inertia(walker, after.mass_matrix)
 
 
-def _landing_jump(walker: type[Walker], p: Array, s: Array, scales: Scales) -> str | None:
+def _landing_jump(before: Posture, walker: type[Walker], p: Array, scales: Scales) -> str | None:
     """Whether bodies are elsewhere after a massless foot has landed; their velocities are the walker's own affair."""
-    rest = np.zeros(s.size + 2)
-    before = posture(walker, np.array([*s, 0, 0]), rest, p)
-    after = posture(walker, np.array([*before.relabel, *before.foot[0]]), rest, p)
+    q = np.array([*before.relabel, *before.foot[0]])
+    after = posture(walker, q, np.zeros(q.size), p)
     return _jump(before.bodies, after.bodies, scales)
-
-
-def _mass_matrix(walker: type[Walker], p: Array, s: Array) -> Array:
-    return posture(walker, np.array([*s, 0, 0]), np.zeros(s.size + 2), p).mass_matrix
 
 
 def _jump(before: Array, after: Array, scales: Scales) -> str | None:
@@ -156,21 +158,6 @@ def _distances(before: Array, after: Array, scales: Scales) -> Array:
     units = np.array([scales.length, scales.length, scales.speed, scales.speed])
     moved = np.abs(first[..., 2:6] - second[..., 2:6]) / units
     return np.concatenate([relative, moved, spin[..., None]], axis=-1).max(axis=-1)
-
-
-def _spring_jump(before: float, after: float, scales: Scales) -> str | None:
-    if abs(after - before) <= AGREEMENT * max(scales.energy, abs(before)):
-        return None
-    return (
-        f"its potential energy jumps from {before:.6g} J to {after:.6g} J when the feet swap roles: "
-        "springs must act alike on both legs"
-    )
-
-
-def _driving_damper(power: float) -> str | None:
-    if power >= 0:
-        return None
-    return f"its dampers give energy, {-power:.3g} W at a touchdown: their coefficients must not be negative"
 
 
 def _without_inertia(walker: type[Walker], mass_matrix: Array) -> str | None:
@@ -203,7 +190,3 @@ def _scales(straight: Posture) -> Scales | None:
     if not (length > 0 and straight.gravity > 0 and mass > 0):
         return None
     return Scales(length=length, time=float(np.sqrt(length / straight.gravity)), mass=mass)
-
-
-def _named(names: tuple[str, ...], values: Array) -> str:
-    return ", ".join(f"{name} = {value:.4g}" for name, value in zip(names, values, strict=True))

@@ -38,19 +38,20 @@ class Motion:
 
 
 def solve_spd(A: SX, b: SX) -> SX:
-    """A^-1 b for symmetric positive definite A by a Cholesky factor written out in symbols."""
+    """A^-1 b for symmetric positive definite A = L D L' by its factors written out in symbols, free of roots."""
     n = A.shape[0]
-    L = SX.zeros(n, n)
+    L, D = SX.eye(n), SX.zeros(n)
     for j in range(n):
-        for i in range(j, n):
-            rest = A[i, j] - sum((L[i, k] * L[j, k] for k in range(j)), SX(0))
-            L[i, j] = rest.sqrt() if i == j else rest / L[j, j]
-    y = SX(b)
+        LD = [L[j, k] * D[k] for k in range(j)]
+        D[j] = A[j, j] - sum((L[j, k] * LD[k] for k in range(j)), SX(0))
+        for i in range(j + 1, n):
+            L[i, j] = (A[i, j] - sum((L[i, k] * LD[k] for k in range(j)), SX(0))) / D[j]
+    x = SX(b)
     for i in range(n):
-        y[i, :] = (y[i, :] - sum((L[i, k] * y[k, :] for k in range(i)), SX(0))) / L[i, i]
+        x[i, :] = x[i, :] - sum((L[i, k] * x[k, :] for k in range(i)), SX(0))
     for i in reversed(range(n)):
-        y[i, :] = (y[i, :] - sum((L[k, i] * y[k, :] for k in range(i + 1, n)), SX(0))) / L[i, i]
-    return y
+        x[i, :] = x[i, :] / D[i] - sum((L[k, i] * x[k, :] for k in range(i + 1, n)), SX(0))
+    return x
 
 
 def solve_locked(A: SX, b: SX, J: SX) -> SX:

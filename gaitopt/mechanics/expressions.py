@@ -1,6 +1,6 @@
 """The expressions that the functions of a hybrid system compile: motions, impacts and margins of its modes."""
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 from casadi import SX, jacobian, jtimes, vertcat
 
@@ -8,7 +8,7 @@ from gaitopt.mechanics.contact import Motion, flight, motion
 from gaitopt.mechanics.control.law import Control
 from gaitopt.mechanics.friction import Friction
 from gaitopt.mechanics.impact import Impact, Push, impact, landing, push_off
-from gaitopt.mechanics.lagrangian import EquationsOfMotion, equations_of_motion
+from gaitopt.mechanics.lagrangian import equations_of_motion
 from gaitopt.mechanics.margins import margin_names
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.strike import strike, take_off
@@ -26,7 +26,7 @@ class Expressions:
 
     def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> None:
         self.walker, self._control, self._law, self._friction = walker, control, law, friction
-        self.eom = _equations_of_motion(walker)
+        self.eom = equations_of_motion(walker)
         self._coefficients = SX.sym("c", len(friction.parameters))
         self._scalars = SX.sym("k", len(control.parameters))
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
@@ -47,16 +47,14 @@ class Expressions:
     def motion(self, mode: Mode) -> Motion:
         """Accelerations and contact force in a mode."""
         if mode not in self._motions:
-            self._motions[mode] = self.slipping(_slip(mode), mode) if not mode.flies else self._flight(mode)
+            flies = mode.flies
+            self._motions[mode] = flight(self.eom, **self._acting(mode)) if flies else self.slipping(_slip(mode), mode)
         return self._motions[mode]
 
     def slipping(self, slip: SX | None, mode: Mode) -> Motion:
         """Motion with a given sign of the slip, which may be an unknown between -1 and 1; None holds the foot."""
         drag = SX(self._friction.drag(self._coefficients, self.eom.z[-1]))
         return motion(self.eom, slip, kinetic=self._kinetic, drag=drag, **self._acting(mode))
-
-    def _flight(self, mode: Mode) -> Motion:
-        return flight(self.eom, **self._acting(mode))
 
     def _acting(self, mode: Mode) -> dict[str, SX]:
         """What acts in a mode besides contact forces and gravity."""
@@ -146,8 +144,3 @@ class Expressions:
 def _slip(mode: Mode) -> SX | None:
     """Sign of the slip in a mode, None where the foot sticks."""
     return None if mode.sticks else SX(mode.direction)
-
-
-@lru_cache(maxsize=8)
-def _equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
-    return equations_of_motion(walker)

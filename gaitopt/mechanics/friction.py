@@ -10,16 +10,20 @@ consistent; then the foot sticks. Gamus & Or (2013), eqs (4), (5) have mu_s = mu
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 
 class Friction(ABC):
-    """Base of the friction laws; ``c`` below are the law's own numbers, as floats or CasADi symbols."""
+    """Base of the friction laws; ``c`` below are the law's own numbers, as floats or CasADi symbols.
 
-    @property
-    @abstractmethod
-    def parameters(self) -> tuple[str, ...]:
-        """Dotted keys of the law's numbers."""
+    Class attributes
+    ----------------
+    parameters : dotted keys of the law's numbers.
+    two_coefficients : whether static and kinetic friction may differ.
+    """
+
+    parameters: ClassVar[tuple[str, ...]]
+    two_coefficients: ClassVar[bool] = False
 
     @abstractmethod
     def static(self, c: Any) -> Any:
@@ -33,20 +37,12 @@ class Friction(ABC):
         """Force against a slip besides that of ``kinetic`` [N]; zero at rest."""
         return 0.0
 
-    @property
-    def two_coefficients(self) -> bool:
-        """Whether static and kinetic friction may differ."""
-        return False
-
 
 @dataclass(frozen=True, slots=True)
 class CoulombFriction(Friction):
     """One coefficient mu for sticking and slipping."""
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The coefficient alone."""
-        return ("friction",)
+    parameters = ("friction",)
 
     def static(self, c: Any) -> Any:
         """The coefficient."""
@@ -61,10 +57,8 @@ class CoulombFriction(Friction):
 class StaticKineticFriction(Friction):
     """Two coefficients, mu_s >= mu_k, and a viscous drag c of the slip [N s/m]."""
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Both coefficients and the drag."""
-        return ("friction.static", "friction.kinetic", "friction.viscous")
+    parameters = ("friction.static", "friction.kinetic", "friction.viscous")
+    two_coefficients = True
 
     def static(self, c: Any) -> Any:
         """mu_s."""
@@ -77,8 +71,3 @@ class StaticKineticFriction(Friction):
     def drag(self, c: Any, velocity: Any) -> Any:
         """c dx."""
         return c[2] * velocity
-
-    @property
-    def two_coefficients(self) -> bool:
-        """They may."""
-        return True

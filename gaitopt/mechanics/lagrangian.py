@@ -2,15 +2,20 @@
 
     M(q) ddq + B(q, dq) + G(q) = E u + W' f                                Gamus & Or (2013), eq. (2)
 
-with W the Jacobian of the stance foot. As (x, y) are coordinates, W' f only adds (f_t, f_n) to the rows of x and y.
-For a walker whose foot stays on the ground all is stated there: y = dy = 0.
+with W the Jacobian of the stance foot and, of bodies whose positions and angles r have the Jacobians J = dr/dq,
+
+    M = sum m J' J        B = sum m J' (dJ/dt dq)
+
+which takes half the operations of derivatives of the kinetic energy. As (x, y) are coordinates, W' f only adds
+(f_t, f_n) to the rows of x and y. For a walker whose foot stays on the ground all is stated there: y = dy = 0.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import SimpleNamespace
 
-from casadi import DM, SX, dot, gradient, hessian, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
+from casadi import DM, SX, dot, gradient, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
 
 from gaitopt.errors import ProblemError
 from gaitopt.mechanics.mechanism import Mechanism
@@ -74,8 +79,9 @@ def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
     return SimpleNamespace(**{name: p[i] for i, name in enumerate(walker.model_fields)})
 
 
+@lru_cache(maxsize=8)
 def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
-    """Derive the equations of motion of ``walker`` by differentiating its Lagrangian.
+    """Derive the equations of motion of ``walker``.
 
     Raises
     ------
@@ -90,11 +96,11 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     mechanism = walker.mechanism(coordinates, parameter_namespace(walker, p))
     check_structure(walker, mechanism, q[-2:])
 
-    kinetic, potential = _energies(mechanism, q, dq)
-    M = hessian(kinetic, dq)[0]
-    momentum = gradient(kinetic, dq)
+    M, velocity_terms, kinetic = _inertia(mechanism, q, dq)
+    weights = (body.mass * dot(mechanism.gravity, body.position) for body in mechanism.bodies)
+    potential = SX(mechanism.potential) - sum(weights, SX(0))
     dissipation = sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0))
-    B = jtimes(momentum, q, dq) - gradient(kinetic, q) + gradient(dissipation, dq) / 2  # Rayleigh's function
+    B = velocity_terms + gradient(dissipation, dq) / 2  # Rayleigh's function
     angles = vertcat(*mechanism.motors) if mechanism.motors else SX(0, 1)
     straight = substitute(vertcat(*(norm_2(body.position) for body in mechanism.bodies)), q, SX.zeros(q.numel()))
 
@@ -127,15 +133,17 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     )
 
 
-def _energies(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX]:
-    """Kinetic and potential energy."""
-    kinetic, potential = SX(0), SX(mechanism.potential)
+def _inertia(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX, SX]:
+    """Mass matrix, velocity terms and kinetic energy, summed up over the positions and angles of the bodies."""
+    M, B, kinetic = SX.zeros(q.numel(), q.numel()), SX.zeros(q.numel()), SX(0)
     for body in mechanism.bodies:
-        velocity = jtimes(body.position, q, dq)
-        kinetic += body.mass * dot(velocity, velocity) / 2
-        kinetic += body.inertia * jtimes(SX(body.angle), q, dq) ** 2 / 2
-        potential -= body.mass * dot(mechanism.gravity, body.position)
-    return kinetic, potential
+        for inertia, place in ((body.mass, body.position), (body.inertia, SX(body.angle))):
+            J = jacobian(place, q)
+            rate = J @ dq
+            M += inertia * (J.T @ J)
+            B += inertia * (J.T @ jtimes(rate, q, dq))
+            kinetic += inertia * dot(rate, rate) / 2
+    return M, B, kinetic
 
 
 def _mapped(mechanism: Mechanism, function: Callable[[SX], SX]) -> Mechanism:
@@ -180,9 +188,9 @@ def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> Non
     unknown = {*walker.exchanged, *walker.exchanged.values()} - {*walker.model_fields}
     if unknown:
         raise ProblemError(f"{walker.__name__}: exchanged names {', '.join(sorted(unknown))}, which is no parameter")
-    strangers = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
-    if strangers:
-        raise ProblemError(f"{walker.__name__}: {', '.join(sorted(strangers))} is no shape coordinate")
+    foreign = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
+    if foreign:
+        raise ProblemError(f"{walker.__name__}: {', '.join(sorted(foreign))} is no shape coordinate")
     points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
     for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
         with_foot = jacobian(point, foot)

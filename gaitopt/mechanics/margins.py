@@ -3,7 +3,7 @@
 The expressions of the margins are those of ``HybridSystem``; everything else that is known of a margin stands here.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from gaitopt.arrays import Array, read_only
 from gaitopt.mechanics.modes import Mode
+from gaitopt.mechanics.ranges import UNITS
 from gaitopt.mechanics.scales import Scales
 from gaitopt.mechanics.walker import Walker
 
@@ -21,7 +22,7 @@ class Margin:
 
     Attributes
     ----------
-    unit : its natural unit.
+    unit : its natural unit, a key of ``ranges.UNITS``.
     violated : words for a negative value, which replaces ``{value}``; empty where it is judged together with others.
     lost : words for its fall to zero, in a motion or along a branch.
     absent : words for a phase that it should end, but in which it does not fall.
@@ -30,37 +31,13 @@ class Margin:
     rises : whether it is zero at the start of a step, so that it may fall only after it has been positive.
     """
 
-    unit: Callable[[Scales], float]
+    unit: str
     violated: str = ""
     lost: str
     absent: str = ""
     ending: str | None = None
     onset: Mode | None = None
     rises: bool = False
-
-
-def _angle(_: Scales) -> float:
-    return 1.0
-
-
-def _length(scales: Scales) -> float:
-    return scales.length
-
-
-def _speed(scales: Scales) -> float:
-    return scales.speed
-
-
-def _force(scales: Scales) -> float:
-    return scales.force
-
-
-def _impulse(scales: Scales) -> float:
-    return scales.impulse
-
-
-def _mass(scales: Scales) -> float:
-    return scales.mass
 
 
 NO_SLIP = "sticking needs no more friction than there is before touchdown, so that no slip sets in"
@@ -71,51 +48,51 @@ PUSH = ("push_cone_forward", "push_cone_backward", "push_landing")
 
 PHASE_MARGINS: Mapping[str, Margin] = {
     "touchdown": Margin(
-        unit=_angle,
+        unit="one",
         lost="the swing foot touches the ground earlier in the step",
         absent="the swing foot does not come down",
         rises=True,
     ),
     "clearance": Margin(
-        unit=_length,
+        unit="length",
         lost="the swing foot scuffs the ground while a stop is still free",
         ending="scuffing",
         rises=True,
     ),
-    "upright": Margin(unit=_angle, lost="the walker is no longer upright", ending="fall"),
+    "upright": Margin(unit="one", lost="the walker is no longer upright", ending="fall"),
     "normal_force": Margin(
-        unit=_force,
+        unit="force",
         violated="normal force is {value:.4g} N, must be positive",
         lost="the stance foot lifts off: its normal force falls to zero",
         absent="the foot does not leave the ground",
         ending="lift_off",
     ),
     "cone_forward": Margin(
-        unit=_force,
+        unit="force",
         lost="the force reaches the edge of the friction cone, the foot slips forward",
         absent=NO_SLIP,
         onset=Mode.SLIP_FORWARD,
     ),
     "cone_backward": Margin(
-        unit=_force,
+        unit="force",
         lost="the force reaches the edge of the friction cone, the foot slips backward",
         absent=NO_SLIP,
         onset=Mode.SLIP_BACKWARD,
     ),
     "slip_velocity": Margin(
-        unit=_speed,
+        unit="speed",
         violated="slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative",
         lost="the foot comes to rest",
         absent="the foot does not come to rest before touchdown",
     ),
     "painleve": Margin(
-        unit=_mass,
+        unit="mass",
         violated="apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)",
         lost="the slip has no unique solution: the apparent mass of the foot falls to zero",
         ending="painleve",
     ),
     "onset": Margin(
-        unit=_force,
+        unit="force",
         violated="static friction holds the foot: the force misses the edge of its cone by {value:.4g} N",
         lost="static friction holds the foot where the slip should start",
     ),
@@ -126,54 +103,54 @@ slip starts from rest, needed only where friction has two coefficients."""
 
 IMPACT_MARGINS: Mapping[str, Margin] = {
     "impulse": Margin(
-        unit=_impulse,
+        unit="impulse",
         violated="normal impulse is {value:.4g} N s, must be positive",
         lost="the normal impulse of the impact falls to zero",
         ending="lift_off",
     ),
     "lift_velocity": Margin(
-        unit=_speed,
+        unit="speed",
         violated="the former stance foot does not lift: its normal velocity is {value:.4g} m/s",
         lost="the former stance foot no longer lifts at the impact",
         ending="double_support",
     ),
     "touchdown_rate": Margin(
-        unit=lambda scales: 1 / scales.time,
+        unit="rate",
         violated="the swing foot leaves the ground instead of landing (guard rate {value:.4g})",
         lost="the swing foot no longer comes down",
         ending="impact_inconsistent",
     ),
     "push_cone_forward": Margin(
-        unit=_impulse, violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending="push_slips"
+        unit="impulse", violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending="push_slips"
     ),
     "push_cone_backward": Margin(
-        unit=_impulse, violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending="push_slips"
+        unit="impulse", violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending="push_slips"
     ),
     "push_landing": Margin(
-        unit=_speed,
+        unit="speed",
         violated="the push lifts the swing foot: it leaves the ground at {value:.4g} m/s instead of landing",
         lost="the push lifts the swing foot before it lands",
         ending="impact_inconsistent",
     ),
     "impulse_cone_forward": Margin(
-        unit=_impulse, lost="the impact can no longer stick, the foot slips forward", onset=Mode.SLIP_FORWARD
+        unit="impulse", lost="the impact can no longer stick, the foot slips forward", onset=Mode.SLIP_FORWARD
     ),
     "impulse_cone_backward": Margin(
-        unit=_impulse, lost="the impact can no longer stick, the foot slips backward", onset=Mode.SLIP_BACKWARD
+        unit="impulse", lost="the impact can no longer stick, the foot slips backward", onset=Mode.SLIP_BACKWARD
     ),
     "impact_slip_velocity": Margin(
-        unit=_speed,
+        unit="speed",
         violated="slip velocity after impact is {value:.4g} m/s in the direction of the mode",
         lost="the slip after the impact fades",
     ),
     "impact_painleve": Margin(
-        unit=_mass,
+        unit="mass",
         violated="apparent mass of the colliding foot is {value:.4g} kg, must be positive",
         lost="the slipping impact has no unique solution any more",
         ending="painleve",
     ),
     "impact_onset": Margin(
-        unit=_impulse,
+        unit="impulse",
         violated="the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s",
         lost="static friction holds the impact: it can no longer slip",
     ),
@@ -184,7 +161,7 @@ MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS}
 ONSETS: Mapping[str, Mode] = {name: known.onset for name, known in PHASE_MARGINS.items() if known.onset is not None}
 """The slip that begins where a margin of a sticking phase falls."""
 STOP = Margin(
-    unit=_angle,
+    unit="one",
     lost="the stop locks, or the switch is thrown, earlier in the step",
     absent="the stop does not lock, or the switch is not thrown",
     rises=True,
@@ -233,7 +210,7 @@ def margin_scales(mode: Mode, scales: Scales) -> Array:
 
 def margin_unit(name: str, scales: Scales) -> float:
     """Natural unit of one margin of a phase or an impact."""
-    return margin(name).unit(scales)
+    return UNITS[margin(name).unit][1](scales)
 
 
 def ending_margin(mode: Mode, after: Mode | None) -> str:

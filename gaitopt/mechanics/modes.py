@@ -26,6 +26,10 @@ class Mode(str):
     stops : state of every stop and switch by its name, in order; not to be written to.
     free, locked : names of the stops in either state.
     off : names of the switches that are off.
+    direction : sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight.
+    sticks, slips : whether the foot is held by friction, or slips.
+    flies : whether no foot touches the ground.
+    key : the text as part of an identifier.
     """
 
     STICK: ClassVar["Mode"]
@@ -37,9 +41,11 @@ class Mode(str):
     free: tuple[str, ...]
     locked: tuple[str, ...]
     off: tuple[str, ...]
-    _direction: int
-    _sticks: bool
-    _flies: bool
+    key: str
+    direction: int
+    sticks: bool
+    slips: bool
+    flies: bool
 
     def __new__(cls, text: str) -> "Mode":
         """The mode with this text.
@@ -56,8 +62,9 @@ class Mode(str):
                 raise ValueError(f"{text!r} is no mode: a foot can {', '.join(_DIRECTIONS)}")
             mode = super().__new__(cls, text)
             mode.contact = Mode(contact) if stops else mode
-            mode._direction, mode._sticks, mode._flies = _DIRECTIONS[contact], contact == "stick", contact == "flight"
-            mode.stops = states
+            mode.direction = _DIRECTIONS[contact]
+            mode.sticks, mode.slips, mode.flies = contact == "stick", mode.direction != 0, contact == "flight"
+            mode.stops, mode.key = states, re.sub(r"\W+", "_", text)
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == own) for own in STATES
             )
@@ -67,7 +74,7 @@ class Mode(str):
     @classmethod
     def of(cls, contact: str, stops: Mapping[str, str]) -> "Mode":
         """What a foot does, with the state of every stop and switch."""
-        return _of(contact, *stops.items())
+        return _joined(contact, *stops.items())
 
     @staticmethod
     def slip(direction: float) -> "Mode":
@@ -104,31 +111,6 @@ class Mode(str):
         """As in a problem file: a word, or a mapping where there are stops."""
         return self.record if self.stops else str(self)
 
-    @property
-    def key(self) -> str:
-        """The text as part of an identifier."""
-        return re.sub(r"\W+", "_", self)
-
-    @property
-    def direction(self) -> int:
-        """Sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight."""
-        return self._direction
-
-    @property
-    def sticks(self) -> bool:
-        """Whether the foot is held by friction."""
-        return self._sticks
-
-    @property
-    def flies(self) -> bool:
-        """Whether no foot touches the ground."""
-        return self._flies
-
-    @property
-    def slips(self) -> bool:
-        """Whether the foot slips."""
-        return self._direction != 0
-
     def with_contact(self, contact: "Mode") -> "Mode":
         """Another contact with the same states of the stops."""
         return Mode.of(contact, self.stops)
@@ -144,13 +126,12 @@ class Mode(str):
 
 
 @lru_cache(maxsize=256)
-def _of(contact: str, *stops: tuple[str, str]) -> Mode:
+def _joined(contact: str, *stops: tuple[str, str]) -> Mode:
     """The decisions of one simulated step put a dozen modes together."""
     return Mode(", ".join([contact.partition(",")[0], *(f"{name} {state}" for name, state in stops)]))
 
 
 def _read(data: object) -> Mode:
-    """A mode from a problem file."""
     contact, stops = (
         (data.get("mode"), {k: v for k, v in data.items() if k != "mode"}) if isinstance(data, dict) else (data, {})
     )

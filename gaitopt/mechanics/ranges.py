@@ -15,11 +15,13 @@ from gaitopt.mechanics.scales import Scales
 Checked = TypeVar("Checked", bound=BaseModel)
 UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "one": ("", lambda s: 1.0),
+    "mass": (" m", lambda s: s.mass),
     "length": (" l", lambda s: s.length),
     "time": (" sqrt(l/g)", lambda s: s.time),
     "rate": (" sqrt(g/l)", lambda s: 1 / s.time),
     "speed": (" sqrt(g l)", lambda s: s.speed),
     "force": (" m g", lambda s: s.force),
+    "impulse": (" m sqrt(g l)", lambda s: s.impulse),
     "torque": (" m g l", lambda s: s.energy),
     "damping": (" m g l sqrt(l/g)", lambda s: s.energy * s.time),
     "torque_squared": (" (m g l)^2 sqrt(l/g)", lambda s: s.energy**2 * s.time),
@@ -94,12 +96,15 @@ def _words(span: Interval, unit: str) -> str:
 
 
 def shorter(part: str, whole: str) -> Any:
-    """A validator of a model for its class body: one length is less than another, both fields in m."""
+    """A validator of a model for its class body: the distance of a mass from its foot is less than the leg, in m."""
 
     def check(model: Checked) -> Checked:
         length, limit = getattr(model, part), getattr(model, whole)
         if length >= limit:
-            raise ValueError(f"{part} = {length:g} m must be less than {whole} = {limit:g} m")
+            raise ValueError(
+                f"{part} = {length:g} m must be less than {whole} = {limit:g} m: "
+                "a mass at or beyond the hip leaves the swing leg without inertia or turns it over"
+            )
         return model
 
     return model_validator(mode="after")(check)

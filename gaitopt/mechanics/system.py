@@ -8,14 +8,14 @@ Every number of walker, friction and control is an entry of ``p``, named by its 
 can be varied, freed or continued without rebuilding anything. The NLP and the simulator both use these functions.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, cse, jacobian, jtimes, vec, vertcat
+from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
@@ -90,13 +90,15 @@ class HybridSystem:
 
         return self._build(f"events_{mode.key}", lambda: {"margins": self._symbols.margins(mode), "rates": rates()})
 
-    def gradients(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> Jacobian of the margins in z."""
+    def linearized(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> dz/dt, Jacobian of the margins in z, and rates of the margins along the flow."""
 
         def outputs() -> dict[str, SX]:
-            return {"margins_by_z": jacobian(self._symbols.margins(mode), self._eom.z)}
+            dz, margins = self._symbols.motion(mode).dz, self._symbols.margins(mode)
+            by_z = jacobian(margins, self._eom.z)
+            return {"dz": dz, "margins_by_z": by_z, "rates": by_z @ dz + jacobian(margins, self._t)}
 
-        return self._build(f"gradients_{mode.key}", outputs)
+        return self._build(f"linearized_{mode.key}", outputs)
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
@@ -108,7 +110,7 @@ class HybridSystem:
         deviations = SX.sym("deviations", self.n_z, columns)
         y = vertcat(self._eom.z, vec(deviations))
         name = f"variational_{mode.key}_{columns}"
-        return self._build(name, outputs, inputs={"t": self._t, "y": y, "p": self._p, "r": self._r})
+        return self._build(name, outputs, "typr", y=y)
 
     def observation(self, mode: Mode) -> Function:
         """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
@@ -119,17 +121,14 @@ class HybridSystem:
         def outputs() -> dict[str, SX]:
             eom, torque = self._eom, self._symbols.torque
             motor_rates = eom.E.T @ eom.dq
-            foot = eom.mechanism.swing_foot
-            energy = eom.energy + self._symbols.potential_of(mode)
-            power, loss = torque * motor_rates, eom.dissipation
             return {
                 "force": self._symbols.motion(mode).force,
                 "torque": torque,
-                "power": power,
-                "swing_foot": foot,
-                "energy": energy,
+                "power": torque * motor_rates,
+                "swing_foot": eom.mechanism.swing_foot,
+                "energy": eom.energy + self._symbols.potential_of(mode),
                 "motor_rates": motor_rates,
-                "loss": loss,
+                "loss": eom.dissipation,
             }
 
         return self._build(f"observation_{mode.key}", outputs)
@@ -141,7 +140,16 @@ class HybridSystem:
             result = self._symbols.impact(mode)
             return {field.name: getattr(result, field.name) for field in fields(result)}
 
-        return self._build(f"impact_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
+        return self._build(f"impact_{mode.key}", outputs, "zp")
+
+    def impacts(self, modes: Sequence[Mode]) -> Function:
+        """(z, p) -> what ``impact`` gives for each of several modes, one column per mode."""
+        z, p = self._eom.z, self._p
+
+        def outputs() -> dict[str, SX]:
+            return {"impacts": horzcat(*(vertcat(*self.impact(mode).call([z, p])) for mode in modes))}
+
+        return self._build("_".join(["impacts", *(mode.key for mode in modes)]), outputs, "zp")
 
     def impact_jacobian(self, mode: Mode) -> Function:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
@@ -149,7 +157,7 @@ class HybridSystem:
         def outputs() -> dict[str, SX]:
             return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}
 
-        return self._build(f"impact_jacobian_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
+        return self._build(f"impact_jacobian_{mode.key}", outputs, "zp")
 
     def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``impact_margins``."""
@@ -163,7 +171,7 @@ class HybridSystem:
             margins = self._symbols.impact_margins(mode)
             return {"margins": vertcat(*(margins[name] for name in self.impact_margin_names(mode)))}
 
-        return self._build(f"impact_margins_{mode.key}", outputs, inputs={"z": self._eom.z, "p": self._p})
+        return self._build(f"impact_margins_{mode.key}", outputs, "zp")
 
     @cached_property
     def open_flow(self) -> Function:
@@ -173,17 +181,13 @@ class HybridSystem:
         """
 
         def outputs() -> dict[str, SX]:
-            state, guard = (
-                self._symbols.slipping(s, self.walker.released(Mode.STICK)),
-                SX(self._eom.mechanism.touchdown),
-            )
+            state = self._symbols.slipping(s, self.walker.released(Mode.STICK))
+            guard = SX(self._eom.mechanism.touchdown)
             rate = jtimes(guard, self._eom.z, state.dz)
             return {"dz": state.dz, "force": state.force, "guard": guard, "guard_rate": rate}
 
         s = SX.sym("s")
-        return self._build(
-            "open_flow", outputs, inputs={"t": self._t, "z": self._eom.z, "s": s, "p": self._p, "r": self._r}
-        )
+        return self._build("open_flow", outputs, "tzspr", s=s)
 
     @cached_property
     def open_impact(self) -> Function:
@@ -195,7 +199,7 @@ class HybridSystem:
             return {name: getattr(result, name) for name in names}
 
         s = SX.sym("s")
-        return self._build("open_impact", outputs, inputs={"z": self._eom.z, "s": s, "p": self._p})
+        return self._build("open_impact", outputs, "zsp", s=s)
 
     @cached_property
     def approach(self) -> Function:
@@ -260,10 +264,11 @@ class HybridSystem:
         """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
         return self.friction.kinetic(p[self._friction_entries])
 
-    def _build(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: dict[str, SX] | None = None) -> Function:
+    def _build(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: str = "tzpr", **symbols: SX) -> Function:
+        """The function of these inputs, letters of the module's equations or ``symbols``, built on first use."""
         if name not in self._functions:
-            arguments = inputs or {"t": self._t, "z": self._eom.z, "p": self._p, "r": self._r}
+            symbols |= {"t": self._t, "z": self._eom.z, "p": self._p, "r": self._r}
             results = outputs()
             shared = cse([*results.values()])
-            self._functions[name] = Function(name, [*arguments.values()], shared, [*arguments], [*results])
+            self._functions[name] = Function(name, [symbols[key] for key in inputs], shared, [*inputs], [*results])
         return self._functions[name]

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 
 from gaitopt.arrays import Array
-from gaitopt.gait import Arc, Gait, ImpactRecord, Shooting, Status, Step, curves, floquet_multipliers, measure
+from gaitopt.gait import Arc, Gait, ImpactRecord, Status, Step, curves, floquet_multipliers, measure
+from gaitopt.gait.gait import Shooting
 from gaitopt.mechanics import Cycle, Dynamics, Mode, ending_margin
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.layout import ArcLayout

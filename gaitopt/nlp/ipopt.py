@@ -20,7 +20,7 @@ Progress = Callable[[int, float], None]
 TOLERANCE = 1e-10
 """In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
 NEAR_OPTIMUM = 1e-4
-"""KKT residual of a smoothed design, in the sizes of its objective and unknowns: ``nlp.sqp`` goes on from there."""
+"""KKT residual of a smoothed problem, in the sizes of its objective and unknowns."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
 MAX_ITERATIONS, MAX_DESIGN_ITERATIONS = 300, 600
@@ -121,6 +121,7 @@ class Ipopt:
         everything does not make those of the others dense to compute.
     scale, objective_size : typical sizes of the unknowns, shape (n_w,), and of the objective; secants learn best where
         all are one. Sizes that depend on the parameters are given to ``solve``.
+    optimality, violation : KKT residual and violation of the constraints at which the search ends.
     progress, should_stop : called at every iteration.
     """
 
@@ -133,15 +134,19 @@ class Ipopt:
         scale: Array | float = 1.0,
         objective: MX | None = None,
         objective_size: float = 1.0,
+        optimality: float = NEAR_OPTIMUM,
+        violation: float = TOLERANCE,
         progress: Progress | None = None,
         should_stop: Stop = None,
     ) -> None:
         blocks = [g] if isinstance(g, MX) else list(g)
         self._scale = np.broadcast_to(scale, w.numel())
         x, sizes = MX.sym("x", w.numel()), MX.sym("sizes", w.numel())
-        value = Function("value", [w, p], [MX(0) if objective is None else objective, vertcat(*blocks)])
+        # two functions, for the gradient of one that is both would go back through the constraints too
+        value = Function("value", [w, p], [MX(0) if objective is None else objective])
+        constraints = Function("constraints", [w, p], [vertcat(*blocks)])
         slope = Function("slope", [w, p], [vertcat(*(jacobian(block, w) for block in blocks))])
-        f, unscaled_rows = value(sizes * x, p)
+        f, unscaled_rows = value(sizes * x, p), constraints(sizes * x, p)
         row_sizes = MX.sym("row_sizes", unscaled_rows.numel())
         rows, parameters = unscaled_rows / row_sizes, vertcat(p, sizes, row_sizes)
         scaled_slope = diag(1 / row_sizes) @ slope(sizes * x, p) @ diag(sizes)
@@ -156,8 +161,8 @@ class Ipopt:
             "ipopt": {
                 "print_level": 0,
                 "sb": "yes",
-                "tol": TOLERANCE if objective is None else NEAR_OPTIMUM,
-                "constr_viol_tol": TOLERANCE,
+                "tol": TOLERANCE if objective is None else optimality,
+                "constr_viol_tol": violation,
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
                 "obj_scaling_factor": 1 / objective_size,

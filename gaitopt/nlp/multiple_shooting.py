@@ -211,7 +211,7 @@ class MultipleShooting:
         layout, full = self.layout, self._full(p, freed)
         for arc, first, (start, end) in zip(layout.arcs, layout.first_nodes, layout.arc_times(durations), strict=True):
             length = (end - start) / arc.intervals
-            times = start + length * np.arange(arc.intervals)[:, None]
+            times = start + length * np.arange(arc.intervals, dtype=float)[:, None]
             own = self._standing(full, arc.phase)
             yield Intervals(nodes.T[first : first + arc.intervals], times, length, own, self.system.data(arc.segment))
 

@@ -29,7 +29,9 @@ GRID = 8
 ARMED = 1e-12
 """In natural units; a margin that starts at zero, up to rounding, is not yet positive."""
 FIRST_STEP = 2.5e-5
-"""In natural units; short enough not to jump over a slip that has only just come into being."""
+"""Of the integrator, in natural units; it grows tenfold at most from step to step."""
+FIRST_STEP_FROM_REST = 2.5e-7
+"""The same where the foot begins to slip: at first the slip of a light foot is over after 1e-6."""
 ROOT = 1e-12
 """In natural units of time: how exactly the end of a phase is located."""
 LONGEST_STEP = 50.0
@@ -182,7 +184,7 @@ class _ModeFlow:
 
     def __init__(self, dynamics: Dynamics, mode: Mode, after: Mode | None) -> None:
         system, self._p, self._scales = dynamics.system, dynamics.p, dynamics.scales
-        names = margin_names(mode)
+        names, self._slips = margin_names(mode), mode.slips
         self._units = np.array([margin_unit(name, self._scales) for name in names])
         self._upright, self._touchdown = names.index("upright"), 0  # or the clearance, while a stop is free
         self._ending = names.index(ending_margin(mode, after))
@@ -243,8 +245,10 @@ class _ModeFlow:
         segment = bisect_right(self._breakpoints, time)
         bound = min([end, *self._breakpoints[segment : segment + 1]])
         self._step.load(self._p, self._data[segment])
+        from_rest = self._slips and abs(z[-1]) <= ARMED * self._scales.speed
+        first_step = FIRST_STEP_FROM_REST if from_rest else FIRST_STEP
         rate = self._point(time, z, self._p, self._data[segment])[0].copy()
-        return Integration(self._step, time, z, rate, bound, min(FIRST_STEP * self._scales.time, bound - time))
+        return Integration(self._step, time, z, rate, bound, min(first_step * self._scales.time, bound - time))
 
     def _motion(self, points: Sequence[tuple[float, Array]]) -> Motion:
         times, states = zip(*points, strict=True)

@@ -26,7 +26,8 @@ from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.trial import overflow_allowed
-from gaitopt.problem import NO_ENERGY, Problem, lacks_energy
+from gaitopt.problem import Problem, lacks_energy
+from gaitopt.problem.plausibility import NO_ENERGY
 
 MAX_REORDERS = 6
 """Times that switches and breakpoints may change their order; each is a new layout."""

@@ -86,13 +86,10 @@ def _event(dynamics: Dynamics, arc: Arc, after: Arc | None) -> Array:
     """What the event at the end of an arc does to deviations; shape (n_z, n_z)."""
     system, z, p, data = dynamics.system, arc.states[-1], dynamics.p, dynamics.system.data(arc.segment)
     row = margin_names(arc.mode).index(ending_margin(arc.mode, None if after is None else after.mode))
-    (flow,) = buffered(system.flow(arc.mode))(arc.end, z, p, data)
-    gradient = _matrix(system.gradients(arc.mode), arc.end, z, p, data)[row]
-    _, rates = buffered(system.events(arc.mode))(arc.end, z, p, data)
-    rate = float(rates[row])
+    flow, gradients, rates = buffered(system.linearized(arc.mode))(arc.end, z, p, data)
+    gradient, rate = gradients.reshape(z.size, -1)[:, row], rates[row].item()
     if after is None:
         return projection(flow, gradient, rate)
-    flow = flow.copy()
     (flow_after,) = buffered(system.flow(after.mode))(after.start, after.states[0], p, data)
     return saltation(flow, flow_after, gradient, rate, _reset(dynamics, arc, after))
 

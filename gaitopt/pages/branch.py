@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from gaitopt.figures.branches import OF_EACH_STEP, is_bound
+from gaitopt.figures.branches import OF_EACH_STEP
 from gaitopt.figures.film import film
 from gaitopt.figures.labels import parameter_of
 from gaitopt.figures.motion import motion_from_record
@@ -78,7 +78,7 @@ def _special(record: Record) -> dict[str, Any]:
     reason = record.get("reason", "")
     for mode, written in MODE_WORDS.items():
         reason = reason.replace(mode, written)
-    known |= {"reason": reason, "bound": is_bound(record)}
+    known |= {"reason": reason, "bound": record.get("bound", False)}
     return {**known, **_of_each_step(gait), "scalars": numbers(gait)["scalars"] if gait else {}}
 
 

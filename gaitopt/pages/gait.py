@@ -27,7 +27,11 @@ def comparison_report(gaits: Sequence[Gait]) -> str:
     if not all(gait.converged for gait in gaits):
         raise ValueError("only converged gaits have a report; look at their status first")
     records = [gait.to_record() for gait in gaits]
-    shown = [_shown(gait, name) for gait, name in zip(gaits, _names(gaits), strict=True)]
+    motions = [motion_of(gait, name) for gait, name in zip(gaits, _names(gaits), strict=True)]
+    shown = [
+        {"film": film(motion), "comparison": _comparison(motion, gait), **numbers(record)}
+        for motion, gait, record in zip(motions, gaits, records, strict=True)
+    ]
     return render(
         "gaits.html",
         title=" and ".join(dict.fromkeys(gait["film"]["name"] for gait in shown)),
@@ -39,17 +43,12 @@ def comparison_report(gaits: Sequence[Gait]) -> str:
 
 
 def _names(gaits: Sequence[Gait]) -> list[str]:
-    """Names of the problems; gaits of the same name are told apart by their hash."""
+    """Names of the problems; gaits of the same name are distinguished by their hash."""
     names = [gait.problem.name for gait in gaits]
     return [n if names.count(n) == 1 else f"{n} ({g.problem.hash8})" for n, g in zip(names, gaits, strict=True)]
 
 
-def _shown(gait: Gait, name: str) -> dict[str, Any]:
-    motion = motion_of(gait, name)
-    return {"film": film(motion), "roads": _roads(motion, gait), **numbers(gait.to_record())}
-
-
-def _roads(motion: Motion, gait: Gait) -> dict[str, Any]:
+def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:
     """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
     walked = simulated(gait)
     times, states = thinned(*(node_points(gait) or points_of(motion.steps)))

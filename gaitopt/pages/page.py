@@ -11,7 +11,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from gaitopt.figures.labels import label, symbol
 from gaitopt.problem import Problem
-from gaitopt.problem.scalars import scalar_values, state_unit, telling_scalars
+from gaitopt.problem.scalars import relevant_scalars, scalar_values, state_unit
 from gaitopt.store.manifest import new_manifest
 
 Record = Mapping[str, Any]
@@ -44,7 +44,7 @@ def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
     states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
     freed = {key for record in records for key in record.get("parameters", ())}
     return {
-        "scalars": {key: asdict(label(key)) for key in telling_scalars(records)},
+        "scalars": {key: asdict(label(key)) for key in relevant_scalars(records)},
         "symbols": {name: symbol(name) for name in states},
         "units": {name: state_unit(name) for name in states},
         "parameters": {key: asdict(label(key)) for key in sorted(freed)},

@@ -57,6 +57,10 @@ class Archive:
             self._gaits[problem.digest] = self._solved(problem) if folder is None else restore_gait(folder)
         return self._gaits[problem.digest]
 
+    def has_gait(self, problem: Problem) -> bool:
+        """Whether that gait is kept."""
+        return problem.digest in self._gaits or find_run(problem, self.results) is not None
+
     def family(self, problem: Problem, parameter: str, to: Sequence[float]) -> Records:
         """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``."""
         run = self._run(problem, parameter, to)

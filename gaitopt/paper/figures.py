@@ -10,11 +10,13 @@ from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.motion import Motion, motion_of
 from gaitopt.figures.portrait import phase_portrait
 from gaitopt.figures.style import COLOURS, entry, legend_below, panels
+from gaitopt.gait import Gait
 from gaitopt.paper.archive import Archive, Records
 from gaitopt.paper.copied_torques import copied_torques
 from gaitopt.paper.gaits import FAMILIES, family_of, gait_of
+from gaitopt.paper.needs import SHOWN
 
-Draw = Callable[[Archive], Figure]
+Draw = Callable[[Archive, Mapping[str, str]], Figure]
 
 CONSTANT = (0, (1.2, 1.4))
 """Line of the constants that approximate a torque."""
@@ -29,7 +31,7 @@ def _motions(archive: Archive, names: Mapping[str, str]) -> list[Motion]:
 
 
 def _drawn(records: Records, targets: Sequence[float]) -> Records:
-    """The records without the ends of the drawn range; where the family itself ends, its line goes on to the end."""
+    """The records without the ends of the drawn range; where the family itself ends, its line continues to the end."""
     ends = [record for record in records if record.get("type") == "end"]
     inner = [end for end in ends if min(abs(end["value"] - target) for target in targets) > SAME]
     last = [
@@ -40,10 +42,9 @@ def _drawn(records: Records, targets: Sequence[float]) -> Records:
     return [record for record in records if record not in ends] + last + inner
 
 
-def _torques(archive: Archive) -> Figure:
+def _torques(passive: Gait, constant: Gait) -> Figure:
     """Torques that copy the passive gait on level ground, and the constants of gait I beside them."""
     figure, (axes,) = panels()
-    passive, constant = gait_of(archive, "passive"), gait_of(archive, "I")
     handles = []
     for k, (name, colour) in enumerate(zip(passive.system.walker.actuators, COLOURS, strict=False)):
         for times, torques in copied_torques(passive):
@@ -58,29 +59,12 @@ def _torques(archive: Archive) -> Figure:
     return figure
 
 
-A_AND_B = {"A": "A", "B": "B"}
-A_AND_B_FRICTIONLESS = {"A": "A", "B, frictionless impact": "B, frictionless impact"}
-WHEEL = {"wheel": "wheel"}
-WHEELS = {"wheel": "no slip, μ = 1", "wheel slipping": "stick-slip, μ = 0.4"}
-PASSIVE = {
-    "passive": "sticking impact (A)",
-    "B": "slipping impact (B)",
-    "B, frictionless impact": "B, frictionless impact",
-}
-CONTROLLED = {
-    "I": "I, constant torques",
-    "II": "II, weak torques",
-    "II, frictionless impact": "II, frictionless impact",
-    "III": "III, PD law",
-}
+def _portrait(archive: Archive, names: Mapping[str, str]) -> Figure:
+    return phase_portrait(_motions(archive, names))
 
 
-def _portrait(names: Mapping[str, str]) -> Draw:
-    return lambda archive: phase_portrait(_motions(archive, names))
-
-
-def _over_friction(names: Mapping[str, str], quantity: str) -> Draw:
-    def draw(archive: Archive) -> Figure:
+def _over_friction(quantity: str) -> Draw:
+    def draw(archive: Archive, names: Mapping[str, str]) -> Figure:
         families = {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}
         return over_parameter(families, Parameter(key="friction"), quantity)
 
@@ -88,18 +72,21 @@ def _over_friction(names: Mapping[str, str], quantity: str) -> Draw:
 
 
 FIGURES: Mapping[str, Draw] = {
-    "fig2": _portrait(WHEELS),
-    "fig3": lambda archive: force_ratio(_motions(archive, {"wheel": "no slip"}), against="theta"),
-    "fig4": _over_friction(WHEEL, "spectral_radius"),
-    "fig6": _portrait({"passive": "no slip"}),
-    "fig7": lambda archive: force_ratio(_motions(archive, {"passive": "passive", "I": "gait I"})),
-    "fig8": _portrait(A_AND_B),
-    "fig8-frictionless": _portrait(A_AND_B_FRICTIONLESS),
-    "fig9": _over_friction(PASSIVE, "spectral_radius"),
-    "fig10": _torques,
-    "fig11": _over_friction(CONTROLLED, "cost_of_transport"),
-    "fig12": _over_friction(CONTROLLED, "spectral_radius"),
+    "fig2": _portrait,
+    "fig3": lambda archive, names: force_ratio(_motions(archive, names), against="theta"),
+    "fig4": _over_friction("spectral_radius"),
+    "fig6": _portrait,
+    "fig7": lambda archive, names: force_ratio(_motions(archive, names)),
+    "fig8": _portrait,
+    "fig8-frictionless": _portrait,
+    "fig9": _over_friction("spectral_radius"),
+    "fig10": lambda archive, names: _torques(*(gait_of(archive, name) for name in names)),
+    "fig11": _over_friction("cost_of_transport"),
+    "fig12": _over_friction("spectral_radius"),
 }
-"""What draws each figure."""
-NEEDED: Mapping[str, Mapping[str, str]] = {"fig4": WHEEL, "fig9": PASSIVE, "fig11": CONTROLLED, "fig12": CONTROLLED}
-"""Names of the families in the figures that show some."""
+"""What draws each figure, of the gaits in it."""
+
+
+def draw(archive: Archive, name: str) -> Figure:
+    """One figure."""
+    return FIGURES[name](archive, SHOWN[name])

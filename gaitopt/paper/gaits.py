@@ -57,16 +57,18 @@ SOURCES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 """Problem and changes of every gait that a figure or a number needs."""
 
 FAMILIES: Mapping[str, tuple[float, ...]] = {
-    "wheel": (0.1,),
-    "passive": (0.1,),
-    "B": (0.1, 0.35),
+    "II, frictionless impact": (0.1, 0.3),
     "B, frictionless impact": (0.1, 0.35),
+    "passive": (0.1,),
     "I": (0.09,),
     "II": (0.1, 0.3),
-    "II, frictionless impact": (0.1, 0.3),
+    "wheel": (0.1,),
+    "B": (0.1, 0.35),
     "III": (0.05, 0.5),
 }
 """Coefficients of friction towards which these gaits are continued; the longest families are the last."""
+ROUNDED = ("I", "II, frictionless impact")
+"""Gaits of torques that are printed rounded."""
 
 
 @lru_cache
@@ -80,6 +82,11 @@ def problem_of(name: str) -> Problem:
 def gait_of(archive: Archive, name: str) -> Gait:
     """The gait with a short name."""
     return archive.gait(problem_of(name))
+
+
+def has_gait(archive: Archive, name: str) -> bool:
+    """Whether that gait is kept already."""
+    return archive.has_gait(problem_of(name))
 
 
 def family_of(archive: Archive, name: str) -> Records:

@@ -5,24 +5,20 @@ from pathlib import Path
 
 from gaitopt.callbacks import Counted
 from gaitopt.errors import UnknownNameError
-from gaitopt.figures.style import save
 from gaitopt.paper import table
 from gaitopt.paper.archive import Archive
-from gaitopt.paper.families import follow_families
-from gaitopt.paper.figures import FIGURES, NEEDED
-from gaitopt.paper.gaits import FAMILIES
+from gaitopt.paper.needs import EVERYTHING, SHOWN, TABLE, Need, cost, needs
+from gaitopt.paper.preparation import prepared
 from gaitopt.store import json_file, write_whole
 from gaitopt.store.files import clear_leftovers, make_folder
 from gaitopt.workers.jobs import Workers
 
 PAPERS = ("gamus-or-2013",)
-TABLE = "table"
-"""The part that is not a figure."""
 
 
 def parts() -> tuple[str, ...]:
     """Names of everything that is reproduced."""
-    return (*FIGURES, TABLE)
+    return (*SHOWN, TABLE)
 
 
 def check_names(paper: str, only: Sequence[str]) -> None:
@@ -47,8 +43,8 @@ def reproduce(
     ----------
     archive : where gaits and families are kept, or computed.
     only : names out of ``parts()``; everything if empty.
-    progress : called with the number of parts that are done, and of all.
-    workers : processes that follow the families; this very one unless given.
+    progress : called with the part of the work that is done, in percent, and 100.
+    workers : processes that compute gaits and families; this very one unless given.
 
     Returns
     -------
@@ -56,16 +52,36 @@ def reproduce(
     """
     make_folder(folder)
     clear_leftovers(folder)
-    names = [name for name in parts() if not only or name in only]
-    needed = {family for name in names for family in NEEDED.get(name, ())}
-    if workers is not None:
-        follow_families(archive, [family for family in reversed(tuple(FAMILIES)) if family in needed], workers)
-    written: list[Path] = []
-    for done, name in enumerate(names, start=1):
-        written += _table(archive, folder) if name == TABLE else save(FIGURES[name](archive), folder / name)
+    waiting = needs([name for name in parts() if not only or name in only])
+    every, names = set().union(*waiting.values()), tuple(waiting)
+    needed, met = [need for need in EVERYTHING if need in every], set[Need]()
+    written: dict[str, list[Path]] = {}
+    workers = workers or Workers(count=1)
+    if progress is not None:
+        progress(0, 100)
+    for need in prepared(archive, needed, workers):
+        met.add(need)
+        for name in [name for name, own in waiting.items() if own <= met]:
+            written[name] = _table(archive, folder) if name == TABLE else _figure(archive, folder, name)
+            del waiting[name]
         if progress is not None:
-            progress(done, len(names))
-    return written
+            progress(_percent([need in met for need in needed], needed, workers.count, len(written), len(names)), 100)
+    return [path for name in names for path in written[name]]
+
+
+def _percent(met: Sequence[bool], needed: Sequence[Need], count: int, written: int, parts: int) -> int:
+    """How much of the work is done; what several processes are at counts half."""
+    costs = [cost(need) for need in needed]
+    done = sum(own for own, is_met in zip(costs, met, strict=True) if is_met)
+    going = [own for own, is_met in zip(costs, met, strict=True) if not is_met][: count if count > 1 else 0]
+    return int(100 * (done + sum(going) / 2 + written) / (sum(costs) + parts))
+
+
+def _figure(archive: Archive, folder: Path, name: str) -> list[Path]:
+    from gaitopt.figures.style import save  # Matplotlib, which the processes that compute need not wait for
+    from gaitopt.paper.figures import draw
+
+    return save(draw(archive, name), folder / name)
 
 
 def _table(archive: Archive, folder: Path) -> list[Path]:

@@ -66,16 +66,6 @@ class CurveReference(Section):
         ),
     ]
 
-    @property
-    def degree(self) -> int:
-        """Degree of the curve of each joint."""
-        return self.curve.degree
-
-    @property
-    def start(self) -> str:
-        """The problem whose gait gives the first guess."""
-        return self.curve.start
-
 
 class NoControlSpec(Section):
     """A passive walker."""

@@ -60,7 +60,7 @@ class Scope:
         """Number of free parameters, coefficients of a free curve included."""
         count = len(self.free)
         if isinstance(self.control, PDSpec) and isinstance(self.control.reference, CurveReference):
-            count += (self.control.reference.degree + 1) * len(self.walker.tracked)
+            count += (self.control.reference.curve.degree + 1) * len(self.walker.tracked)
         return count
 
 

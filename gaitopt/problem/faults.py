@@ -171,7 +171,7 @@ def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{value} is not a finite number{meaning}"
     if kind in _LIMITS:
         return f"{shown(value)} must be {_range_words(field, kind, limits[_LIMITS[kind]])}{meaning}"
-    return f"{shown(value)} {_WANTED.get(kind, item['msg']).format(**limits)}{meaning}"
+    return f"{shown(value)} {_REQUIREMENTS.get(kind, item['msg']).format(**limits)}{meaning}"
 
 
 def _length_words(field: FieldInfo | None) -> str:
@@ -199,7 +199,7 @@ def _limits(field: FieldInfo | None, names: Sequence[str]) -> list[float]:
 
 
 _LIMITS = {"greater_than_equal": "ge", "less_than_equal": "le"}
-_WANTED: Mapping[str, Any] = {
+_REQUIREMENTS: Mapping[str, Any] = {
     "float_type": "is not a number",
     "int_type": "is not an integer",
     "string_type": "is not a text",

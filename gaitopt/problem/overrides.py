@@ -93,7 +93,9 @@ def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden:
                     gait.pop(other, None)
     if _phase_counts(gait) not in (None, _phase_counts(before["gait"])) and not is_set(DURATIONS):
         guess.pop("durations", None)
-    if _last_impact(gait) == Mode.STICK and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
+    last = next(iter(_steps(gait)[-1:]), None)
+    sticks = isinstance(last, Mapping) and last.get("impact") == Mode.STICK
+    if sticks and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
         guess["state"].pop("dx", None)
 
 
@@ -108,8 +110,3 @@ def _phase_counts(gait: Mapping[str, Any]) -> list[int] | None:
     phases = [step.get("phases") if isinstance(step, Mapping) else None for step in _steps(gait)]
     counts = [len(p) for p in phases if isinstance(p, list | tuple)]
     return counts if len(counts) == len(phases) else None
-
-
-def _last_impact(gait: Mapping[str, Any]) -> object:
-    last = _steps(gait)[-1:]
-    return last[0].get("impact") if last and isinstance(last[0], Mapping) else None

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from casadi import SX, Function
@@ -23,9 +23,7 @@ from gaitopt.problem.faults import Fault, Key
 from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
 from gaitopt.problem.section import DURATION
 from gaitopt.problem.sections import HeadSection, state_section
-
-if TYPE_CHECKING:
-    from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import ProblemStatement
 
 FEET_APART = 1e-6
 """Least distance of the feet at the start of a step, in leg lengths."""
@@ -41,7 +39,7 @@ Span = tuple[Key, float, float, Within]
 """Path of a number or of a range of numbers, its lower and upper end, and what is possible."""
 
 
-def impossible(problem: "Problem") -> Iterator[Fault]:
+def impossible(problem: ProblemStatement) -> Iterator[Fault]:
     """Numbers that no such walker can have."""
     scales = natural_units(problem.walker)
     if not all(math.isfinite(size) and size > 0 for size in (scales.length, scales.time, scales.energy)):
@@ -60,7 +58,7 @@ def impossible(problem: "Problem") -> Iterator[Fault]:
         yield Fault(STATE, "the walker has fallen: it begins a step upright")
 
 
-def remarks(problem: "Problem") -> Iterator[Fault]:
+def remarks(problem: ProblemStatement) -> Iterator[Fault]:
     """Numbers that are possible, but more likely a mistake than meant."""
     scales, walker = natural_units(problem.walker), problem.walker
     if isinstance(problem.friction, float):
@@ -75,7 +73,11 @@ def remarks(problem: "Problem") -> Iterator[Fault]:
         part = getattr(walker, name) / scales.mass if (field.description or "").endswith("[kg]") else 1.0
         if 0 < part < LIGHT:
             yield Fault(("walker", name), f"is unusual: {part:.1g} of the whole mass")
-    yield from _many_phases(problem)
+    steps = () if problem.is_open else problem.cycle.steps
+    for k, step in enumerate(steps):
+        if len(step.phases) > MANY_PHASES:
+            place: Key = ("gait", "steps", k, "phases") if len(steps) > 1 else ("gait", "phases")
+            yield Fault(place, f"{len(step.phases)} phases in one step are many: a solution may take minutes")
     gravity = _geometry_at_guess(problem)[2]
     if lacks_energy(problem):
         yield Fault(("walker",), NO_ENERGY)
@@ -85,19 +87,13 @@ def remarks(problem: "Problem") -> Iterator[Fault]:
         yield Fault(("friction",), f"{less}: no steady gait holds on such a slope")
 
 
-def _many_phases(problem: "Problem") -> Iterator[Fault]:
-    steps = () if problem.is_open else problem.cycle.steps
-    for k, step in enumerate(steps):
-        if len(step.phases) > MANY_PHASES:
-            path: Key = ("gait", "steps", k, "phases") if len(steps) > 1 else ("gait", "phases")
-            yield Fault(path, f"{len(step.phases)} phases in one step are many: a solution may take minutes")
-
-
-def lacks_energy(problem: "Problem") -> bool:
+def lacks_energy(problem: ProblemStatement) -> bool:
     """Whether nothing replaces what impacts and friction take: no motors, no push-off, and no way downhill."""
     downhill = _geometry_at_guess(problem)[2][0]
     slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
-    driven = problem.walker.flies or _pushes(problem.walker)
+    walker, system = problem.walker, _system(type(problem.walker))
+    push, _ = system.push(np.zeros(system.n_z), [*_values(walker), 0.0])
+    driven = walker.flies or (walker.pushes and np.asarray(push).any())
     passive = isinstance(problem.control, NoControlSpec) and not problem.free and not driven
     return bool(passive and (downhill == 0 or (downhill < 0 and not slides_back)))
 
@@ -107,7 +103,7 @@ def natural_units(walker: Walker) -> Scales:
     return Dynamics(_system(type(walker)), np.array([*_values(walker), 0.0])).scales
 
 
-def _spans(problem: "Problem") -> Iterator[Span]:
+def _spans(problem: ProblemStatement) -> Iterator[Span]:
     """All numbers whose range is in natural units, or depends on the walker."""
     walker, control, laws = problem.walker, problem.control, dict[str, Any]()
     fields = state_section(type(walker)).model_fields
@@ -143,7 +139,7 @@ def _annotated(path: Key, value: float, metadata: list[Any]) -> Iterator[Span]:
     yield from ((path, value, value, part) for part in metadata if isinstance(part, Within))
 
 
-def _scalar_range(name: str, problem: "Problem") -> list[Within]:
+def _scalar_range(name: str, problem: ProblemStatement) -> list[Within]:
     """Range of a scalar that is constrained; a freed parameter keeps to its own bounds."""
     modes = set() if problem.is_open else {*problem.cycle.phases, *problem.cycle.impacts}
     if name == "step_length" and modes == {Mode.STICK}:
@@ -161,7 +157,7 @@ def _scalar_range(name: str, problem: "Problem") -> list[Within]:
             if isinstance(part, Within)]  # fmt: skip
 
 
-def _geometry_at_guess(problem: "Problem") -> tuple[Any, float, Any]:
+def _geometry_at_guess(problem: ProblemStatement) -> tuple[Any, float, Any]:
     """Swing foot from the stance foot [m], margin of being upright, and gravity along x and y [m/s^2].
 
     Without a guess all angles are zero.
@@ -169,13 +165,6 @@ def _geometry_at_guess(problem: "Problem") -> tuple[Any, float, Any]:
     shape = [0.0 if problem.start is None else problem.start.state[name] for name in problem.walker.shape]
     foot, upright, gravity = buffered(_geometry(type(problem.walker)))(shape, _values(problem.walker))
     return foot.copy(), float(upright[0]), gravity.copy()
-
-
-def _pushes(walker: Walker) -> bool:
-    """Whether the walker pushes off, and not with nothing."""
-    system = _system(type(walker))
-    impulse, _ = system.push(np.zeros(system.n_z), [*_values(walker), 0.0])
-    return bool(walker.pushes and np.asarray(impulse).any())
 
 
 def _values(walker: Walker) -> list[float]:

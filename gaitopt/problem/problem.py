@@ -1,4 +1,4 @@
-"""A problem: which gait of which walker is to compute, complete and in SI; how it is loaded, changed and identified.
+"""A problem: how the statement of a gait is loaded, changed and identified.
 
 A problem that tracks another gait holds that gait's own problem, which overrides never touch.
 """
@@ -9,120 +9,40 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.mechanics.cycle import Cycle
-from gaitopt.mechanics.modes import ImpactLaw
 from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.assemble import assemble
 from gaitopt.problem.catalogue import find_problem
-from gaitopt.problem.control_sections import ControlSpec
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
-from gaitopt.problem.parts import Free, Guess, OpenSequence, Range
 from gaitopt.problem.plausibility import impossible, remarks
-from gaitopt.problem.record import digest_of, problem_data, resolved_data
+from gaitopt.problem.record import digest_of, problem_data
 from gaitopt.problem.reference import reference_name, unsuitable
-from gaitopt.problem.sections import FrictionCoefficients
 from gaitopt.problem.source import parse_source, read_text
+from gaitopt.problem.statement import ProblemStatement
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Problem(Tabulated):
-    """The statement of one gait, complete and validated.
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Problem(ProblemStatement):
+    """The statement of one gait, validated, with where it comes from.
 
     Attributes
     ----------
-    name, about : from the file.
-    walker : the walker with its parameters; a freed parameter has its guess, here and below.
-    friction : coefficient of friction mu, or static and kinetic coefficient and drag.
-    impact_law : tangential law of a slipping impact.
-    control : what the motors do.
-    modes : those of the step, or of the steps, after which the gait repeats itself, and their impacts; or what is
-        known of a sequence that is open.
-    start : first guess of the gait, its state complete; None only where the sequence is open.
-    free : the unknown parameters by dotted key.
-    objective : weights of the scalars whose sum is minimised; empty if there is none.
-    constraints : ranges of scalars by name.
     reference : the problem whose gait the control tracks or its curve starts from.
     path, text : where it came from, verbatim; overrides are not in the text.
     origin : the problem with an open sequence that this one answers, under whose name and digest it is kept.
     place : where each of its values was given: a line of the file, or an override.
     """
 
-    name: str
-    about: str = ""
-    walker: Walker
-    friction: float | FrictionCoefficients
-    impact_law: ImpactLaw = ImpactLaw.COULOMB
-    control: ControlSpec
-    modes: Cycle | OpenSequence
-    start: Guess | None
-    free: Mapping[str, Free] = field(default_factory=dict)
-    objective: Mapping[str, float] = field(default_factory=dict)
-    constraints: Mapping[str, Range] = field(default_factory=dict)
     reference: "Problem | None" = None
     path: Path | None = None
     text: str = ""
     place: Place = field(compare=False, repr=False)
     origin: "Problem | None" = None
 
-    def __repr__(self) -> str:
-        return f"<Problem {self.name}: {self.walker.model}, {self.modes}>"
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the mode sequence is to be found."""
-        return isinstance(self.modes, OpenSequence)
-
-    @property
-    def cycle(self) -> Cycle:
-        """The mode sequences of the steps after which the gait repeats itself.
-
-        Raises
-        ------
-        ProblemError
-            If they are open.
-        """
-        if isinstance(self.modes, OpenSequence):
-            raise self._open_error()
-        return self.modes
-
-    @property
-    def guess(self) -> Guess:
-        """The first guess.
-
-        Raises
-        ------
-        ProblemError
-            If the sequence is open and there is none.
-        """
-        if self.start is None:
-            raise self._open_error()
-        return self.start
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Every scalar parameter by dotted key, in a fixed order: walker, friction, control."""
-        walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
-        scalars = self.control.model_dump(exclude={"type", "reference"})
-        control = {f"control.{key}": value for key, value in scalars.get("torques", scalars).items()}
-        numbers = self.friction_data
-        friction = (
-            {f"friction.{k}": v for k, v in numbers.items()} if isinstance(numbers, dict) else {"friction": numbers}
-        )
-        return {**walker, **friction, **control}
-
-    @property
-    def static_friction(self) -> float:
-        """Coefficient that bounds the force of a sticking foot."""
-        return self.friction if isinstance(self.friction, float) else self.friction.static
-
-    @property
-    def friction_data(self) -> float | dict[str, float]:
-        """The coefficient of friction, or the coefficients by name, as in a file."""
-        return self.friction if isinstance(self.friction, float) else self.friction.model_dump()
+    def __hash__(self) -> int:
+        return hash(self.digest)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -165,7 +85,14 @@ class Problem(Tabulated):
         """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name."""
         if self.origin is not None:
             return self.origin.resolved()
-        return resolved_data(self)
+        data = problem_data(self)
+        if self.start is not None:
+            data["gait"]["guess"]["state"] = dict(self.start.state)
+        if self.reference is not None:
+            reference = data["control"]["reference"]
+            holder, key = (reference["curve"], "start") if "curve" in reference else (reference, "gait")
+            holder[key] = self.reference.resolved()
+        return data
 
     @property
     def digest(self) -> str:
@@ -176,12 +103,6 @@ class Problem(Tabulated):
     def hash8(self) -> str:
         """The first eight digits of the digest."""
         return self.digest[:8]
-
-    def _open_error(self) -> ProblemError:
-        return ProblemError(
-            f"{self.name}: its mode sequence is open (gait.phases: auto), and this needs one: `gaitopt find` lists the "
-            "gaits that there are; give the phases and the impact of one of them"
-        )
 
 
 def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -243,13 +164,13 @@ class _Origin:
     chain: tuple[Path, ...] = ()
 
 
-def _load(name_or_path: str | Path, asking: _Origin) -> Problem:
-    path = find_problem(name_or_path, None if asking.path is None else asking.path.parent)
+def _load(name_or_path: str | Path, origin: _Origin) -> Problem:
+    path = find_problem(name_or_path, None if origin.path is None else origin.path.parent)
     text = read_text(path)
-    chain = asking.chain if asking.path is None else (*asking.chain, asking.path.resolve())
+    chain = origin.chain if origin.path is None else (*origin.chain, origin.path.resolve())
     if path.resolve() in chain:
         raise ProblemError(f"references run in a circle: {' -> '.join(file.stem for file in (*chain, path))}")
-    return _parse(text, _Origin(walkers=asking.walkers, path=path, chain=chain))
+    return _parse(text, _Origin(walkers=origin.walkers, path=path, chain=chain))
 
 
 def _parse(text: str, origin: _Origin) -> Problem:

@@ -4,18 +4,16 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gaitopt.mechanics.cycle import Cycle
-from gaitopt.problem.control_sections import ConstantTorqueSpec, ControlSpec
+from gaitopt.problem.control_sections import ConstantTorqueSpec
 from gaitopt.problem.initial import OPEN
-from gaitopt.problem.parts import Free, OpenSequence, Range
-
-if TYPE_CHECKING:
-    from gaitopt.problem.problem import Problem
+from gaitopt.problem.parts import OpenSequence
+from gaitopt.problem.statement import ProblemStatement
 
 
-def problem_data(problem: "Problem") -> dict[str, Any]:
+def problem_data(problem: ProblemStatement) -> dict[str, Any]:
     """JSON-able data that would be read as the same problem; a reference stands there by its name.
 
     Of the guessed state only the section coordinates are given, so that what follows from them does when they change.
@@ -26,30 +24,19 @@ def problem_data(problem: "Problem") -> dict[str, Any]:
         "walker": {"model": problem.walker.model, **problem.walker.model_dump(mode="json")},
         "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
-        "control": _control_data(problem.control),
+        "control": problem.control.model_dump(mode="json", exclude_none=True),
         "gait": _gait_data(problem),
     }
+    if isinstance(problem.control, ConstantTorqueSpec):
+        data["control"] = {"type": problem.control.type, **problem.control.torques}
     for key, free in problem.free.items():
         group, _, name = key.rpartition(".")
-        (data[group] if group else data)[name] = _free_data(free)
+        (data[group] if group else data)[name] = {"free": [free.lower, free.upper], "guess": free.guess}
     if problem.objective:
         data["objective"] = dict(problem.objective)
     if problem.constraints:
-        data["constraints"] = {name: _range_data(span) for name, span in problem.constraints.items()}
-    return data
-
-
-def resolved_data(problem: "Problem") -> dict[str, Any]:
-    """The same with the whole state of the guess; in a reference the other problem stands in place of its name."""
-    data = problem_data(problem)
-    if problem.start is not None:
-        data["gait"]["guess"]["state"] = dict(problem.start.state)
-    if problem.reference is not None:
-        reference = data["control"]["reference"]
-        if "curve" in reference:
-            reference["curve"]["start"] = problem.reference.resolved()
-        else:
-            reference["gait"] = problem.reference.resolved()
+        ends = {name: {"min": span.minimum, "max": span.maximum} for name, span in problem.constraints.items()}
+        data["constraints"] = {n: {k: v for k, v in own.items() if math.isfinite(v)} for n, own in ends.items()}
     return data
 
 
@@ -65,7 +52,7 @@ def _without_about(data: Any) -> Any:
     return data
 
 
-def _gait_data(problem: "Problem") -> dict[str, Any]:
+def _gait_data(problem: ProblemStatement) -> dict[str, Any]:
     if isinstance(problem.modes, OpenSequence):
         data: dict[str, Any] = {"phases": OPEN}
         data |= {} if problem.modes.impact is None else {"impact": str(problem.modes.impact)}
@@ -85,18 +72,3 @@ def cycle_data(cycle: Cycle) -> dict[str, Any]:
     """Phases and impact of one step, or those of several under ``steps``."""
     steps = [{"phases": [mode.data for mode in step.phases], "impact": str(step.impact)} for step in cycle.steps]
     return steps[0] if len(steps) == 1 else {"steps": steps}
-
-
-def _control_data(control: ControlSpec) -> Mapping[str, Any]:
-    if isinstance(control, ConstantTorqueSpec):
-        return {"type": control.type, **control.torques}
-    return control.model_dump(mode="json", exclude_none=True)
-
-
-def _free_data(free: Free) -> dict[str, Any]:
-    return {"free": [free.lower, free.upper], "guess": free.guess}
-
-
-def _range_data(span: Range) -> dict[str, float]:
-    ends = {"min": span.minimum, "max": span.maximum}
-    return {end: value for end, value in ends.items() if math.isfinite(value)}

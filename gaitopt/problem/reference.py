@@ -1,14 +1,11 @@
 """The other problem whose gait a control tracks or its curve starts from: its name in the file, and what it must be."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.control_sections import ControlSpec, CurveReference, PDSpec
 from gaitopt.problem.faults import Key, shown
-
-if TYPE_CHECKING:
-    from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import ProblemStatement
 
 
 def reference_name(control: ControlSpec | None) -> tuple[str, Key]:
@@ -16,11 +13,11 @@ def reference_name(control: ControlSpec | None) -> tuple[str, Key]:
     if not isinstance(control, PDSpec):
         return "", ()
     if isinstance(control.reference, CurveReference):
-        return control.reference.start, ("control", "reference", "curve", "start")
+        return control.reference.curve.start, ("control", "reference", "curve", "start")
     return control.reference.gait, ("control", "reference", "gait")
 
 
-def unsuitable(name: str, reference: "Problem", walker: Walker) -> Iterator[str]:
+def unsuitable(name: str, reference: ProblemStatement, walker: Walker) -> Iterator[str]:
     """Why a walker cannot track the gait of a problem, which its file calls ``name``."""
     words = f"the reference {shown(name)}"
     untracked = ", ".join(angle for angle in walker.tracked if angle not in reference.walker.shape)

@@ -167,7 +167,7 @@ def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
     return numbers | {key: record[key] for key in SCALARS if key in record}
 
 
-def telling_scalars(records: Iterable[Mapping[str, Any]]) -> list[str]:
+def relevant_scalars(records: Iterable[Mapping[str, Any]]) -> list[str]:
     """Keys of ``scalar_values`` without those of motors, push-offs and dampers that no walker of the records has."""
     known = [scalar_values(record) for record in records]
     keys = dict.fromkeys(key for values in known for key in values)

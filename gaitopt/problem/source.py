@@ -1,4 +1,4 @@
-"""Reading YAML 1.2 from strangers: plain data, and the line and column of every key.
+"""Reading YAML 1.2 from untrusted sources: plain data, and the line and column of every key.
 
 Aliases, anchors, tags and further documents are refused while the events stream by, before anything is built; size,
 depth and number of values are bounded, so that no text takes long. Only mappings, lists and plain scalars come out.
@@ -68,7 +68,7 @@ def read_text(path: Path) -> str:
     try:
         if not path.exists():
             raise _refusal(path, "no such file; `gaitopt list` shows the problems that have a name")
-        if not path.is_file():  # a device could be read for ever
+        if not path.is_file():  # a device could be read endlessly
             raise _refusal(path, "is not a file; give the path of one problem file (.yaml)")
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
@@ -100,7 +100,7 @@ def parse_source(text: str, name: str) -> Source:
 
 @lru_cache(maxsize=64)
 def _parse(text: str, name: str) -> Source:
-    """The same, kept, as the parser takes ten milliseconds for a file; nobody may change its data."""
+    """The same, kept, as the parser takes ten milliseconds for a file; its data must not be changed."""
     yaml = YAML(typ="safe", pure=True)
     reader = _Reader(yaml, name)
     try:

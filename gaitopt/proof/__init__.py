@@ -7,11 +7,8 @@ try:
 except ModuleNotFoundError as error:
     raise UnknownNameError("proofs need python-flint; install it with: pip install 'gaitopt[proof]'") from error
 
-from gaitopt.proof.branch import BRACKETED
 from gaitopt.proof.check import check
-from gaitopt.proof.parameters import INTERVAL, ball
 from gaitopt.proof.prove import prove, prove_special
-from gaitopt.proof.taylor import PRECISION
 from gaitopt.proof.theorem import Proof
 
-__all__ = ["BRACKETED", "INTERVAL", "PRECISION", "Proof", "ball", "check", "prove", "prove_special"]
+__all__ = ["Proof", "check", "prove", "prove_special"]

@@ -11,7 +11,7 @@ from gaitopt.proof.graph import NotProved
 from gaitopt.proof.theorem import Piece
 
 MARGIN_CHANGES = ("mode_change", "impact_change", "lift_off", "painleve")
-"""Types of special points beyond which the orbit goes on, but is no gait of its mode sequence."""
+"""Types of special points beyond which the orbit continues, but is no gait of its mode sequence."""
 CONNECTION, SIGN_CHANGE = "connected family", "sign change"
 
 

@@ -24,7 +24,7 @@ PARTS = [arb(2 * k + 1 - 16, 1) / 16 for k in range(16)]
 
 
 def silent(words: str) -> None:
-    """Progress that nobody is told of."""
+    """Progress that is not shown."""
 
 
 def check(certificate: Mapping[str, Any], progress: Callable[[str], None] = silent) -> Proof:
@@ -32,7 +32,7 @@ def check(certificate: Mapping[str, Any], progress: Callable[[str], None] = sile
 
     Parameters
     ----------
-    progress : is told in words how far the verification is.
+    progress : called with words on how far the verification is.
 
     Raises
     ------

@@ -1,6 +1,7 @@
 """Control laws as data, every double kept exactly, so that a certificate needs no reference gait to be solved again."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,10 @@ def control_record(control: Control, scalars: Mapping[str, float]) -> dict[str, 
         curve = {"duration": control.duration, "beyond_end": str(control.beyond_end), "within": control.within}
         return {"type": "bezier", "kp": scalars["kp"], "kd": scalars["kd"], "points": points, **curve}
     if isinstance(control, ProportionalDerivative):
-        pieces = [_piece_record(piece) for piece in control.reference.pieces]
+        pieces = [
+            {**asdict(piece), "angles": piece.angles.tolist(), "rates": piece.rates.tolist()}
+            for piece in control.reference.pieces
+        ]
         horizon = None if np.isinf(control.reference.horizon) else control.reference.horizon
         return {"type": "pd", "kp": scalars["kp"], "kd": scalars["kd"], "pieces": pieces, "horizon": horizon}
     raise ValueError(f"a certificate cannot hold the control law {type(control).__name__}")
@@ -51,11 +55,6 @@ def restore_control(record: Mapping[str, Any]) -> Control:
         If the data are wrong.
     """
     return _READERS[record["type"]](record)
-
-
-def _piece_record(piece: Piece) -> dict[str, Any]:
-    table = {"angles": piece.angles.tolist(), "rates": piece.rates.tolist()}
-    return {"start": piece.start, "end": piece.end, "active": piece.active, **table}
 
 
 def _bezier(record: Mapping[str, Any]) -> Control:

@@ -33,16 +33,16 @@ MOST_TRIES = 1000
 """Boxes, with those that are too long, after which a cover is given up."""
 DIGITS = 30
 
-Found = tuple[dict[str, Any], Piece]
+CheckedBox = tuple[dict[str, Any], Piece]
 
 
-def cover(statement: Statement, gait: Gait, progress: Callable[[str], None]) -> tuple[Sequence[Arc], list[Found]]:
+def cover(statement: Statement, gait: Gait, progress: Callable[[str], None]) -> tuple[Sequence[Arc], list[CheckedBox]]:
     """Arcs with their steps, and boxes from one end of the interval to the other; at the ends of a bracket points.
 
     Raises
     ------
     NotProved
-        If the family cannot be followed, or the ends of a bracket cannot be told apart.
+        If the family cannot be followed, or the ends of a bracket cannot be distinguished.
     """
     search = _Cover(statement, gait, progress)
     return search.statement.arcs, list(search.boxes())
@@ -67,7 +67,7 @@ class _Cover:
         self.statement = replace(statement, arcs=arcs)
         self._start = (self.statement.orbit(here), *newton(self.statement.orbit(here), centre))
 
-    def boxes(self) -> Iterator[Found]:
+    def boxes(self) -> Iterator[CheckedBox]:
         """All boxes in order of the parameter."""
         statement = self.statement
         if statement.varied is None:
@@ -86,7 +86,7 @@ class _Cover:
         yield from self._walk(lower, upper)
         yield ends[1]
 
-    def _walk(self, edge: float, end: float) -> Iterator[Found]:
+    def _walk(self, edge: float, end: float) -> Iterator[CheckedBox]:
         """Boxes from one value of the parameter to another, or to the first one with a claim that does not hold."""
         length, start = end - edge, self._start
         while edge != end:
@@ -95,18 +95,18 @@ class _Cover:
             if self._tries > MOST_TRIES:
                 raise NotProved(f"the family is covered to {edge!r} with boxes {abs(length):.2g} long, not to {end!r}")
             try:
-                found, start = self._box(tuple(map(self._text, sorted((edge, following)))), start)
+                box, start = self._box(tuple(map(self._text, sorted((edge, following)))), start)
             except NotProved as failure:
                 self._progress(f"{abs(length):.2g} is too long for a box at {edge!r}: {failure}")
                 length = (following - edge) * CUT
                 continue
-            yield found
-            if not all(claim.proved for claim in found[1].claims):
+            yield box
+            if not all(claim.proved for claim in box[1].claims):
                 return
             edge, length = following, (following - edge) * GROWTH
             self._progress(f"covered to {edge!r}, towards {end!r}")
 
-    def _box(self, interval: Sequence[str], start: Any, *, at_end: bool = False) -> tuple[Found, Any]:
+    def _box(self, interval: Sequence[str], start: Any, *, at_end: bool = False) -> tuple[CheckedBox, Any]:
         """A box over an interval of the parameter and what is proved on it, and the orbit in its middle.
 
         Raises
@@ -119,7 +119,8 @@ class _Cover:
         if orbit.interval:
             moved = orbit.interval[0] - before.interval[0]
             centre = [(u + v * moved).mid() for u, v in zip(centre, rate, strict=True)]
-        point = self._at_middle(orbit)
+        place = (orbit.interval[0], arb(0)) if orbit.interval else ()
+        point = Orbit(orbit.system, orbit.p, orbit.varied, place, orbit.sequence, orbit.arcs, orbit.order)
         centre, rate = newton(point, centre)
         half = orbit.interval[1].mid() if orbit.interval else arb(0)
         tilt = [(v * half).mid() for v in rate]
@@ -148,16 +149,11 @@ class _Cover:
         return (record, piece), (point, centre, rate)
 
     def _radii(self, tilt: Sequence[arb], half: float) -> list[float]:
-        """Half widths that are tried first."""
         if half == 0:
             return [RADIUS] * len(tilt)
         if self._curvature:
             return [max(curvature * half**2, LEAST_RADIUS) for curvature in self._curvature]
         return [SHARE * float(abs(v)) + LEAST_RADIUS for v in tilt]
-
-    def _at_middle(self, orbit: Orbit) -> Orbit:
-        place = (orbit.interval[0], arb(0)) if orbit.interval else ()
-        return Orbit(orbit.system, orbit.p, orbit.varied, place, orbit.sequence, orbit.arcs, orbit.order)
 
     def _is_long(self, interval: Sequence[str]) -> bool:
         if not interval:

@@ -106,7 +106,9 @@ class Graph:
             results = function.instruction_output(k)
             if operation == ca.OP_OUTPUT:
                 output, nonzero = results
-                self._outputs.append((output, _entry(function.sparsity_out(output), nonzero), place[operands[0]]))
+                sparsity = function.sparsity_out(output)
+                entry = sparsity.row()[nonzero] + sparsity.get_col()[nonzero] * sparsity.size1()  # column by column
+                self._outputs.append((output, int(entry), place[operands[0]]))
                 continue
             place_of_result = len(self._values)
             self._values.append(None)
@@ -173,8 +175,3 @@ def _operation(function: Function, operation: int, operands: int) -> Callable[..
     if operation not in table:
         raise ValueError(f"{function.name()}: CasADi's operation {operation} is not analytic; state it without kinks")
     return table[operation]
-
-
-def _entry(sparsity: Any, nonzero: int) -> int:
-    """Position of a nonzero among all entries, columns one after the other."""
-    return int(sparsity.row()[nonzero] + sparsity.get_col()[nonzero] * sparsity.size1())

@@ -11,7 +11,6 @@ from flint import arb
 from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
-from gaitopt.mechanics import HybridSystem
 from gaitopt.mechanics.units import parse_angle
 from gaitopt.problem import Problem
 
@@ -19,7 +18,7 @@ INTERVAL = ".."
 """Between the ends of an interval."""
 
 
-def exact_texts(problem: Problem, system: HybridSystem, values: Mapping[str, float]) -> dict[str, str]:
+def exact_texts(problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
     """Every parameter of a system as the text of its exact value: ``0.14``, ``1 deg``.
 
     Parameters
@@ -27,7 +26,7 @@ def exact_texts(problem: Problem, system: HybridSystem, values: Mapping[str, flo
     values : the parameters as doubles by dotted key.
     """
     written = dict(_scalars(YAML(typ="safe", pure=True).compose(problem.text))) if problem.text else {}
-    return {key: _text(written.get(key), float(values[key])) for key in system.parameters}
+    return {key: _text(written.get(key), float(value)) for key, value in values.items()}
 
 
 def ball(text: str) -> arb:

@@ -32,7 +32,7 @@ WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
 def prove(gait: Gait, intervals: Mapping[str, str] | None = None, *, progress: Callable[[str], None] = silent) -> Proof:
     """Prove that a gait exists, is locally unique, has its mode sequence, and is stable or unstable.
 
-    What ``gaitopt.prove`` does, which documents the arguments; ``progress`` is told in words how far the search is.
+    What ``gaitopt.prove`` does, which documents the arguments; ``progress`` called with words on how far the search is.
     """
     texts = _texts(gait, intervals or {})
     proof = _prove(gait, texts, progress)
@@ -51,7 +51,7 @@ def prove_special(
     gait : converged, at the special point as well as that is known.
     parameter : dotted key of what varies.
     kind : one of ``BRACKETED``: a bifurcation, or a change of the mode sequence or of the impact.
-    width : of the bracket in the parameter; None for the narrowest whose ends can be told apart.
+    width : of the bracket in the parameter; None for the narrowest whose ends can be distinguished.
     """
     value = gait.dynamics.parameter(parameter)
     for interval in brackets(value, WIDTHS if width is None else (width,)):
@@ -98,9 +98,7 @@ def _arcs(arcs: Sequence[Arc]) -> list[dict[str, Any]]:
 
 
 def _texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
-    """Exact values of all parameters."""
-    system = gait.system
-    texts = exact_texts(gait.problem, system, dict(zip(system.parameters, map(float, gait.p), strict=True)))
+    texts = exact_texts(gait.problem, gait.dynamics.parameters)
     for key, interval in intervals.items():
         if key not in texts:
             raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(texts)}")

@@ -62,7 +62,10 @@ def parts(steps: Iterable[tuple[Series, arb]], order: int = 0, *, monotone: bool
             start, end, depth = pending.pop()
             t, zero = start.union(end), order if k == 0 and start.is_zero() else 0
             value = evaluate(series.value[zero:], t)
-            kind = "p" if value > 0 else "n" if value < 0 else _slope(series, t) if monotone else "?"
+            kind = "p" if value > 0 else "n" if value < 0 else "?"
+            if kind == "?" and monotone:
+                rate = evaluate(series.rate, t)
+                kind = "u" if rate > 0 else "d" if rate < 0 else "?"
             if kind == "?" and depth and value.is_finite():
                 middle = ((start + end) / 2).mid()
                 pending += [(middle, end, depth - 1), (start, middle, depth - 1)]
@@ -101,8 +104,3 @@ _SHAPES = {
     ENDS: "that it is positive and falls to zero only at the end",
     TOUCHDOWN: "that it falls to zero for the first time after having been positive at the end",
 }
-
-
-def _slope(series: Series, t: arb) -> str:
-    rate = evaluate(series.rate, t)
-    return "u" if rate > 0 else "d" if rate < 0 else "?"

@@ -1,6 +1,6 @@
 """Basins of attraction: where does every state go, step after step?
 
-xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot go on.
+xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot continue.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,6 @@ from gaitopt.simulation.batch.steps import ENDINGS, phase_names
 from gaitopt.study.return_map import StepMap
 
 Codes = NDArray[np.int64]
-Indices = NDArray[np.intp]
 
 UNDECIDED = -1
 """Ending of a walk that went on for all the steps allowed without settling."""
@@ -109,40 +108,29 @@ def _first_of_cycle(past: Array, periods: Codes) -> Codes:
     return first
 
 
-class Attractors:
-    """The gaits that states settle on, collected from one part of a grid after the other, always in the same order."""
+def claim(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -> Codes:
+    """For each outcome the index of its gait, -1 where there is none, shape (n,); ``gaits`` grow by new ones.
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem, self._modes = problem, problem.walker.modes()
-        self._gaits: list[Attractor] = []
+    From one part of a grid after the other, in the same order, they are the same list.
+    """
+    labels, waiting, index = np.full(len(outcomes.periods), -1), np.flatnonzero(outcomes.periods > 0), 0
+    while waiting.size:
+        if index == len(gaits):
+            gaits.append(_attractor(outcomes, waiting[0], problem))
+        gait = gaits[index]
+        near = np.abs(outcomes.states[waiting] - gait.state).max(axis=1) < SAME_GAIT
+        on_it = near & (outcomes.periods[waiting] == gait.period)
+        labels[waiting[on_it]] = index
+        gaits[index] = replace(gait, count=gait.count + int(on_it.sum()))
+        waiting, index = waiting[~on_it], index + 1
+    return labels
 
-    def add(self, outcomes: Outcomes) -> Codes:
-        """Take in some outcomes; for each the index of its gait, -1 where there is none, shape (n,)."""
-        labels = np.full(len(outcomes.periods), -1)
-        waiting = np.flatnonzero(outcomes.periods > 0)
-        for index, known in enumerate(self._gaits):
-            waiting = self._claim(index, known, outcomes, waiting, labels)
-        while waiting.size:
-            k = waiting[0]
-            phases, impact = phase_names(int(outcomes.phases[k]), self._modes), CONTACTS[outcomes.impacts[k]]
-            state, period = outcomes.states[k], int(outcomes.periods[k])
-            new = Attractor(problem=self._problem, state=state, period=period, phases=phases, impact=impact, count=0)
-            self._gaits.append(new)
-            waiting = self._claim(len(self._gaits) - 1, new, outcomes, waiting, labels)
-        return labels
 
-    def _claim(self, index: int, gait: Attractor, outcomes: Outcomes, rows: Indices, labels: Codes) -> Indices:
-        """Label those rows that are on a gait, and return the others."""
-        near = np.abs(outcomes.states[rows] - gait.state).max(axis=1) < SAME_GAIT
-        on_it = near & (outcomes.periods[rows] == gait.period)
-        labels[rows[on_it]] = index
-        self._gaits[index] = replace(self._gaits[index], count=self._gaits[index].count + int(on_it.sum()))
-        return rows[~on_it]
-
-    @property
-    def gaits(self) -> tuple[Attractor, ...]:
-        """The gaits in the order of their labels."""
-        return tuple(self._gaits)
+def _attractor(outcomes: Outcomes, row: np.intp, problem: Problem) -> Attractor:
+    """The gait on which one outcome lies."""
+    phases = phase_names(int(outcomes.phases[row]), problem.walker.modes())
+    state, period, impact = outcomes.states[row], int(outcomes.periods[row]), CONTACTS[outcomes.impacts[row]]
+    return Attractor(problem=problem, state=state, period=period, phases=phases, impact=impact, count=0)
 
 
 def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:

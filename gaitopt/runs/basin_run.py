@@ -1,4 +1,4 @@
-"""A basin on disk: tiles of states, stored as they finish, so that a run that was killed goes on where it was."""
+"""A basin on disk: tiles of states, stored as they finish, so that a run that was killed resumes where it stopped."""
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -14,10 +14,10 @@ from gaitopt.runs.basin import Outcomes, follow
 from gaitopt.runs.basin_tiles import BASIN_FILE, NUMBER, STATE_BYTES_MEMORY, Basin, assembled
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.simulation import Engine, choose_engine
-from gaitopt.store import begin_run, has_tile, json_file, seal, write_files, write_tile, writing
+from gaitopt.store import begin_run, json_file, write_files, writing
 from gaitopt.store.files import make_folder
-from gaitopt.store.manifest import MANIFEST_FILE
-from gaitopt.store.tiles import TILE_FILE
+from gaitopt.store.manifest import MANIFEST_FILE, seal
+from gaitopt.store.tiles import TILE_FILE, has_tile, write_tile
 from gaitopt.study.return_map import section_states, step_map
 from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 
@@ -91,13 +91,7 @@ class BasinPlan:
 
 
 def check_basin(plan: BasinPlan) -> None:
-    """Refuse a basin that cannot be walked or kept, before it starts.
-
-    Raises
-    ------
-    UnknownNameError
-        If the grid is not over section coordinates, or the engine is not there.
-    """
+    """Refuse a basin that cannot be walked or kept, before it starts; its errors are those of ``gaitopt.basin``."""
     plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
     choose_engine(plan.engine)
     check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)

@@ -14,11 +14,12 @@ from gaitopt.gait.attractor import Attractor
 from gaitopt.gait.frames import data_set
 from gaitopt.problem import Problem
 from gaitopt.problem.scalars import state_unit
-from gaitopt.runs.basin import Attractors, Outcomes, ending_name, outcome_counts
+from gaitopt.runs.basin import Outcomes, claim, ending_name, outcome_counts
 from gaitopt.runs.grid import Grid, check_room
-from gaitopt.store import read_manifest, read_object, read_problem, read_sealed, read_tile
+from gaitopt.store import read_object, read_problem, read_sealed
+from gaitopt.store.manifest import read_manifest
 from gaitopt.store.records import validated
-from gaitopt.store.tiles import TILE_FILE
+from gaitopt.store.tiles import TILE_FILE, read_tile
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -125,16 +126,16 @@ class _Stored:
 
 def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
     """The whole basin from its tiles, one after the other."""
-    attractors = Attractors(problem)
+    gaits = list[Attractor]()
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:
         outcomes = _tile_outcomes(place, tile, grid.size - done)
         rows = slice(done, done + len(outcomes.steps))
-        labels[rows], endings[rows], steps[rows] = attractors.add(outcomes), outcomes.endings, outcomes.steps
+        labels[rows], endings[rows], steps[rows] = claim(outcomes, gaits, problem), outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
     return Basin(
-        problem=problem, grid=grid, base=base, attractors=attractors.gaits,
+        problem=problem, grid=grid, base=base, attractors=tuple(gaits),
         labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""A branch in its run folder: every record is on the disk before it is used, and a walk that was cut short goes on."""
+"""A branch in its run folder: every record is on the disk before it is used, and an interrupted walk resumes."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -8,17 +8,11 @@ from typing import Any
 
 from gaitopt.callbacks import Stop
 from gaitopt.families import Request, follow_family, resumable
-from gaitopt.gait import Gait, SpecialPoint, branch_header, branch_rows
+from gaitopt.gait import Gait, SpecialPoint
+from gaitopt.gait.branch import branch_header, branch_rows
 from gaitopt.problem import Problem
-from gaitopt.store import (
-    BRANCH_FILE,
-    begin_branch,
-    branch_folder,
-    growing,
-    stored_lines,
-    stored_records,
-    write_branch_table,
-)
+from gaitopt.store import BRANCH_FILE, growing
+from gaitopt.store.branch import begin_branch, branch_folder, read_branch, stored_records, write_branch_table
 
 Record = Mapping[str, Any]
 
@@ -71,6 +65,6 @@ class BranchRun:
                 yield record
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
-        records = list(stored_lines(self.folder, BRANCH_FILE))[1:]
+        _, records = read_branch(self.folder)
         header = branch_header(records)
         write_branch_table(self.folder, header, branch_rows(records, header))

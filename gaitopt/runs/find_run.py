@@ -1,4 +1,8 @@
-"""A search for gaits whose parts are kept in a run folder, so that the same search goes on where it was."""
+"""A search for gaits whose parts are kept in a run folder, so that the same search resumes where it stopped.
+
+A part is known by all that it depends on. What an earlier version has kept under another key is searched again, and a
+line without the entries of ``PartRecord`` is refused with file and line.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

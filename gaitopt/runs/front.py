@@ -138,15 +138,7 @@ def read_fronts(folder: Path) -> list[Front]:
 
 
 def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
-    """Refuse a front that cannot be made or kept, before anything is written.
-
-    Raises
-    ------
-    ProblemError
-        If the problem has no objective, or is none at an end of the axis.
-    UnknownNameError
-        If it has no such number.
-    """
+    """Refuse a front that cannot be made or kept, before anything is written; errors as of ``gaitopt.front``."""
     if not problem.objective:
         raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
     keys = (*problem.parameters, *(f"constraints.{name}" for name in DESIGN_SCALARS))
@@ -163,19 +155,15 @@ def _walk(problems: dict[float, Problem], folder: Path, progress: Counted, shoul
     best: dict[float, Record] = {}
     neighbour: Record | None = None
     for done, value in enumerate([*problems, *reversed(problems)], start=1):
-        gait = _design(problems[value], neighbour, folder, should_stop)
+        # from the neighbour's gait, or from the guess where there is none or it leads nowhere
+        job = problem_job(problems[value], None if neighbour is None else neighbour["job"])
+        known = {} if neighbour is None else {neighbour["job"]: neighbour}
+        gait = solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)[job.key]
         best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
         neighbour = best[value] if best[value]["status"] == Status.CONVERGED else neighbour
         if progress is not None:
             progress(done, 2 * len(problems))
     return best
-
-
-def _design(problem: Problem, neighbour: Record | None, folder: Path, should_stop: Stop) -> Record:
-    """From the neighbour's gait, or from the guess where there is none or it leads nowhere."""
-    job = problem_job(problem, None if neighbour is None else neighbour["job"])
-    known = {} if neighbour is None else {neighbour["job"]: neighbour}
-    return solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)[job.key]
 
 
 def _objective(gait: Record) -> float:

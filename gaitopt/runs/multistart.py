@@ -16,6 +16,7 @@ from gaitopt.mechanics import BezierTracking
 from gaitopt.problem import Problem
 from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
+from gaitopt.search.distinct import grouped
 from gaitopt.store import begin_run, writing
 from gaitopt.study.system import build_system
 from gaitopt.study.warm import free_guesses
@@ -93,7 +94,11 @@ def multistart(
     with writing(folder, problem):
         begin_run(folder, problem)
         solved = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
-    return _distinct(problems, [solved[job.key] for job in jobs])
+    records = [solved[job.key] for job in jobs]
+    converged = [k for k, record in enumerate(records) if record["status"] == Status.CONVERGED]
+    groups = grouped(converged, lambda first, second: _same(records[first], records[second]))
+    optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
+    return sorted(optima, key=_rank)
 
 
 def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[Problem]:
@@ -116,17 +121,6 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[P
             changes[f"control.reference.curve.points.{name}"] = np.clip(row, *within).tolist()
         problems.append(problem.replace(changes))
     return problems
-
-
-def _distinct(problems: list[Problem], records: list[dict[str, Any]]) -> list[Optimum]:
-    groups: list[list[int]] = []
-    for k, record in enumerate(records):
-        if record["status"] != Status.CONVERGED:
-            continue
-        group = next((g for g in groups if _same(records[g[0]], record)), None)
-        groups.append([k]) if group is None else group.append(k)
-    optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
-    return sorted(optima, key=_rank)
 
 
 def _rank(optimum: Optimum) -> tuple[bool, float, bool, float]:

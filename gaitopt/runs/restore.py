@@ -14,7 +14,8 @@ from gaitopt.gait import Arc, Ending, Gait, Status, Step, Trajectory, measure
 from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.search.distinct import closed
-from gaitopt.store import Table, read_problem, read_run, read_walk
+from gaitopt.store import Table, read_problem
+from gaitopt.store.run import read_run, read_walk
 from gaitopt.study.simulate import Walk
 from gaitopt.study.system import problem_dynamics
 

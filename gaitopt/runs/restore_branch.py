@@ -9,7 +9,8 @@ from gaitopt.errors import StorageError
 from gaitopt.families.records import family_of, recorded_gait, recorded_special
 from gaitopt.gait import Branch, BranchPoint
 from gaitopt.problem import Problem
-from gaitopt.store import BRANCH_FILE, read_problem, stored_lines
+from gaitopt.store import BRANCH_FILE, read_problem
+from gaitopt.store.branch import read_branch
 
 
 def stored_branch(folder: Path) -> tuple[Problem, str, list[dict[str, Any]]]:
@@ -21,11 +22,10 @@ def stored_branch(folder: Path) -> tuple[Problem, str, list[dict[str, Any]]]:
         If the folder is not a run, is broken or newer, or its branch has no point.
     """
     problem = read_problem(folder)
-    records = list(stored_lines(folder, BRANCH_FILE))
-    parameters = {record["parameter"] for record in records if "parameter" in record}
-    if len(parameters) != 1 or not any(record.get("record") == "point" for record in records):
+    request, records = read_branch(folder)
+    if "parameter" not in request or not any(record.get("record") == "point" for record in records):
         raise StorageError(f"{folder / BRANCH_FILE} holds no branch yet; `gaitopt continue` writes one")
-    return problem, parameters.pop(), [record for record in records if record.get("record") != "continuation"]
+    return problem, request["parameter"], records
 
 
 def restore_branch(folder: Path) -> Branch:

@@ -11,8 +11,9 @@ from gaitopt.problem import Problem
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, Sweep, sweep_record, sweep_table
-from gaitopt.store import begin_run, csv_text, json_file, write_files, writing
+from gaitopt.store import begin_run, json_file, write_files, writing
 from gaitopt.store.files import make_folder
+from gaitopt.store.text import csv_text
 from gaitopt.workers.jobs import Job, Workers, key_of
 
 
@@ -69,15 +70,7 @@ class SweepPlan:
 
 
 def check_sweep(sweep: SweepPlan) -> None:
-    """Refuse a sweep that cannot be made or kept, before it starts.
-
-    Raises
-    ------
-    UnknownNameError
-        If the grid is over something that is not a parameter.
-    ProblemError
-        If a point of the grid is no valid problem.
-    """
+    """Refuse a sweep that cannot be made or kept, before it starts; its errors are those of ``gaitopt.sweep``."""
     sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
     check_jobs_fit(sweep.grid.size, sweep.folder)
     _ = sweep.jobs

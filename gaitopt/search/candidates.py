@@ -18,7 +18,8 @@ from gaitopt.mechanics import Dynamics, HybridSystem, Mode
 from gaitopt.nlp import free_parameters
 from gaitopt.nlp.complementarity.program import Complementarity, Proposal
 from gaitopt.nlp.complementarity.swing import shapes_before, swing
-from gaitopt.orbit import ReturnMap, damped_fixed_point
+from gaitopt.orbit import ReturnMap
+from gaitopt.orbit.damped import damped_fixed_point
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
 from gaitopt.simulation.batch.functions import RowMap

@@ -1,8 +1,8 @@
 """From the candidates of a search to gaits: each solved with its mode sequence, verified, and counted once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from gaitopt.study.system import solve_sequence
 from gaitopt.study.verify import verify
 from gaitopt.study.warm import free_guesses
 from gaitopt.workers.jobs import FailedJob
+
+Item = TypeVar("Item")
 
 ATTEMPTS = 3
 """Candidates of one gait from which it is solved before they are given up."""
@@ -77,7 +79,7 @@ def gaits_of(
     part = np.inf if problem.free or problem.objective else SAME  # a design finds its own motion
     listed: list[tuple[Gait, list[str]]] = []
     rejected = []
-    for group in _grouped([c for c in candidates if _fits(problem, c)], part):
+    for group in grouped([c for c in candidates if _fits(problem, c)], lambda a, b: _same(a, b, part)):
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], part)), None)
         gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
@@ -141,11 +143,12 @@ def _fits(problem: Problem, candidate: Record) -> bool:
     return short and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
 
 
-def _grouped(candidates: Sequence[Record], part: float) -> list[list[Record]]:
-    groups: list[list[Record]] = []
-    for candidate in candidates:
-        group = next((g for g in groups if _same(g[0], candidate, part)), None)
-        groups.append([candidate]) if group is None else group.append(candidate)
+def grouped(items: Iterable[Item], same: Callable[[Item, Item], bool]) -> list[list[Item]]:
+    """The items in groups of the ``same``, as far as their first ones tell; groups in the order of those."""
+    groups: list[list[Item]] = []
+    for item in items:
+        group = next((g for g in groups if same(g[0], item)), None)
+        groups.append([item]) if group is None else group.append(item)
     return groups
 
 

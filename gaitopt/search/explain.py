@@ -76,19 +76,7 @@ def explain(
     progress: Callable[[str], None] | None = None,
     should_stop: Stop = None,
 ) -> Explanation:
-    """Why a problem has no gait: the violated conditions, what happens instead, and where the gait begins to exist.
-
-    Parameters
-    ----------
-    starts, seed, workers : of the search for gaits of other mode sequences, see ``gaitopt.find``.
-    progress : called with what is done next.
-    should_stop : polled at every iteration.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If ``should_stop`` said so.
-    """
+    """As ``gaitopt.explain``; ``progress`` is called with what is done next."""
     say = progress or (lambda _: None)
     say(f"solving {problem.name}")
     try:
@@ -110,18 +98,31 @@ def explain(
 
     instead = gaits_at(problem)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
-    own, nearest, given = None, list[Nearest](), _given(problem, gait)
-    if given is not None:
-        say("following families of gaits to where the mode sequence begins")
-        own = own_gait(problem, should_stop)
-        others: Sequence[Gait] = instead
-        if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
-            others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
-        nearest = nearest_values(given, own, others, problem.free, should_stop)
+    own, nearest = _begins(problem, gait, instead, gaits_at, say, should_stop)
     causes = _causes(problem, gait, refuted or gait.causes, nearest, own)
     return Explanation(
         problem=problem, gait=gait, exists=False, causes=causes, instead=instead, walk=walk, nearest=tuple(nearest)
     )
+
+
+def _begins(
+    problem: Problem,
+    attempt: Gait,
+    instead: Gaits,
+    gaits_at: Callable[[Problem], Gaits],
+    say: Callable[[str], None],
+    should_stop: Stop,
+) -> tuple[Gait | None, list[Nearest]]:
+    """The gait of the problem's own file, and the nearest values at which the mode sequence begins to exist."""
+    given = _given(problem, attempt)
+    if given is None:
+        return None, []
+    say("following families of gaits to where the mode sequence begins")
+    own = own_gait(problem, should_stop)
+    others: Sequence[Gait] = instead
+    if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
+        others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
+    return own, nearest_values(given, own, others, problem.free, should_stop)
 
 
 def _given(problem: Problem, gait: Gait) -> Problem | None:

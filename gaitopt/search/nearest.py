@@ -16,12 +16,13 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families import Request, follow_family
 from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
-from gaitopt.problem import Free, Problem
+from gaitopt.problem import Problem
+from gaitopt.problem.parts import Free
 from gaitopt.search.own import own_problem
 from gaitopt.study.system import solve_sequence
 
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
-"""Special points beyond which a mode sequence does not go on, or not in the same direction."""
+"""Special points beyond which a mode sequence does not continue, or not in the same direction."""
 MAX_POINTS = 200
 """Bound on the work for one family, which answers within some tens of points if it does."""
 WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35

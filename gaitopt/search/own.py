@@ -3,7 +3,7 @@
 p(s) = (1 - s) p_file + s p_new,        s from 0 to 1, in steps that halve where the gait is lost or jumps
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,22 +23,6 @@ FIRST_STEP, SMALLEST_STEP = 0.25, 1e-3
 """Steps of s."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Followed:
-    """Where following a gait has led.
-
-    Attributes
-    ----------
-    gait : the last gait; where ``s`` is 1, that of the new parameters.
-    s : how far it got.
-    reason : why it got no further, in words.
-    """
-
-    gait: Gait
-    s: float
-    reason: str = ""
-
-
 def solve_as_own(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """The gait of a problem; of one with overrides, the continuation of the gait of the file itself.
 
@@ -56,14 +40,12 @@ def solve_as_own(problem: Problem, *, progress: Valued = None, should_stop: Stop
         return start
     if not start.converged or (direct.converged and _change(start, direct) < CLEAR):
         return direct
-    followed = follow(start, problem, should_stop=should_stop)
-    if followed.s == 1:
-        same = direct.converged and _change(direct, followed.gait) < CLEAR
-        return (
-            direct if same else replace(followed.gait, message="solved, followed from the gait of the problem's file")
-        )
-    place = ", ".join(f"{key} = {value:.6g}" for key, value in _between(own, problem, followed.s).items())
-    words = f"the family of the file's own gait ends near {place}: {followed.reason}"
+    gait, s, reason = follow(start, problem, should_stop=should_stop)
+    if s == 1:
+        same = direct.converged and _change(direct, gait) < CLEAR
+        return direct if same else replace(gait, message="solved, followed from the gait of the problem's file")
+    place = ", ".join(f"{key} = {value:.6g}" for key, value in _between(own, problem, s).items())
+    words = f"the family of the file's own gait ends near {place}: {reason}"
     return replace(direct, message=f"{direct.message}; {'another gait, ' if direct.converged else ''}{words}")
 
 
@@ -78,8 +60,15 @@ def own_problem(problem: Problem) -> Problem | None:
     return own if same and before.keys() == after.keys() and before != after else None
 
 
-def follow(start: Gait, problem: Problem, *, should_stop: Stop = None) -> Followed:
-    """Follow a gait along the straight line to the parameters of a problem with the same modes."""
+def follow(start: Gait, problem: Problem, *, should_stop: Stop = None) -> tuple[Gait, float, str]:
+    """Follow a gait along the straight line to the parameters of a problem with the same modes.
+
+    Returns
+    -------
+    gait : the last one; where ``s`` is 1, that of the new parameters.
+    s : how far it got.
+    reason : why it got no further, in words.
+    """
     family, gait, s, step = Family(start, should_stop=should_stop), start, 0.0, FIRST_STEP
     while s < 1:
         ahead = min(s + step, 1.0)
@@ -87,7 +76,7 @@ def follow(start: Gait, problem: Problem, *, should_stop: Stop = None) -> Follow
             values = _between(start.problem, problem, ahead)
             following = family.solve(problem if ahead == 1 else start.problem.replace(values))
         except ProblemError as error:  # values between may not fit together
-            return Followed(gait=gait, s=s, reason=str(error))
+            return gait, s, str(error)
         if following.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if following.converged and _change(gait, following) < JUMP:
@@ -95,9 +84,9 @@ def follow(start: Gait, problem: Problem, *, should_stop: Stop = None) -> Follow
             continue
         step /= 2
         if step < SMALLEST_STEP:
-            return Followed(gait=gait, s=s, reason=_why(gait, following, should_stop))
+            return gait, s, _why(gait, following, should_stop)
         family = Family(gait, should_stop=should_stop)
-    return Followed(gait=gait, s=s)
+    return gait, s, ""
 
 
 def _why(gait: Gait, following: Gait, should_stop: Stop) -> str:

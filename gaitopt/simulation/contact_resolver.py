@@ -20,12 +20,14 @@ checked; where none or several hold, the motion ends by name.
 from dataclasses import dataclass
 from math import isfinite
 
+import numpy as np
+
 from gaitopt.arrays import Array
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import ONSETS, Dynamics, ImpactLaw, Mode, margin_names
 from gaitopt.mechanics.buffered import BufferedFunction
-from gaitopt.simulation.events import EDGE, LOOK, bends_decide, falls, is_touchdown
-from gaitopt.simulation.natural import PointFunctions, units
+from gaitopt.simulation.events import EDGE, LOOK, Point, bends_decide, falls, is_touchdown
+from gaitopt.simulation.natural import PAINLEVE, PointFunctions, units
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,26 +38,35 @@ class Termination:
     reason: str
 
 
+NORMAL_FORCE = margin_names(Mode.STICK).index("normal_force")
+"""Its place among the margins of every mode on the ground."""
+CONE = {name: margin_names(Mode.STICK).index(name) for name in ONSETS}
+"""Places of the margins of the cone in stick."""
 CANNOT_SLIP = Termination(Ending.PAINLEVE, "a foot without mass cannot slip, and friction does not hold it")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Candidate:
-    """One conceivable impact, and whether it contradicts itself."""
+    """One conceivable impact, and what tells whether it contradicts itself."""
 
     mode: Mode
     z_plus: Array
-    impulse: Array
+    f_t: float
+    f_n: float
     slip_velocity: float
     lift_velocity: float
     painleve: float
 
+    @property
+    def impulse(self) -> Array:
+        """(F_t, F_n) [N s]."""
+        return np.array([self.f_t, self.f_n])
+
     def __str__(self) -> str:
-        f_t, f_n = self.impulse
         if self.mode.sticks:
-            return f"stick needs F_t = {f_t:.6g}, F_n = {f_n:.6g} N s"
+            return f"stick needs F_t = {self.f_t:.6g}, F_n = {self.f_n:.6g} N s"
         return (
-            f"{self.mode} has F_n = {f_n:.6g} N s, v_t = {self.slip_velocity:.6g} m/s, "
+            f"{self.mode} has F_n = {self.f_n:.6g} N s, v_t = {self.slip_velocity:.6g} m/s, "
             f"C_tt + mu s C_nt = {self.painleve:.6g} kg"
         )
 
@@ -73,11 +84,13 @@ class ContactResolver:
         self._law, self._p = system.law, dynamics.p
         self._friction, self._drops = dynamics.static_friction, dynamics.friction_drops
         self._n_x = system.n_shape
-        self._ground = tuple(contact for contact in system.walker.contacts() if contact is not Mode.FLIGHT)
+        self._contacts = tuple(contact for contact in system.walker.contacts() if contact is not Mode.FLIGHT)
         self._units = units(dynamics)
-        self._point = PointFunctions(dynamics, self._units)
+        self._points = PointFunctions(dynamics, self._units)
         self._approach, self._push = BufferedFunction(system.approach), BufferedFunction(system.push)
-        self._impacts = {mode: BufferedFunction(system.impact(mode)) for mode in system.walker.modes()}
+        self._released = system.walker.released(Mode.STICK)
+        self._ground: dict[Mode, tuple[Mode, ...]] = {}
+        self._impacts: dict[tuple[Mode, ...], BufferedFunction] = {}
 
     def mode_at_rest(self, mode: Mode, t: float, z: Array, data: Array) -> Mode | Termination:
         """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``.
@@ -86,17 +99,18 @@ class ContactResolver:
         ----------
         mode : any with the states of the stops.
         """
-        stuck, *slipping = (mode.with_contact(contact) for contact in self._ground)
+        stuck, *slipping = ground = self._on_ground(mode)
         tau, zeta = t / self._units.time, z / self._units.state
-        point = [output.copy() for output in self._point(stuck, tau, zeta, data)]
-        stick = dict(zip(margin_names(stuck), point[1].tolist(), strict=True))
-        if not all(map(isfinite, stick.values())):
+        point, margins = self._points.at_rest(stuck, ground[1:], tau, zeta, data)
+        if not all(map(isfinite, point.margins)):
             return Termination(Ending.NUMERICAL, "the contact forces are not finite")
-        slips = {slip: self._margins(slip, tau, zeta, data) for slip in slipping}
-        leaves = self._leaves(stuck, tau, zeta, data, point)
-        possible = [stuck] if not self._pulled(stuck, point) and not any(leaves.values()) else []
-        possible += [m for m, s in slips.items() if leaves[m] and s["painleve"] > 0 and s["normal_force"] > 0]
-        lifts = any(s["normal_force"] * s["painleve"] < 0 for s in slips.values())
+        leaves = self._leaves(stuck, point, data)
+        forces = {slip: (own[NORMAL_FORCE], own[PAINLEVE]) for slip, own in zip(slipping, margins, strict=True)}
+        possible = [stuck] if not _pulled(point) and not leaves else []
+        possible += [
+            slip for slip, (force, mass) in forces.items() if slip.contact in leaves and mass > 0 and force > 0
+        ]
+        lifts = any(force * mass < 0 for force, mass in forces.values())
         if lifts and not possible and self._system.walker.flies:
             return mode.with_contact(Mode.FLIGHT)
         if lifts and not possible:
@@ -106,7 +120,7 @@ class ContactResolver:
         if not slipping:
             return CANNOT_SLIP
         choices = " and ".join([*possible, *(["lift-off"] if lifts else [])]) or "neither a mode nor lift-off"
-        values = " and ".join(f"{self._painleve(m, t, z, data):.6g} kg in {m}" for m in slips)
+        values = " and ".join(f"{self._painleve(m, t, z, data):.6g} kg in {m}" for m in slipping)
         return Termination(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")
 
     def impact(self, z_minus: Array) -> ImpactRecord | Termination:
@@ -116,12 +130,11 @@ class ContactResolver:
             if abs(p_t) > self._friction * p_n * (1 + EDGE):
                 words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
                 return Termination(Ending.PUSH_SLIPS, f"{words}, has {self._friction:g}")
-        v_n = float(self._approach(z_minus, self._p)[0][0])
+        v_n = self._approach(z_minus, self._p)[0].item()
         if v_n >= -EDGE * self._units.speed:
             words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
             return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
-        released = self._system.walker.released
-        candidates = [self._candidate(released(contact), z_minus) for contact in self._ground]
+        candidates = self._candidates(self._on_ground(self._released), z_minus)
         if self._system.walker.massless_feet:
             return self._record(candidates[0], candidates[0], z_minus)
         chosen = self._consistent_one(candidates)
@@ -131,13 +144,13 @@ class ContactResolver:
         """What the foot does just after a stop has locked in state ``z_minus``, and the state there."""
         locked = mode.with_next(stop)
         if mode.flies:
-            return locked, self._candidate(locked, z_minus).z_plus
-        candidates = [self._candidate(locked.with_contact(contact), z_minus) for contact in self._ground]
+            return locked, self._candidates((locked,), z_minus)[0].z_plus
+        candidates = self._candidates(self._on_ground(locked), z_minus)
         if self._system.walker.flies and not any(map(self._consistent, candidates)):
-            flight = self._candidate(locked.with_contact(Mode.FLIGHT), z_minus)
+            (flight,) = self._candidates((locked.with_contact(Mode.FLIGHT),), z_minus)
             if flight.lift_velocity > 0:
                 return flight.mode, flight.z_plus
-        if all(candidate.impulse[1] < 0 for candidate in candidates):
+        if all(candidate.f_n < 0 for candidate in candidates):
             words = f"the stop {stop} would pull the stance foot off the ground"
             return Termination(Ending.LIFT_OFF, f"{words}: {'; '.join(map(str, candidates))}")
         chosen = self._consistent_one(candidates)
@@ -160,25 +173,18 @@ class ContactResolver:
         """Whether the swing foot touches down at this very time, which ends an arc for another reason."""
         if mode.free:
             return False
-        _, margins, rates = self._point(mode, t / self._units.time, z / self._units.state, data)
+        point = self._points(mode, t / self._units.time, z / self._units.state, data)
         touchdown = margin_names(mode).index("touchdown")
-        return bool(is_touchdown(margins[touchdown], rates[touchdown]))
+        return bool(is_touchdown(point.margins[touchdown], point.rates[touchdown]))
 
-    def _pulled(self, mode: Mode, point: list[Array]) -> bool:
-        """Whether the ground would have to pull at the foot; at touchdown the force of a spring rises from zero."""
-        row = margin_names(mode).index("normal_force")
-        force, rate = point[1][row], point[2][row]
-        return bool(force < -EDGE or (force <= EDGE and rate <= 0))
-
-    def _leaves(self, mode: Mode, tau: float, zeta: Array, data: Array, point: list[Array]) -> dict[Mode, bool]:
+    def _leaves(self, stuck: Mode, point: Point, data: Array) -> set[Mode]:
         """Which slips the foot is pushed into: the margins of the cone that do not hold for longer than an instant."""
-        flow, margins, rates = point
-        later = rates
-        if any(map(bends_decide, margins.tolist(), rates.tolist())):
-            later = self._point(mode, tau + LOOK, zeta + LOOK * flow, data)[2]
-        rows = zip(margin_names(mode), margins.tolist(), rates.tolist(), (later - rates).tolist(), strict=True)
-        left = {name: falls(name, value, rate, change / LOOK) for name, value, rate, change in rows}
-        return {mode.with_contact(onset): left[name] for name, onset in ONSETS.items()}
+        margins, rates = point.margins, point.rates
+        near = [name for name, k in CONE.items() if margins[k] <= EDGE]
+        decided = not any(bends_decide(margins[CONE[name]], rates[CONE[name]]) for name in near)
+        later = rates if decided else self._points(stuck, *point.shifted(LOOK), data).rates
+        rows = ((name, margins[CONE[name]], rates[CONE[name]], later[CONE[name]]) for name in near)
+        return {ONSETS[name] for name, m, rate, end in rows if falls(name, m, rate, (end - rate) / LOOK)}
 
     def _record(self, chosen: _Candidate, stick: _Candidate, z_minus: Array) -> ImpactRecord | Termination:
         if chosen.lift_velocity <= 0:
@@ -196,29 +202,32 @@ class ContactResolver:
         )
 
     def _consistent(self, candidate: _Candidate) -> bool:
-        f_t, f_n = candidate.impulse
+        f_t, f_n = candidate.f_t, candidate.f_n
         if candidate.mode.sticks:
-            return bool(f_n > 0 and abs(f_t) <= self._friction * f_n * (1 + EDGE))
-        return bool(f_n > 0 and candidate.mode.direction * candidate.slip_velocity > 0)
+            return f_n > 0 and abs(f_t) <= self._friction * f_n * (1 + EDGE)
+        return f_n > 0 and candidate.mode.direction * candidate.slip_velocity > 0
 
     def _at_edge(self, stick: _Candidate) -> bool:
-        f_t, f_n = stick.impulse
-        return bool(abs(f_t) >= self._friction * f_n * (1 - EDGE))
+        return abs(stick.f_t) >= self._friction * stick.f_n * (1 - EDGE)
 
-    def _candidate(self, mode: Mode, z_minus: Array) -> _Candidate:
-        z_plus, impulse, slip, lift, painleve = (output.copy() for output in self._impacts[mode](z_minus, self._p))
-        return _Candidate(
-            mode=mode,
-            z_plus=z_plus,
-            impulse=impulse,
-            slip_velocity=float(slip[0]),
-            lift_velocity=float(lift[0]),
-            painleve=float(painleve[0]),
-        )
+    def _on_ground(self, mode: Mode) -> tuple[Mode, ...]:
+        """What a foot on the ground can do with the stops and switches as they are, stick first."""
+        if mode not in self._ground:
+            self._ground[mode] = tuple(mode.with_contact(contact) for contact in self._contacts)
+        return self._ground[mode]
+
+    def _candidates(self, modes: tuple[Mode, ...], z_minus: Array) -> list[_Candidate]:
+        """Impacts of all of ``modes``."""
+        if modes not in self._impacts:
+            self._impacts[modes] = BufferedFunction(self._system.impacts(modes))
+        columns, n = self._impacts[modes](z_minus, self._p)[0].reshape(len(modes), -1).copy(), self._system.n_z
+        return [_Candidate(mode, own[:n], *own[n:].tolist()) for mode, own in zip(modes, columns, strict=True)]
 
     def _painleve(self, mode: Mode, t: float, z: Array, data: Array) -> float:
-        return float(self._system.margins(mode)(t, z, self._p, data)[margin_names(mode).index("painleve")])
+        return float(self._system.margins(mode)(t, z, self._p, data)[PAINLEVE])
 
-    def _margins(self, mode: Mode, tau: float, zeta: Array, data: Array) -> dict[str, float]:
-        margins = self._point(mode, tau, zeta, data)[1]
-        return dict(zip(margin_names(mode), margins.tolist(), strict=True))
+
+def _pulled(point: Point) -> bool:
+    """Whether the ground would have to pull at the foot; at touchdown the force of a spring rises from zero."""
+    force, rate = point.margins[NORMAL_FORCE], point.rates[NORMAL_FORCE]
+    return force < -EDGE or (force <= EDGE and rate <= 0)

@@ -12,14 +12,13 @@ integrates from the start of the step to any time within it, and Newton's method
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.iteration import bracketed_root
-from gaitopt.mechanics.margins import margin as known
+from gaitopt.mechanics.margins import PHASE_MARGINS
 
 PRIORITY = (
     "painleve", "normal_force", "upright", "clearance", "touchdown", "", "slip_velocity", "cone_forward",
@@ -39,6 +38,9 @@ LINEAR = 1e-11
 NEAR = 1e-9
 """The same from the root of a lifted margin, which lies this far away where the margin falls at a rate of 1e-3: the
 bend of a margin that is no slip then changes the root by 1e-15."""
+FALLING = frozenset(name for name, known in PHASE_MARGINS.items() if not known.rises)
+"""Margins that may fall at the start of an arc. All others rise at the start of every step: the feet are level, and
+stops, under any name, have just been released."""
 STEEP = 1e-3
 """A rate beyond which the bend of a margin at its edge makes no difference: one of a million would be needed."""
 LOOK = 1e-7
@@ -52,8 +54,7 @@ MAX_BISECTIONS = 100
 """More than enough to halve any interval down to rounding."""
 
 
-@dataclass(frozen=True, slots=True)
-class Point:
+class Point(NamedTuple):
     """A point of a motion in natural units: time, state (n_z,), its rate (n_z,), margins and their rates."""
 
     time: float
@@ -71,14 +72,11 @@ Reach = Callable[[float], Point]
 
 
 def falls(name: str, margin: Any, rate: Any, bend: Any = 0.0) -> Any:
-    """Whether a margin does not hold at the start of an arc, and is not about to; floats, or arrays of one shape.
-
-    What rises at the start of every step never falls there: the feet are level, and stops have just been released.
-    """
+    """Whether a margin does not hold at the start of an arc, and is not about to; floats, or arrays of one shape."""
     deep = margin < -EDGE
     soon = margin * deep + INSTANT * (rate + INSTANT / 2 * bend) < 0
     lasting = deep | (rate * rate > 2 * bend * EDGE)
-    return (margin <= EDGE) & ((soon & lasting) | (name == "painleve")) & (not known(name).rises)
+    return (margin <= EDGE) & ((soon & lasting) | (name == "painleve")) & (name in FALLING)
 
 
 def bends_decide(margin: Any, rate: Any) -> Any:
@@ -95,7 +93,9 @@ def fallen(
     ----------
     look : gives the rates a time ``LOOK`` later; called only where they matter.
     """
-    near = [k for k, margin in enumerate(margins) if margin <= EDGE and not known(names[k]).rises]
+    near = [k for k, margin in enumerate(margins) if margin <= EDGE and names[k] in FALLING]
+    if not near:
+        return None
     later = look() if any(bends_decide(margins[k], rates[k]) for k in near) else rates
     broken = [names[k] for k in near if falls(names[k], margins[k], rates[k], (later[k] - rates[k]) / LOOK)]
     return min(broken, key=priority, default=None)
@@ -113,7 +113,7 @@ def smallest_lift(name: str) -> float:
 
 def is_armed(name: str, margin: Any) -> Any:
     """Whether a margin that starts with this value may fall; what rises must have been positive."""
-    return (margin > EDGE) | (not known(name).rises)
+    return (margin > EDGE) | (name in FALLING)
 
 
 def lift(name: str, margin: Any, rate: Any) -> Any:

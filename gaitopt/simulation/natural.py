@@ -6,7 +6,7 @@ A tolerance is then a plain number, and no result depends on the units in which 
 margin ``painleve`` is the apparent mass of the foot, C_tt + mu s C_nt > SINGULAR C_tt with C_tt the mean of both slips.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,6 +16,7 @@ from casadi import SX, Function, cse, repmat, vertcat
 from gaitopt.arrays import Array
 from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names, margin_scales
 from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.simulation.events import Point
 
 PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")
 """Its place among the margins of every slip."""
@@ -93,20 +94,23 @@ class NaturalSystem:
 
     def point(self, mode: Mode) -> Function:
         """Rate of the state, margins and their rates."""
-        return self._build(f"point_{mode.key}", lambda a: [self._rate(mode, a), *self._events(mode, a)])
+        return self._build(f"point_{mode.key}", lambda a: cse([self._rate(mode, a), *self._events(mode, a)]))
 
     def arc(self, mode: Mode) -> Function:
         """Rate of the state, and the margins below it."""
+        return self._build(
+            f"arc_{mode.key}", lambda a: [cse(vertcat(self._rate(mode, a), self._scaled(mode, a, self._margins)))]
+        )
+
+    def rest(self, mode: Mode, slips: tuple[Mode, ...]) -> Function:
+        """What ``point`` gives of a sticking foot, and the margins of ``slips``, whose units are another argument."""
+        units = SX.sym("S_slip", self._margins.numel())
 
         def outputs(a: list[SX]) -> list[SX]:
-            margins = self._system.margins(mode)(*a)
-            scaled = margins / self._margins[: margins.numel()]
-            if mode.slips:
-                k, other = PAINLEVE, self._system.margins(_reversed(mode))(*a)
-                scaled[k] = 2 * margins[k] / (margins[k] + other[k]) - SINGULAR
-            return [cse(vertcat(self._rate(mode, a), scaled))]
+            margins = [self._scaled(slip, a, units) for slip in slips]
+            return cse([self._rate(mode, a), *self._events(mode, a), *margins])
 
-        return self._build(f"arc_{mode.key}", outputs)
+        return self._build(f"rest_{mode.key}", outputs, further=[units])
 
     def variational(self, mode: Mode, columns: int) -> Function:
         """Rate of the state and of ``columns`` deviations one after the other."""
@@ -130,12 +134,27 @@ class NaturalSystem:
             scaled_rates[k] = (rates[k] - margins[k] / foot * foot_rate) * (self._time / foot)
         return [scaled, scaled_rates]
 
-    def _build(self, name: str, outputs: Callable[[list[SX]], list[SX]], scale: SX | None = None) -> Function:
+    def _scaled(self, mode: Mode, arguments: list[SX], units: SX) -> SX:
+        margins = self._system.margins(mode)(*arguments)
+        scaled = margins / units[: margins.numel()]
+        if mode.slips:
+            k, other = PAINLEVE, self._system.margins(_reversed(mode))(*arguments)
+            scaled[k] = 2 * margins[k] / (margins[k] + other[k]) - SINGULAR
+        return scaled
+
+    def _build(
+        self,
+        name: str,
+        outputs: Callable[[list[SX]], list[SX]],
+        scale: SX | None = None,
+        further: Sequence[SX] = (),
+    ) -> Function:
         if name not in self._functions:
             scale = self._d if scale is None else scale
             zeta = SX.sym("zeta", scale.numel())
             arguments = [self._time * self._tau, scale * zeta, self._p, self._r]
-            self._functions[name] = Function(name, [self._tau, zeta, self._all, self._r], outputs(arguments))
+            inputs = [self._tau, zeta, self._all, self._r, *further]
+            self._functions[name] = Function(name, inputs, outputs(arguments))
         return self._functions[name]
 
 
@@ -149,18 +168,38 @@ class PointFunctions:
     """
 
     def __init__(self, dynamics: Dynamics, units: Units) -> None:
-        natural, modes = natural_system(dynamics.system), dynamics.system.walker.modes()
-        self._functions = {mode: BufferedFunction(natural.point(mode)) for mode in modes}
-        for mode, function in self._functions.items():
-            function.inputs[2][:] = units.parameters[mode]
+        self._natural, self._units = natural_system(dynamics.system), units
+        self._functions: dict[Mode, BufferedFunction] = {}
+        self._at_rest: dict[Mode, BufferedFunction] = {}
 
-    def __call__(self, mode: Mode, tau: float, zeta: Array, data: Array) -> tuple[Array, ...]:
-        """The three of them at a point; valid until the next call."""
-        function = self._functions[mode]
-        time, state, _, segment = function.inputs
-        time[0], state[:], segment[:] = tau, zeta, data
-        function.evaluate()
-        return function.outputs
+    def __call__(self, mode: Mode, tau: float, zeta: Array, data: Array) -> Point:
+        """The point of a motion in one mode."""
+        if mode not in self._functions:
+            self._functions[mode] = function = BufferedFunction(self._natural.point(mode))
+            function.inputs[2][:] = self._units.parameters[mode]
+        flow, margins, rates = _evaluated(self._functions[mode], tau, zeta, data)
+        return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
+
+    def at_rest(
+        self, mode: Mode, slips: tuple[Mode, ...], tau: float, zeta: Array, data: Array
+    ) -> tuple[Point, list[list[float]]]:
+        """The point of a motion with the foot at rest, and the margins of the ``slips`` there."""
+        if mode not in self._at_rest:
+            self._at_rest[mode] = function = BufferedFunction(self._natural.rest(mode, slips))
+            function.inputs[2][:] = self._units.parameters[mode]
+            for slip in slips[:1]:
+                function.inputs[4][:] = self._units.parameters[slip][-function.inputs[4].size :]
+        flow, margins, rates, *slipping = _evaluated(self._at_rest[mode], tau, zeta, data)
+        point = Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
+        return point, [values.tolist() for values in slipping]
+
+
+def _evaluated(function: BufferedFunction, tau: float, zeta: Array, data: Array) -> tuple[Array, ...]:
+    """Outputs at a point with the parameters as they are, valid until the next call."""
+    time, state, _, segment, *_ = function.inputs
+    time[0], state[:], segment[:] = tau, zeta, data
+    function.evaluate()
+    return function.outputs
 
 
 def _reversed(mode: Mode) -> Mode:

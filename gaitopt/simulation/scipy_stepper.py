@@ -1,9 +1,9 @@
 """Arcs by the Runge-Kutta pair DOP853; inside, all is in natural units."""
 
-from collections.abc import Iterator
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
+from casadi import SX, Function, if_else, logic_and, logic_or, sum1
 
 from gaitopt.arrays import Array
 from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
@@ -28,7 +28,11 @@ MAX_INTEGRATION_STEPS = 20_000
 
 
 class IntegrationError(ArithmeticError):
-    """The integrator cannot go on; becomes ``Arrival.failure``."""
+    """The integrator cannot go on; becomes ``Arrival.failure``. ``reached`` is the last point, where it got further."""
+
+    def __init__(self, words: str, reached: Point | None = None) -> None:
+        super().__init__(words)
+        self.reached = reached
 
 
 class ScipyStepper:
@@ -103,25 +107,19 @@ class ScipyStepper:
         before = start
         armed = [is_armed(name, margin) for name, margin in zip(field.names, start.margins, strict=True)]
         try:
-            for after in self._points(field, start, armed, limit):
+            integration, after = self._depart(field, start, armed, limit)
+            while True:
                 event = first_event(field.names, before, after, armed, partial(self._reach, field, before))
                 if event is not None:
                     return (*event, "")
-                armed = [was or margin > EDGE for was, margin in zip(armed, after.margins, strict=True)]
                 before = after
+                if integration.finished:
+                    return None, before.time, before.state, ""
+                armed = [was or margin > EDGE for was, margin in zip(armed, before.margins, strict=True)]
+                before, after = field.stretch(integration, before, armed)
         except (IntegrationError, StepSizeError) as error:
-            return None, before.time, before.state, str(error)
-        return None, before.time, before.state, ""
-
-    def _points(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> Iterator[Point]:
-        """The points that the integrator steps on, from ``start`` (exclusive) to ``limit``."""
-        integration, point = self._depart(field, start, armed, limit)
-        yield point
-        for _ in range(MAX_INTEGRATION_STEPS):
-            if integration.finished:
-                return
-            yield field.step(integration)
-        raise IntegrationError(f"more than {MAX_INTEGRATION_STEPS} integration steps in one arc")
+            last = (error.reached if isinstance(error, IntegrationError) else None) or before
+            return None, last.time, last.state, str(error)
 
     def _depart(self, field: "_Field", start: Point, armed: list[bool], limit: float) -> tuple[Integration, Point]:
         """First integration step, so short that every margin that starts at its edge has just left it.
@@ -162,7 +160,8 @@ class _Field:
         self.names = margin_names(mode)
         self._p = p
         self._point = BufferedFunction(system.point(mode))
-        self._step = CompiledStep(system.flow(mode), system.point(mode), rtol=rtol, atol=atol)
+        watch = _watch(len(self.names))
+        self._step = CompiledStep(system.flow(mode), system.point(mode), rtol=rtol, atol=atol, compare=watch)
 
     def load(self, data: Array) -> None:
         """Go over to a segment of the control."""
@@ -188,5 +187,33 @@ class _Field:
     def step(self, integration: Integration) -> Point:
         """One accepted step of the integrator."""
         integration.advance()
-        margins, rates = integration.outputs
+        margins, rates, _ = integration.outputs
         return Point(integration.t, integration.y, integration.f, margins.tolist(), rates.tolist())
+
+    def stretch(self, integration: Integration, start: Point, armed: list[bool]) -> tuple[Point, Point]:
+        """Steps from ``start`` until one needs a look, or is the last: the points before and after that one."""
+        margins, rates, flags = self._step.compared
+        margins[:], rates[:], flags[:] = start.margins, start.rates, armed
+        while True:
+            before = integration.t, integration.y, integration.f
+            try:
+                if integration.steps >= MAX_INTEGRATION_STEPS:
+                    raise StepSizeError(f"more than {MAX_INTEGRATION_STEPS} integration steps in one arc")
+                integration.advance()
+            except StepSizeError as error:
+                raise IntegrationError(str(error), Point(*before, margins.tolist(), rates.tolist())) from error
+            new_margins, new_rates, look = integration.outputs
+            if look[0] or integration.finished:
+                after = Point(integration.t, integration.y, integration.f, new_margins.tolist(), new_rates.tolist())
+                return Point(*before, margins.tolist(), rates.tolist()), after
+            margins[:], rates[:] = new_margins, new_rates
+
+
+@lru_cache
+def _watch(n: int) -> Function:
+    """Whether ``first_event`` may find any of n margins to fall within a step, or one has just been armed."""
+    start, rates, end, end_rates, armed = (SX.sym(name, n) for name in ("m", "dm", "m1", "dm1", "armed"))
+    dips, bulges = logic_and(rates < 0, end_rates > 0), logic_and(rates > 0, end_rates < 0)
+    loose = logic_or(end > EDGE, logic_and(end <= 0, bulges))
+    look = sum1(if_else(armed, logic_or(end <= 0, dips), loose))
+    return Function("watch", [start, rates, end, end_rates, armed], [look])

@@ -5,15 +5,18 @@ mode follows from the forces, and at touchdown the impact from the impulses. Gam
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
-from gaitopt.mechanics import ONSETS, PHASE_MARGINS, Dynamics, Mode
+from gaitopt.mechanics import ONSETS, Dynamics, Mode
+from gaitopt.mechanics.margins import PHASE_MARGINS
 from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
 from gaitopt.simulation.events import EDGE
 from gaitopt.simulation.natural import units
@@ -47,8 +50,7 @@ class StepOutcome:
     message: str
 
 
-@dataclass(frozen=True, slots=True)
-class _Moment:
+class _Moment(NamedTuple):
     """How far a step has come."""
 
     time: float
@@ -99,7 +101,8 @@ class Simulator:
         self._units = units(dynamics)
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         self._limit = min(longest, system.control.horizon)
-        self._breakpoints = tuple(t for t in system.control.breakpoints if t < self._limit)
+        self._ends = (*(t for t in system.control.breakpoints if t < self._limit), self._limit)
+        self._released = system.walker.released(Mode.STICK)
 
     @cached_property
     def sides(self) -> tuple["Simulator", ...]:
@@ -182,9 +185,10 @@ class Simulator:
         return _at_rest(z) if abs(z[-1]) <= EDGE * self._units.speed else z
 
     def _first_mode(self, moment: _Moment) -> Mode | Termination:
-        slip_velocity = float(moment.state[-1])
-        released = self.system.walker.released(Mode.slip(slip_velocity))
-        return released if slip_velocity != 0 else self._mode_at_rest(released, moment)
+        slip_velocity = moment.state.item(-1)
+        if slip_velocity == 0:
+            return self._mode_at_rest(self._released, moment)
+        return self._released.with_contact(Mode.slip(slip_velocity))
 
     def _mode_at_rest(self, mode: Mode, moment: _Moment) -> Mode | Termination:
         return self._resolver.mode_at_rest(mode, moment.time, moment.state, self.system.data(moment.segment))
@@ -195,10 +199,9 @@ class Simulator:
 
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
-        end = (*self._breakpoints, self._limit)[moment.segment]
-        data = self.system.data(moment.segment)
+        end, data = self._ends[moment.segment], self.system.data(moment.segment)
         arrival = self.stepper.advance(mode, data, moment.time, moment.state, end)
-        return replace(arrival, state=_at_rest(arrival.state)) if arrival.event == "slip_velocity" else arrival
+        return arrival._replace(state=_at_rest(arrival.state)) if arrival.event == "slip_velocity" else arrival
 
     def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
         times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
@@ -212,7 +215,7 @@ class Simulator:
         self, mode: Mode, moment: _Moment, arrival: Arrival
     ) -> tuple[Mode | ImpactRecord | Termination, _Moment]:
         """What comes after an arc: a mode, the impact, or the end of the motion; and the moment it begins."""
-        here = replace(moment, time=arrival.time, state=arrival.state)
+        here = _Moment(arrival.time, arrival.state, moment.segment, moment.switches)
         if arrival.failure:
             return Termination(Ending.NUMERICAL, arrival.failure), here
         event = "touchdown" if arrival.event is None and self._is_touchdown(mode, here) else arrival.event
@@ -223,7 +226,7 @@ class Simulator:
             return FATAL[event], here
         if event == "touchdown":
             return self._resolver.impact(here.state), here
-        here = replace(here, switches=here.switches + 1)
+        here = _Moment(arrival.time, arrival.state, moment.segment, moment.switches + 1)
         if here.switches > self._max_switches:
             return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
         if leaves:
@@ -242,7 +245,7 @@ class Simulator:
         struck = self._resolver.strike(mode, stop, moment.state)
         if isinstance(struck, Termination):
             return struck, moment
-        after = replace(moment, state=struck[1])
+        after = moment._replace(state=struck[1])
         return (self._mode_at_rest(struck[0], after) if struck[0].sticks else struck[0]), after
 
     def _throw(self, mode: Mode, switch: str, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
@@ -252,10 +255,10 @@ class Simulator:
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
         """The next segment of the control; its torques may jump, and the mode of a foot at rest is decided again."""
-        if moment.segment == len(self._breakpoints):
+        if moment.segment == len(self._ends) - 1:
             where = ", where the control law ends" if self._limit == self.system.control.horizon else ""
             return Termination(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment
-        moment = replace(moment, segment=moment.segment + 1)
+        moment = moment._replace(segment=moment.segment + 1)
         return (self._mode_at_rest(mode, moment) if mode.sticks else mode), moment
 
     def _describe(self, termination: Termination, number: int, mode: Mode | None, moment: _Moment) -> str:
@@ -268,7 +271,9 @@ class Simulator:
 
 def _at_rest(state: Array) -> Array:
     """The state with the slip velocity exactly zero; what was left of it is rounding."""
-    return np.array([*state[:-1], 0.0])
+    state = state.copy()
+    state[-1] = 0.0
+    return state
 
 
 def _finite_vector(what: str, values: Array, names: tuple[str, ...]) -> Array:
@@ -276,7 +281,7 @@ def _finite_vector(what: str, values: Array, names: tuple[str, ...]) -> Array:
     vector = np.array(values, dtype=float)
     if vector.shape != (len(names),):
         raise ValueError(f"{what} of shape {vector.shape}: one value is needed for each of {', '.join(names)}")
-    wrong = [f"{name} = {value}" for name, value in zip(names, vector, strict=True) if not np.isfinite(value)]
-    if wrong:
+    if not all(map(isfinite, vector.tolist())):
+        wrong = (f"{name} = {value}" for name, value in zip(names, vector, strict=True) if not isfinite(value))
         raise ValueError(f"{what} must be finite, not {', '.join(wrong)}")
     return vector

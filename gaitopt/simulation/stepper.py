@@ -10,7 +10,7 @@ A mode assumes its margins (``gaitopt.mechanics.margin_names``); an event is a m
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ LIMIT, FAILURE = -1, -2
 """Codes of arcs that end at their time limit, or because the integrator cannot go on."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arrival:
+class Arrival(NamedTuple):
     """Where an arc ends, and why.
 
     Attributes

@@ -4,65 +4,24 @@ What cannot be written, is missing, unfinished or not as it was written raises a
 what was there before is unchanged. Functions state it only where they decide it.
 """
 
-from gaitopt.store.branch import BRANCH_FILE, begin_branch, branch_folder, stored_records, write_branch_table
-from gaitopt.store.files import write_whole
-from gaitopt.store.folder import adding, check_folder, check_writable, growing, stored_lines, writing
-from gaitopt.store.lines import LineWriter, read_lines
-from gaitopt.store.manifest import Manifest, read_manifest, read_sealed, seal, write_files
-from gaitopt.store.run import (
-    GAIT_FILE,
-    WALK_FILE,
-    begin_run,
-    find_run,
-    is_complete,
-    read_object,
-    read_problem,
-    read_run,
-    read_walk,
-    run_folder,
-    write_run,
-    write_walk,
-)
-from gaitopt.store.text import Table, csv_text, json_file, json_text
-from gaitopt.store.tiles import has_tile, read_tile, write_tile
-
-__all__ = [
-    "BRANCH_FILE",
-    "GAIT_FILE",
-    "WALK_FILE",
-    "LineWriter",
-    "Manifest",
-    "Table",
-    "adding",
-    "begin_branch",
-    "begin_run",
-    "branch_folder",
-    "check_folder",
-    "check_writable",
-    "csv_text",
-    "find_run",
-    "growing",
-    "has_tile",
-    "is_complete",
-    "json_file",
-    "json_text",
-    "read_lines",
-    "read_manifest",
-    "read_object",
-    "read_problem",
-    "read_run",
-    "read_sealed",
-    "read_tile",
-    "read_walk",
-    "run_folder",
-    "seal",
-    "stored_lines",
-    "stored_records",
-    "write_branch_table",
-    "write_files",
-    "write_run",
-    "write_tile",
-    "write_walk",
-    "write_whole",
-    "writing",
-]
+from gaitopt.store.branch import BRANCH_FILE as BRANCH_FILE
+from gaitopt.store.files import write_whole as write_whole
+from gaitopt.store.folder import adding as adding
+from gaitopt.store.folder import check_folder as check_folder
+from gaitopt.store.folder import check_writable as check_writable
+from gaitopt.store.folder import growing as growing
+from gaitopt.store.folder import stored_lines as stored_lines
+from gaitopt.store.folder import writing as writing
+from gaitopt.store.manifest import read_sealed as read_sealed
+from gaitopt.store.manifest import write_files as write_files
+from gaitopt.store.run import GAIT_FILE as GAIT_FILE
+from gaitopt.store.run import WALK_FILE as WALK_FILE
+from gaitopt.store.run import begin_run as begin_run
+from gaitopt.store.run import find_run as find_run
+from gaitopt.store.run import is_complete as is_complete
+from gaitopt.store.run import read_object as read_object
+from gaitopt.store.run import read_problem as read_problem
+from gaitopt.store.run import run_folder as run_folder
+from gaitopt.store.text import Table as Table
+from gaitopt.store.text import json_file as json_file
+from gaitopt.store.text import json_text as json_text

@@ -1,10 +1,11 @@
 """A branch on disk: JSON lines in a run folder, one durable line per record, and a table for other programs.
 
-The first line is the request. A walk that was killed goes on after its last point; special points found after that are
+The first line is the request. A walk that was killed resumes after its last point; special points found after that are
 located again. The branch is then the same as without the kill up to the tolerance of Newton's method, not bit by bit:
-the walk goes on from the decimal digits of a gait on a mesh that is set up again.
+the walk resumes from the decimal digits of a gait on a mesh that is set up again.
 """
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,8 @@ from gaitopt.store.text import Table, csv_text
 
 BRANCH_FILE = "branch.jsonl"
 BRANCH_TABLE = "branch.csv"
+AT_BOUND = 1e-9
+"""Relative distance of an end from a bound below which it is at the bound: a walk stops there to rounding."""
 EFFORT = ("max_seconds",)
 """Entries of a request that do not change what is found, only how much at a time."""
 
@@ -45,19 +48,43 @@ def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -
     check_folder(folder, problem)
     if not (folder / BRANCH_FILE).is_file():
         return []
-    records = list(stored_lines(folder, BRANCH_FILE))
-    if records and _core(records[0]) != _core(request):
-        words = ", ".join(f"{key} {value}" for key, value in _core(records[0]).items() if value is not None)
+    known, records = read_branch(folder)
+    if known and _core(known) != _core(request):
+        words = ", ".join(f"{key} {value}" for key, value in _core(known).items() if value is not None)
         raise StorageError(
             f"{folder} holds another branch ({words}); it was left alone: delete it, or name another folder"
         ).about("output")
-    return records[1:]
+    return records
+
+
+def read_branch(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The request of the branch in a folder, and its records.
+
+    An end at a bound of the request has ``bound``, also where an earlier version has written it without.
+    """
+    request, *records = list(stored_lines(folder, BRANCH_FILE)) or [{}]
+    bounds = _bounds(request, records)
+    for record in records:
+        if record.get("type") == "end" and any(math.isclose(record["value"], at, rel_tol=AT_BOUND) for at in bounds):
+            record["bound"] = True
+    return request, records
+
+
+def _bounds(request: Mapping[str, Any], records: Sequence[Mapping[str, Any]]) -> list[float]:
+    """Targets and bounds of a request; those that it does not state are as far from the first gait as the targets."""
+    first = next((record["value"] for record in records if record.get("record") == "point"), None)
+    targets = request.get("to", ())
+    if first is None or not targets:
+        return []
+    span = max(abs(to - first) for to in targets)
+    stated = {"lower": first - span, "upper": first + span}
+    return [*targets, *(value if request.get(key) is None else request[key] for key, value in stated.items())]
 
 
 def begin_branch(
     folder: Path, problem: Problem, request: Mapping[str, Any], records: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Write the request and the records from which a branch goes on."""
+    """Write the request and the records from which a branch resumes."""
     begin_run(folder, problem)
     write_files(folder, {BRANCH_FILE: lines_text((request, *records))})
 

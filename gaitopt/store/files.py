@@ -88,15 +88,12 @@ def clear_leftovers(*folders: Path) -> None:
         with suppress(OSError):  # what cannot be listed or removed does no harm
             for path in folder.iterdir():
                 matched = TEMPORARY_NAME.fullmatch(path.name)
-                if matched and not _is_alive(int(matched["pid"])):
-                    path.unlink(missing_ok=True)
+                if matched:
+                    import psutil  # takes as long to import as all writing takes, and is rarely needed
 
-
-def _is_alive(pid: int) -> bool:
-    """Whether another process has this number."""
-    import psutil  # takes as long to import as all writing takes, and is rarely needed
-
-    return pid != os.getpid() and psutil.pid_exists(pid)
+                    pid = int(matched["pid"])
+                    if pid == os.getpid() or not psutil.pid_exists(pid):
+                        path.unlink(missing_ok=True)
 
 
 def read_bytes(path: Path) -> bytes:

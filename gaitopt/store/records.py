@@ -9,6 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 from gaitopt.errors import StorageError
 
 Model = TypeVar("Model")
+_adapter = lru_cache(TypeAdapter)
 
 
 def validated(model: type[Model], record: Any, path: Path, line: int | None = None) -> Model:
@@ -26,8 +27,3 @@ def validated(model: type[Model], record: Any, path: Path, line: int | None = No
         key = ".".join(str(part) for part in first["loc"])
         place = path if line is None else f"{path}:{line}"
         raise StorageError(f"{place} {key}: {first['msg']}; the run is broken and was left alone") from error
-
-
-@lru_cache
-def _adapter(model: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(model)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from gaitopt.arrays import Array
-from gaitopt.gait import Arc, Gait, ImpactRecord, Step, curves, measure, measure_scales
+from gaitopt.gait import Arc, Gait, ImpactRecord, Step, curves, measure
+from gaitopt.gait.measures import measure_scales
 from gaitopt.mechanics import Scales
 from gaitopt.study.claims import Claim, claim
 

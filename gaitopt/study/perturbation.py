@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.gait import Ending, Gait, floquet_multipliers, multiplier_distance
-from gaitopt.orbit import FixedPoint, Return, ReturnMap
+from gaitopt.gait import Ending, Gait, floquet_multipliers
+from gaitopt.gait.multipliers import multiplier_distance
+from gaitopt.orbit import ReturnMap
+from gaitopt.orbit.return_map import FixedPoint, Return
 from gaitopt.study.claims import Claim, claim, failed_claim
 from gaitopt.study.comparison import AGREEMENT
 

@@ -1,6 +1,6 @@
 """The return map of thousands of states at once: arrays in, arrays and named outcomes out."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -168,25 +168,11 @@ class StepMap:
         return stack_outcomes([simulator.step(state) for state in states], states, self.dynamics.system.walker.modes())
 
 
-@dataclass(frozen=True, slots=True)
-class _Key:
-    """What a map depends on: the problem by its digest."""
-
-    digest: str
-    p: tuple[float, ...] | None
-    engine: Engine
-    problem: Problem = field(compare=False)
-
-
 @lru_cache(maxsize=8)
-def _step_map(key: _Key) -> StepMap:
-    dynamics = problem_dynamics(key.problem)
-    return StepMap(Dynamics(dynamics.system, np.array(key.p)) if key.p else dynamics, key.engine)
-
-
 def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
     """The map of a problem, built once in every process; ``p`` if the parameters are not those of the problem."""
-    return _step_map(_Key(problem.digest, p, engine, problem))
+    dynamics = problem_dynamics(problem)
+    return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine)
 
 
 def _joined(parts: list[Returns]) -> Returns:

@@ -3,28 +3,23 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
-from gaitopt.gait.table import motion_frame, motion_set
-from gaitopt.mechanics import Dynamics, HybridSystem
+from gaitopt.gait.motion import WalkerMotion
+from gaitopt.mechanics import Dynamics
 from gaitopt.problem import Problem
 from gaitopt.simulation import Engine, Simulator, make_stepper
 from gaitopt.study.system import problem_dynamics
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-    from xarray import Dataset
-
 
 @dataclass(frozen=True, kw_only=True)
-class Walk(Moving, ReadOnlyArrays):
+class Walk(WalkerMotion):
     """A simulated walk.
 
     Attributes
@@ -36,24 +31,12 @@ class Walk(Moving, ReadOnlyArrays):
         if it started from a problem.
     """
 
-    problem: Problem
-    dynamics: Dynamics
     trajectory: Trajectory
     gait_states: Array
 
     def __repr__(self) -> str:
         count, ending = len(self.complete_steps), self.trajectory.ending
         return f"<Walk {self.problem.name}: {count} step{'' if count == 1 else 's'}, {ending}>"
-
-    @property
-    def system(self) -> HybridSystem:
-        """The hybrid system that walked."""
-        return self.dynamics.system
-
-    @property
-    def p(self) -> Array:
-        """Parameter vector, shape (n_p,); see ``Dynamics``."""
-        return self.dynamics.p
 
     @cached_property
     def complete_steps(self) -> tuple[Step, ...]:
@@ -64,6 +47,7 @@ class Walk(Moving, ReadOnlyArrays):
         """One JSON object with the keys of a gait as far as a simulation knows them; scalars are of the last step."""
         last = self.complete_steps[-1] if self.complete_steps else None
         state = self.trajectory.section_states[-1]
+        values = zip(self.dynamics.parameters.items(), self.system.values(self.problem.parameters), strict=True)
         impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
         return {
             "problem": self.problem.name,
@@ -80,7 +64,7 @@ class Walk(Moving, ReadOnlyArrays):
                 for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
             ],
             "gait_states": [self._state_record(state) for state in self.gait_states],
-            "parameters": self._freed(),
+            "parameters": {key: value for (key, value), own in values if value != own},  # those of the gait
         }
 
     @property
@@ -88,24 +72,8 @@ class Walk(Moving, ReadOnlyArrays):
         """Times of the start and of each impact [s]; shape (n_impacts + 1,)."""
         return np.cumsum([0.0, *(step.period for step in self.complete_steps)])
 
-    def _freed(self) -> dict[str, float]:
-        """Parameters of the gait that it started from, where they are not those of the problem."""
-        stated = self.system.values(self.problem.parameters)
-        values = zip(self.dynamics.parameters.items(), stated, strict=True)
-        return {name: value for (name, value), own in values if value != own}
-
-    def _state_record(self, state: Array) -> dict[str, float]:
-        return dict(zip(self.system.state_names, map(float, state), strict=True))
-
-    def to_frame(self) -> "DataFrame":
-        """All steps as a pandas data frame: the columns of ``walk.csv``, units in ``attrs["units"]``."""
-        ending = str(self.trajectory.ending)
-        return motion_frame(self.dynamics, self.trajectory.steps, problem=self.problem.name, ending=ending)
-
-    def to_xarray(self) -> "Dataset":
-        """The same as an xarray dataset over ``sample``, with units as attributes."""
-        ending = str(self.trajectory.ending)
-        return motion_set(self.dynamics, self.trajectory.steps, problem=self.problem.name, ending=ending)
+    def _tabulated(self) -> tuple[tuple[Step, ...], dict[str, str]]:
+        return self.trajectory.steps, {"problem": self.problem.name, "ending": str(self.trajectory.ending)}
 
 
 def simulate(

@@ -23,11 +23,12 @@ from gaitopt.mechanics import (
     Reference,
     StaticKineticFriction,
     Walker,
-    control_points,
 )
+from gaitopt.mechanics.control.bezier_tracking import control_points
 from gaitopt.mechanics.control.reference import continued
 from gaitopt.nlp import find_gait, integrate_to
-from gaitopt.problem import ConstantTorqueSpec, CurveReference, PDSpec, Problem
+from gaitopt.problem import CurveReference, PDSpec, Problem
+from gaitopt.problem.control_sections import ConstantTorqueSpec, Curve
 
 FLOW_PERIODS = 2
 """A reference that flows on is known for so many of its own periods past its end; no step takes that long."""
@@ -158,7 +159,6 @@ def _reference_gait(problem: Problem, should_stop: Stop) -> Gait:
 
 
 def _source(problem: Problem) -> Problem:
-    """The problem of a PD law's reference."""
     if problem.reference is None:
         raise ProblemError(f"{problem.name}: control.reference names no problem")
     return problem.reference
@@ -166,7 +166,7 @@ def _source(problem: Problem) -> Problem:
 
 def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start: Gait) -> BezierTracking:
     """Curves through the guessed control points, or as close to the start's joint angles as their degree allows."""
-    points = curve.curve.points or _fitted_points(problem, curve, start)
+    points = curve.curve.points or _fitted_points(problem, curve.curve, start)
     return BezierTracking(
         kp=spec.kp,
         kd=spec.kd,
@@ -177,11 +177,11 @@ def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start
     )
 
 
-def _fitted_points(problem: Problem, curve: CurveReference, start: Gait) -> dict[str, tuple[float, ...]]:
+def _fitted_points(problem: Problem, curve: Curve, start: Gait) -> dict[str, tuple[float, ...]]:
     """Control points within their bound of the curves that come closest to the start's joint angles."""
     phases = np.linspace(0, 1, FITTED_POINTS)
     angles, _ = gait_reference(start, BeyondEnd.HOLD)(phases * start.period)
-    points = np.clip(control_points(phases, angles, curve.degree), -curve.curve.within, curve.curve.within)
+    points = np.clip(control_points(phases, angles, curve.degree), -curve.within, curve.within)
     return {name: tuple(map(float, row)) for name, row in zip(problem.walker.tracked, points, strict=True)}
 
 

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -138,16 +138,9 @@ def _end_workers(cluster: Any) -> None:
     except TimeoutError as error:
         logging.getLogger(__name__).info("workers did not confirm their end: %r", error)
     for process in processes:
-        _kill(process)
-
-
-def _kill(process: Any) -> None:
-    """Kill the process of a worker if it is still there."""
-    try:
-        if process.is_alive():
-            os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
-    except (ProcessLookupError, ValueError):  # it has just ended, or has been closed
-        return
+        with suppress(ProcessLookupError, ValueError):  # it has just ended, or has been closed
+            if process.is_alive():
+                os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
 
 @contextmanager

@@ -187,7 +187,8 @@ def perform(task: Callable[..., Any], key: str, argument: Any, parent: Any) -> N
     from distributed.utils import sync
 
     loop, scheduler = get_worker().loop, get_worker().scheduler
+    # in this order: a job that is neither finished nor pending has been taken
     has_result = sync(loop, scheduler.get_metadata, keys=[key], default=None) is not None
-    is_wanted = sync(loop, scheduler.get_task_status, keys=[key])[key] is not None  # asked second: neither means taken
-    if is_wanted and not has_result:
+    is_pending = sync(loop, scheduler.get_task_status, keys=[key])[key] is not None
+    if is_pending and not has_result:
         sync(loop, scheduler.set_metadata, keys=[key], value=dumps(task(argument, parent)))

@@ -7,7 +7,7 @@ import pytest
 from pictured import TORSO, branch, gait
 
 from gaitopt import simulate
-from gaitopt.figures.animation import animation_page
+from gaitopt.figures.film import animation_page
 from gaitopt.figures.motion import motion_of
 from gaitopt.pages import branch_report, comparison_report, walk_report
 
@@ -54,7 +54,7 @@ def test_in_flight_there_is_neither_force_nor_mark_on_the_ground(visit):
     assert page.locator(".walker .mark").count() == 0
 
 
-def test_who_dislikes_motion_is_not_shown_any_unasked(visit):
+def test_with_reduced_motion_nothing_moves_by_itself(visit):
     page = visit(animation_page(motion_of(gait("compass-passive-a"))), motion="reduce")
     still = position(page)
     page.wait_for_timeout(200)

@@ -14,7 +14,8 @@ from gaitopt import cli, study
 from gaitopt.library import progress as cli_progress
 from gaitopt.search import own
 from gaitopt.store.manifest import seal
-from gaitopt.study import Claim, Verification
+from gaitopt.study import Verification
+from gaitopt.study.claims import Claim
 
 PROBLEM = "rimless-wheel-stick"
 INFEASIBLE = (PROBLEM, "--set", "friction=0.5")  # it needs 0.914 to stick

@@ -10,7 +10,8 @@ import pytest
 from gaitopt.errors import StorageError
 from gaitopt.families import continuer
 from gaitopt.families.continuer import Continuer
-from gaitopt.store import BRANCH_FILE, LineWriter, read_lines
+from gaitopt.store import BRANCH_FILE
+from gaitopt.store.lines import LineWriter, read_lines
 from gaitopt.store.manifest import seal
 from gaitopt.study.claims import Verification
 from gaitopt.study.verify import confirm
@@ -58,7 +59,7 @@ def test_table_has_a_row_for_every_record(run):
 
 
 @pytest.mark.parametrize("kept", [2, 11, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 12))])
-def test_branch_cut_short_goes_on_and_is_the_same(run, kept):
+def test_an_interrupted_branch_resumes_and_is_the_same(run, kept):
     run(*COMMAND)
     whole = stored()
     path = Path("branch") / BRANCH_FILE

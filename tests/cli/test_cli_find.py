@@ -20,7 +20,7 @@ def wheel(empty_folder):
     return "wheel.yaml"
 
 
-def test_find_lists_gaits_and_goes_on_where_it_was(run, wheel):
+def test_find_lists_gaits_and_resumes_where_it_stopped(run, wheel):
     code, out, err = run("find", wheel, "--starts", "1", "--workers", "1", "--json")
     record = json.loads(out)
     assert code == 0

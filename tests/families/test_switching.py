@@ -1,6 +1,7 @@
 """Other branches through special points: doubled families, crossing branches, and where they come from."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from math import radians
 
@@ -10,7 +11,7 @@ import pytest
 import gaitopt as go
 from gaitopt import continuation
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.families import Request, follow_family, resumable
+from gaitopt.families import Request, follow_family, resumable, walks
 from gaitopt.families.change import in_turn, with_cycle
 from gaitopt.families.records import recorded_special
 from gaitopt.families.segment import Metric, segment_through
@@ -166,6 +167,27 @@ def test_branches_that_begin_at_a_branch_point_are_followed_on_the_way() -> None
     assert {record["branch"] for record in whole if record["record"] == "point"} == {0, 1, 2}
     kept = resumable(whole[:-2])
     assert [r["branch"] for r in [*kept, *with_followed(start, kept, branch_points=1)]] == [r["branch"] for r in whole]
+
+
+def test_mode_sequences_that_begin_at_a_change_of_modes_are_followed_on_the_way(monkeypatch) -> None:
+    """No named gait has a third sequence at a change: here the one that is followed anyway counts as another one."""
+    monkeypatch.setattr(walks, "beginnings", lambda special, *place: beginnings(replace(special, after=None), *place))
+    start = go.solve(go.load_problem("rimless-wheel-stick").replace({"friction": 0.93}))
+    request = Request(parameter="friction", to=(0.9,), max_points=80, verify_every=0, follow={"mode_changes": 1})
+
+    def followed(done: list[dict[str, object]]) -> list[dict[str, object]]:
+        return [json.loads(json.dumps(record.to_record())) for record in follow_family(start, request, done=done)]
+
+    whole = followed([])
+    (change,) = (record for record in whole if record.get("type") == "mode_change")
+    assert change["next"] == [1, 2]
+    cycles = {record["branch"]: str(Cycle.from_record(record)) for record in whole if record["record"] == "point"}
+    assert cycles == {0: "stick; stick", 1: "stick, slip_forward; stick", 2: "stick, slip_forward; stick"}
+    ends = [record for record in whole if record.get("type") == "end"]
+    assert [(end["branch"], end["value"]) for end in ends] == [(1, 0.9), (2, 0.9)]
+    kept = resumable(whole[:-3])
+    again = [*kept, *followed(kept)]
+    assert [(r["branch"], r.get("index")) for r in again] == [(r["branch"], r.get("index")) for r in whole]
 
 
 @pytest.mark.slow

@@ -20,7 +20,9 @@ from gaitopt.figures.style import SLIP_DASHES, save
 from gaitopt.figures.sweep import sweep
 from gaitopt.gait import Arc, Step
 from gaitopt.mechanics import Mode
+from gaitopt.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
+from gaitopt.runs.sweep_table import Sweep
 
 FRICTION = Parameter(key="friction")
 
@@ -87,7 +89,7 @@ def test_the_force_ratio_stays_between_the_edges_of_the_cone_and_the_cross_is_th
     assert cross.get_xdata()[0] == pytest.approx(shown.measures["period"])
 
 
-def test_torques_of_a_passive_walker_are_not_drawn_unasked():
+def test_torques_of_a_passive_walker_are_drawn_only_by_name():
     assert "torques" not in informative([gait("compass-passive-a")])
     assert "torques" in informative([gait("compass-pd-impact-slip")])
 
@@ -102,7 +104,7 @@ def test_a_record_is_enough_to_draw_the_same_motion(name):
     np.testing.assert_allclose(again.steps[-1].impact.state, ours.steps[-1].impact.state, atol=1e-9)
 
 
-def test_two_roads_agree_and_a_spoiled_gait_is_seen_to_disagree():
+def test_method_comparison_agree_and_a_spoiled_gait_is_seen_to_disagree():
     ours = gait("compass-passive-a")
     walked = simulated(ours)
     motion = motion_of(ours)
@@ -185,11 +187,17 @@ def grid_records(values):
     return [{"status": "infeasible" if v is None else "converged", "spectral_radius": v} for v in values]
 
 
+def swept(axes, records, phases=None):
+    """The sweep of a wheel."""
+    problem = load_problem("rimless-wheel-stick").replace({"gait.phases": phases or ["stick"]})
+    return Sweep(problem=problem, grid=Grid(tuple(axes)), records=records)
+
+
 def heat_map(rows):
     """The sweep's figure; rows are friction, columns are slope."""
     axes = (Axis(key="friction", lower=0.1, upper=0.3, count=len(rows)),)
     axes += (Axis(key="walker.slope", lower=0.0, upper=0.02, count=len(rows[0])),)
-    return sweep(Grid(axes), grid_records([v for row in rows for v in row]), "spectral_radius")
+    return sweep(swept(axes, grid_records([v for row in rows for v in row])), "spectral_radius")
 
 
 def test_line_where_stability_is_lost_is_where_the_interpolated_radius_is_one():
@@ -223,9 +231,9 @@ def test_rounding_of_a_constant_is_not_spread_over_all_colours():
     assert high - low > 0.01
 
 
-def test_a_sweep_keeps_its_range_marks_what_failed_and_shows_degrees_where_they_were_asked():
+def test_a_sweep_keeps_its_range_marks_failures_and_shows_degrees_where_they_were_given():
     axis = Axis(key="walker.slope", lower=np.radians(1), upper=np.radians(3), count=3, unit="deg")
-    figure = sweep(Grid((axis,)), grid_records([0.5, None, None]), "spectral_radius")
+    figure = sweep(swept([axis], grid_records([0.5, None, None])), "spectral_radius")
     (axes,) = figure.axes
     assert axes.get_xlim()[0] < 1 < 3 < axes.get_xlim()[1]
     assert "°" in axes.get_xlabel()
@@ -238,12 +246,12 @@ def test_a_sweep_keeps_its_range_marks_what_failed_and_shows_degrees_where_they_
 def test_a_cross_of_a_sweep_claims_no_more_than_is_known():
     axis = Axis(key="friction", lower=0.1, upper=0.3, count=3)
     records = [*grid_records([None, 0.5]), {"status": "not_converged", "spectral_radius": None}]
-    for searched, words in ((False, "not with these phases"), (True, "no gait")):
-        figure = sweep(Grid((axis,)), records, "spectral_radius", searched=searched)
+    for phases, words in ((["stick"], "not with these phases"), ("auto", "no gait")):
+        figure = sweep(swept([axis], records, phases), "spectral_radius")
         assert [text.get_text() for text in figure.legends[0].get_texts()] == [words, "not converged"]
 
 
-def test_the_stable_line_reaches_the_bifurcation_and_an_end_that_was_asked_for_is_not_marked():
+def test_the_stable_line_reaches_the_bifurcation_and_a_requested_end_is_not_marked():
     point = {"record": "point", "branch": 0, "phases": [{"mode": "stick"}], "impact": "stick"}
     points = [{**point, "index": k, "value": 0.1 + 0.01 * k, "spectral_radius": 0.9 + 0.08 * k} for k in range(3)]
     special = {"record": "special", "branch": 0, "status": "converged", "next": []}

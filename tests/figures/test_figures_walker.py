@@ -10,13 +10,12 @@ from casadi import SX, vertcat
 from pictured import SEQUENCES, TORSO, gait
 
 from gaitopt.figures import skeleton as skeleton_module
-from gaitopt.figures.animation import animation_page
-from gaitopt.figures.film import film
+from gaitopt.figures.film import animation_page, film
 from gaitopt.figures.motion import motion_of
 from gaitopt.figures.packing import CODES, pack
 from gaitopt.figures.skeleton import skeleton, slope
-from gaitopt.mechanics import CompassBiped
 from gaitopt.mechanics.mechanism import polar
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 WALKERS = (*SEQUENCES, TORSO)
 

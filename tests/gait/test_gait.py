@@ -10,7 +10,8 @@ from named import named
 
 import gaitopt as go
 from gaitopt.errors import SolveError
-from gaitopt.gait import Arc, Step, floquet_multipliers, multiplier_distance
+from gaitopt.gait import Arc, Step, floquet_multipliers
+from gaitopt.gait.multipliers import multiplier_distance
 from gaitopt.mechanics import Mode
 
 

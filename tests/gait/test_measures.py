@@ -1,4 +1,4 @@
-"""Scalars of a step: the wheel's closed forms, and work, clearance and slip against roads that know no curves."""
+"""Scalars of a step: the wheel's closed forms, and work, clearance and slip against methods without curves."""
 
 from functools import cache
 
@@ -8,7 +8,9 @@ from oracles import numbers
 from scipy.integrate import solve_ivp, trapezoid
 
 from gaitopt.gait import Arc, ImpactRecord, Step, curves, measure
-from gaitopt.mechanics import CompassBiped, ConstantTorque, Dynamics, HybridSystem, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import ConstantTorque, Dynamics, HybridSystem, Mode, NoControl
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 TORQUES = np.array([0.3, -0.2])
@@ -165,7 +167,7 @@ def test_foot_that_is_high_only_behind_the_stance_foot_has_no_credit_for_it() ->
     assert clearance == pytest.approx(1.6 * (np.cos(0.05) - np.cos(0.2)), rel=1e-12)
 
 
-def test_required_friction_is_asked_in_sticking_phases_only() -> None:
+def test_required_friction_is_that_of_sticking_phases_only() -> None:
     system, p, step = compass_step()
     _, force = dense(0)[1]
     measures = measure(Dynamics(system, p), [step])

@@ -180,7 +180,7 @@ def test_a_branch_comes_back_with_its_gaits(branch, run, empty_folder):
     assert again[1].gait.problem.friction == again[1].value
 
 
-def test_special_points_over_an_angle_are_told_in_degrees_as_well():
+def test_special_points_over_an_angle_are_printed_in_degrees_as_well():
     written = io.StringIO()
     special = {"record": "special", "branch": 0, "type": "fold", "value": np.radians(3), "status": "converged"}
     print_branch(Console(file=written, width=100), [special | {"reason": "", "next": []}], "walker.slope")

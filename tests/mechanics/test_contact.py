@@ -15,15 +15,9 @@ from oracles import (
 )
 from scipy.integrate import solve_ivp
 
-from gaitopt.mechanics import (
-    CONTACTS,
-    CompassBiped,
-    ConstantTorque,
-    HybridSystem,
-    Mode,
-    RimlessWheel,
-    margin_names,
-)
+from gaitopt.mechanics import CONTACTS, ConstantTorque, HybridSystem, Mode, margin_names
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 MODES = CONTACTS

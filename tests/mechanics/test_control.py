@@ -7,7 +7,6 @@ from oracles import CASES, numbers
 
 from gaitopt.mechanics import (
     BeyondEnd,
-    CompassBiped,
     ConstantTorque,
     Control,
     HybridSystem,
@@ -17,6 +16,7 @@ from gaitopt.mechanics import (
     ProportionalDerivative,
 )
 from gaitopt.mechanics.control.reference import continued
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 KP, KD = 12.0, 3.0
 STATE = np.array([0.1, -0.2, 0.0, 0.7, -0.4, 0.0])
@@ -59,7 +59,7 @@ def test_pd_law_pulls_each_joint_towards_its_reference() -> None:
 @pytest.mark.parametrize(
     ("beyond_end", "angle", "rate"), [(BeyondEnd.HOLD, 0.7, 0.0), (BeyondEnd.LINEAR, 0.7 + 0.4, 1.0)]
 )
-def test_pd_law_past_the_end_follows_what_was_asked_for(beyond_end: BeyondEnd, angle: float, rate: float) -> None:
+def test_pd_law_past_the_end_follows_its_setting(beyond_end: BeyondEnd, angle: float, rate: float) -> None:
     expected = [-KP * (0.1 - angle) - KD * (0.7 - rate), -KP * (-0.2 + 0.1) - KD * (-0.4)]
     np.testing.assert_allclose(torque(law(beyond_end), 0.9, segment=1), expected, rtol=1e-13)
 

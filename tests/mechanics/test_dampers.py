@@ -12,7 +12,9 @@ from scipy.integrate import solve_ivp
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.gait import observe
-from gaitopt.mechanics import Damper, Mode, check_walker
+from gaitopt.mechanics import Mode
+from gaitopt.mechanics.consistency import check_walker
+from gaitopt.mechanics.mechanism import Damper
 from gaitopt.mechanics.walkers.telescopic import TelescopicCompass
 from gaitopt.mechanics.walkers.torso import TorsoWalker
 

@@ -8,16 +8,8 @@ import pytest
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.gait import ImpactRecord
-from gaitopt.mechanics import (
-    CONTACTS,
-    CompassBiped,
-    Dynamics,
-    HybridSystem,
-    ImpactLaw,
-    Mode,
-    NoControl,
-    StaticKineticFriction,
-)
+from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, ImpactLaw, Mode, NoControl, StaticKineticFriction
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.contact_resolver import ContactResolver
 from tests.oracles import CASES

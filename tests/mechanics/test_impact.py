@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from oracles import CASES, FRICTION, SLIPS, WHEEL, Case, differences, numbers
 
-from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, ImpactLaw, Mode, NoControl
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 MODES = CONTACTS

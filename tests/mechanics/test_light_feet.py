@@ -5,7 +5,7 @@ import pytest
 
 from gaitopt.mechanics import Mode
 from gaitopt.problem import load_problem
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 flint = pytest.importorskip("flint")
 

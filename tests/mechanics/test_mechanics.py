@@ -7,8 +7,9 @@ import pytest
 from casadi import SX, Function, vertcat
 from oracles import CASES, COMPASS, WHEEL, Case, differences, numbers
 
-from gaitopt.mechanics import Body, Mechanism, Walker
+from gaitopt.mechanics import Walker
 from gaitopt.mechanics.lagrangian import equations_of_motion
+from gaitopt.mechanics.mechanism import Body, Mechanism
 
 
 @pytest.fixture(params=CASES.values(), ids=CASES)

@@ -9,7 +9,6 @@ from oracles import CASES, Case, differences, directional, numbers
 from gaitopt.mechanics import (
     CONTACTS,
     BeyondEnd,
-    CompassBiped,
     HybridSystem,
     Mode,
     Piece,
@@ -18,6 +17,7 @@ from gaitopt.mechanics import (
     margin_names,
 )
 from gaitopt.mechanics.control.reference import continued
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
 Array = np.ndarray
 MODES = CONTACTS
@@ -77,7 +77,9 @@ def test_derivatives_agree_with_central_differences(name: str, mode: Mode) -> No
         n = z.size
         (dy,) = numbers(system.variational(mode, n)(0.2, np.concatenate([z, np.eye(n).ravel()]), p, r))
         np.testing.assert_allclose(dy[:n], evaluated(system.flow(mode))(z), rtol=1e-12, atol=1e-12)
-        A, gradients = dy[n:].reshape(n, n).T, system.gradients(mode)(0.2, z, p, r)
+        A, (dz, gradients, rates) = dy[n:].reshape(n, n).T, numbers(system.linearized(mode)(0.2, z, p, r))
+        np.testing.assert_allclose(dz, dy[:n], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(rates, numbers(system.events(mode)(0.2, z, p, r))[1], rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(A, differences(evaluated(system.flow(mode)), z), rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(gradients, differences(evaluated(system.margins(mode)), z), rtol=1e-6, atol=1e-6)
 

@@ -3,17 +3,9 @@
 import numpy as np
 import pytest
 
-from gaitopt.mechanics import (
-    CONTACTS,
-    CompassBiped,
-    Dynamics,
-    HybridSystem,
-    Mode,
-    NoControl,
-    RimlessWheel,
-    margin_names,
-    margin_scales,
-)
+from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, Mode, NoControl, margin_names, margin_scales
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 
 def test_the_compass_is_measured_by_its_leg_weight_and_fall() -> None:

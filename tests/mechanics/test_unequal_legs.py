@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt.errors import GaitoptError, SolveError
-from gaitopt.mechanics import Dynamics, HybridSystem, NoControl, Walker, check_walker
+from gaitopt.mechanics import Dynamics, HybridSystem, NoControl, Walker
+from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.walkers.unequal_compass import UnequalCompass
 from gaitopt.simulation import Simulator
 from gaitopt.study import return_map

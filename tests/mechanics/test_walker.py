@@ -8,18 +8,11 @@ from oracles import CASES, COMPASS, TORSO, WHEEL, TorsoCompass
 from pydantic import ValidationError
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.mechanics import (
-    CompassBiped,
-    Cycle,
-    Dynamics,
-    Mode,
-    ModeSequence,
-    RimlessWheel,
-    Walker,
-    find_walker,
-    registered_walkers,
-)
+from gaitopt.mechanics import Cycle, Dynamics, Mode, ModeSequence, Walker
+from gaitopt.mechanics.registry import find_walker, registered_walkers
 from gaitopt.mechanics.units import parse_angle
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 
 WALKERS = {RimlessWheel: WHEEL, CompassBiped: COMPASS, TorsoCompass: TORSO}
 

@@ -9,7 +9,7 @@ from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.nlp.complementarity.program import Complementarity, Proposal
 from gaitopt.nlp.complementarity.swing import shapes_before, swing
 from gaitopt.problem import load_problem
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 FORWARD, STICK, BACKWARD = Mode.SLIP_FORWARD, Mode.STICK, Mode.SLIP_BACKWARD
 GAIT_A = ((FORWARD, STICK, BACKWARD), STICK)

@@ -6,9 +6,10 @@ from named import named
 
 from gaitopt import simulate, solve, verify
 from gaitopt.gait import Ending, Status
-from gaitopt.mechanics import BeyondEnd, BezierTracking, control_points
+from gaitopt.mechanics import BeyondEnd, BezierTracking
+from gaitopt.mechanics.control.bezier_tracking import control_points
 from gaitopt.problem import load_problem, parse_problem
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 FREE_TORQUES = {
     "control.ankle": {"free": [-5, 5], "guess": 1.0},

@@ -1,6 +1,7 @@
 """The exact problem of a design: scalars and their derivatives, quadratic programs, optima and their neighbours."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ import pytest
 from gaitopt import solve, verify
 from gaitopt.gait import curves
 from gaitopt.nlp.design import neighbourhood
+from gaitopt.nlp.design.absolute_work import WorkRemainder
 from gaitopt.nlp.design.moduli import circle_rows, modulus_gradient
 from gaitopt.nlp.design.outcome import EXTREMA, RADIUS
 from gaitopt.nlp.design.quadratic import least_distance
 from gaitopt.nlp.design.scalars import Scalars
-from gaitopt.nlp.design.sensitivity import sensitivity
+from gaitopt.nlp.design.sensitivity import Curve, sensitivity
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
@@ -120,6 +122,44 @@ def test_quadratic_program_is_solved_to_its_optimality_conditions():
     assert weights.min() >= 0
     assert np.abs(weights * (A @ d + b)).max() < 1e-9
     assert np.abs(H @ d + g - A.T @ weights).max() < 1e-9
+
+
+def test_quadratic_program_that_is_almost_linear_meets_its_active_constraints():
+    g, A, b = np.array([0.003, 0.98, 2.0]), np.array([[0.1, 0, 0], [-4, 12.6, -39.5], [0.025, -0.105, 0.465]]), 1e-5
+    d, weights = least_distance(1e-6 * np.eye(3), g, A, np.full(3, b))
+    assert weights.min() > 0
+    assert pytest.approx(-b, rel=1e-9) == A @ d
+    assert weights == pytest.approx(np.linalg.solve(A.T, g), rel=1e-6)
+
+
+def arc_of(torque, by_torque, rate):
+    """An arc of two seconds with one motor whose torque moves with one unknown."""
+    ones = np.ones_like(torque)
+    u, w = (
+        Curve(values=values, slopes=slopes[:, None], duration=2.0, stretch=np.zeros(1))
+        for values, slopes in ((torque, by_torque * ones), (rate, 0 * ones))
+    )
+    return SimpleNamespace(torque=(u,), rate=(w,), ahead=u)
+
+
+@pytest.mark.parametrize("d", [-0.3, 1e-3, 0.4])
+def test_remainder_where_torque_and_rate_vanish_together_is_a_cube(d):
+    s = curves.points(17)
+    r = WorkRemainder([arc_of(s, 1.0, s)], np.ones(1)).at(np.array([d]))  # |s (s + d)|
+    assert r.value == pytest.approx(abs(d) ** 3 / 3, abs=1e-14)
+    assert r.gradient == pytest.approx(d * abs(d), abs=1e-14)
+    assert r.hessian == pytest.approx(2 * abs(d), rel=1e-9)
+
+
+@pytest.mark.parametrize("d", [-0.1, 1e-8, 1e-3, 0.2])
+def test_remainder_where_the_power_touches_zero_bends_by_a_root(d):
+    s = curves.points(17)
+    size = 0.5
+    arc = arc_of(s**2, -1.0 / size, np.ones_like(s))  # |s^2 - d|
+    r, deep = WorkRemainder([arc], np.array([size])).at(np.array([d])), max(d, 0.0)
+    assert r.value == pytest.approx(8 / 3 * deep**1.5, abs=1e-14)
+    assert r.gradient == pytest.approx(4 * np.sqrt(deep), abs=1e-11)
+    assert r.hessian == pytest.approx(2 / np.sqrt(deep) if deep else 0.0, rel=1e-6, abs=1e-12)
 
 
 def test_contradicting_constraints_have_no_solution():

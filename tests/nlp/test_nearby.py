@@ -10,7 +10,7 @@ from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.nearby import REACH, solve_nearby
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 NAMES = (
     "compass-passive-a",

@@ -7,7 +7,8 @@ import pytest
 
 from gaitopt.errors import SolveError
 from gaitopt.gait import Status
-from gaitopt.mechanics import CONTACTS, CompassBiped, Dynamics, HybridSystem, Mode, NoControl
+from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, Mode, NoControl
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.nlp import integrate_to, roll_out, solve_gait
 from gaitopt.nlp.integrator import ORDER, shooting_step
 from gaitopt.nlp.layout import layout

@@ -8,7 +8,9 @@ import pytest
 from casadi import MX, Function, asin, jacobian, sin, vertcat
 
 from gaitopt import solve
-from gaitopt.mechanics import CompassBiped, Cycle, HybridSystem, Mechanism, Mode, NoControl
+from gaitopt.mechanics import Cycle, HybridSystem, Mode, NoControl
+from gaitopt.mechanics.mechanism import Mechanism
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting

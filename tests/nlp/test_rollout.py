@@ -10,7 +10,7 @@ from gaitopt.mechanics import MARGINS, Cycle, Dynamics, Mode, NoControl
 from gaitopt.nlp import roll_out
 from gaitopt.nlp.diagnosis import missing_event
 from gaitopt.nlp.rollout import transit_time
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 
 def prepared(name, **overrides):

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.gait import Ending, floquet_multipliers
-from gaitopt.mechanics import CompassBiped, Dynamics, HybridSystem, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.orbit import ReturnMap
 from gaitopt.orbit.return_map import ROUNDING
 from gaitopt.simulation import Simulator
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 Array = NDArray[np.float64]
 

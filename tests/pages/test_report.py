@@ -78,7 +78,7 @@ def test_a_failed_attempt_has_no_report():
         comparison_report([failed])
 
 
-def test_gaits_of_one_name_are_told_apart():
+def test_gaits_of_one_name_are_distinguished():
     ours = gait("compass-passive-a")
     other = replace(ours, problem=ours.problem.replace({"friction": 0.145}))
     names = [shown["film"]["name"] for shown in data_of(comparison_report([ours, other]))["gaits"]]

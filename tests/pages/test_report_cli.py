@@ -4,7 +4,7 @@ import pytest
 from pictured import branch, gait
 
 from gaitopt.cli.main import main
-from gaitopt.store import LineWriter
+from gaitopt.store.lines import LineWriter
 from gaitopt.store.run import begin_run
 
 PROBLEM = "rimless-wheel-slip"

@@ -13,13 +13,16 @@ from gaitopt.cli.main import main
 from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait import Gait
-from gaitopt.paper import Archive
+from gaitopt.paper import reproduction
+from gaitopt.paper.archive import Archive
 from gaitopt.paper.copied_torques import copied_torques, mean_torques
-from gaitopt.paper.families import follow_families
 from gaitopt.paper.figures import FIGURES
 from gaitopt.paper.gaits import SOURCES, family_of, has_family, problem_of
+from gaitopt.paper.needs import Kind, needs
 from gaitopt.paper.numbers import NUMBERS
+from gaitopt.paper.preparation import prepared
 from gaitopt.paper.reasons import EXPLANATIONS, Reason
+from gaitopt.paper.reproduction import parts, reproduce
 from gaitopt.paper.sentences import SENTENCES
 from gaitopt.paper.table import markdown, record, row
 from gaitopt.store import run_folder
@@ -65,7 +68,7 @@ def test_rounding_is_a_reason_only_where_the_rounding_of_the_torques_reaches_the
             assert least - number.half_digit <= printed <= most + number.half_digit, entry["quantity"]
 
 
-def test_a_part_of_the_table_computed_anew_is_what_is_committed(archive):
+def test_a_part_of_the_table_computed_again_is_what_is_committed(archive):
     stored = {(entry["where"], entry["quantity"]): entry for entry in committed()["numbers"]}
     for number in NUMBERS:
         if number.quantity in RECOMPUTED:
@@ -79,6 +82,36 @@ def test_every_committed_figure_is_there_and_no_other():
 
 def test_the_committed_markdown_is_that_of_the_committed_numbers():
     assert (COMMITTED / "table.md").read_text(encoding="utf-8") == markdown(committed())
+
+
+def test_no_problem_is_computed_twice():
+    everything = set().union(*needs(parts()).values())
+    digests = [problem_of(name).digest for kind, name in everything if kind is not Kind.ROUNDED]
+    assert len(digests) == len(set(digests)) == len({problem_of(name).digest for name in SOURCES})
+
+
+def test_a_figure_needs_families_or_gaits():
+    assert needs(["fig4"])["fig4"] == {(Kind.FAMILY, "wheel")}
+    assert needs(["fig3"])["fig3"] == {(Kind.GAIT, "wheel")}
+    assert needs(["fig3", "fig4"])["fig3"] == {(Kind.FAMILY, "wheel")}  # which holds its gait
+
+
+def test_progress_counts_what_parts_need_too(tmp_path, archive):
+    counts = []
+    reproduce(archive, tmp_path, ("fig3", "fig6"), lambda done, total: counts.append((done, total)))
+    assert counts == [(0, 100), (50, 100), (100, 100)]
+
+
+def test_the_remaining_time_is_told_from_the_first_family_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(reproduction, "prepared", lambda archive, needed, workers: iter(needed))
+    monkeypatch.setattr(reproduction, "_figure", lambda *_: [])
+    monkeypatch.setattr(reproduction, "_table", lambda *_: [])
+    counts: list[int] = []
+    reproduce(Archive(tmp_path), tmp_path, (), lambda done, total: counts.append(done), Workers(count=2))
+    assert counts[0] == 0
+    assert 15 < counts[1] < 35  # the first of sixteen needs is the longest by far
+    assert counts[-1] == 100
+    assert np.all(np.diff(counts) >= 0)
 
 
 @pytest.mark.parametrize("name", SOURCES)
@@ -114,7 +147,7 @@ def test_a_second_reproduction_computes_nothing(tmp_path):
     assert len(said) == 2  # solved once, continued once
 
 
-def test_a_family_that_was_interrupted_is_taken_up_and_ends_the_same(tmp_path):
+def test_an_interrupted_family_resumes_and_ends_the_same(tmp_path):
     problem, polls = problem_of("B"), iter(range(1000))
     whole = Archive(tmp_path / "whole").family(problem, "friction", (0.13,))
     Archive(tmp_path / "torn").gait(problem)
@@ -149,7 +182,7 @@ def test_an_error_without_an_interrupt_stays_what_it_is():
         raise NotImplementedError("wrong arguments")
 
 
-def test_one_figure_alone_is_written_where_it_is_wanted(tmp_path, monkeypatch, capsys):
+def test_one_figure_alone_is_written_to_its_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", "gamus-or-2013", "--only", "fig3", "-o", "pictures"]) == 0
     assert sorted(path.name for path in Path("pictures").iterdir()) == ["fig3.png", "fig3.svg"]
@@ -183,7 +216,8 @@ def test_the_whole_table_computed_from_nothing_is_what_is_committed(archive):
 @pytest.mark.slow
 def test_families_that_two_processes_follow_are_those_of_one(tmp_path: Path) -> None:
     names, values = ("wheel", "I"), []
-    follow_families(Archive(tmp_path / "both"), names, Workers(count=2))
+    needed = [(Kind.FAMILY, name) for name in names]
+    assert set(prepared(Archive(tmp_path / "both"), needed, Workers(count=2))) == set(needed)
     assert all(has_family(Archive(tmp_path / "both"), name) for name in names)
     for folder in ("both", "one"):
         archive = Archive(tmp_path / folder)

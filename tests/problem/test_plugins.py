@@ -8,7 +8,9 @@ import pytest
 
 from gaitopt.cli.main import main
 from gaitopt.errors import GaitoptWarning, ProblemError, UnknownNameError
-from gaitopt.mechanics import RimlessWheel, Walker, find_walker, registered_walkers, registry
+from gaitopt.mechanics import Walker, registry
+from gaitopt.mechanics.registry import find_walker, registered_walkers
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.problem import load_problem
 
 OWN = [

@@ -15,19 +15,9 @@ from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.units import NonNegative
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.problem import (
-    ConstantTorqueSpec,
-    CurveReference,
-    Free,
-    GaitReference,
-    NoControlSpec,
-    PDSpec,
-    Range,
-    load_problem,
-    parse_problem,
-    problem_names,
-    restore_problem,
-)
+from gaitopt.problem import CurveReference, PDSpec, Range, load_problem, parse_problem, problem_names, restore_problem
+from gaitopt.problem.control_sections import ConstantTorqueSpec, GaitReference, NoControlSpec
+from gaitopt.problem.parts import Free
 
 PAPER = {
     "rimless-wheel-stick": (1.0, ("stick",), "stick"),
@@ -111,7 +101,7 @@ def test_parameters_come_in_the_order_walker_friction_control():
     assert list(load_problem("compass-pd-impact-slip").parameters)[-2:] == ["control.kp", "control.kd"]
 
 
-def test_controls_are_told_apart_by_their_type():
+def test_controls_are_distinguished_by_their_type():
     assert load_problem("compass-passive-a").control == NoControlSpec()
     assert load_problem("compass-torque-stick").control == ConstantTorqueSpec(torques={"ankle": 1.65, "hip": 0.54})
     tracked = GaitReference(gait="compass-passive-b", beyond_end=BeyondEnd.FLOW)
@@ -123,7 +113,11 @@ def test_a_curve_may_be_the_reference_and_is_an_unknown():
     problem = parse_problem(walking(control=curve) + "objective: cost_of_transport\n")
     reference = problem.control.reference
     assert isinstance(reference, CurveReference)
-    assert (reference.degree, reference.start, reference.beyond_end) == (5, "compass-passive-b", BeyondEnd.OFF)
+    assert (reference.curve.degree, reference.curve.start, reference.beyond_end) == (
+        5,
+        "compass-passive-b",
+        BeyondEnd.OFF,
+    )
     assert problem.reference_problem().name == "compass-passive-b"
     assert restore_problem(problem.resolved()).digest == problem.digest
 
@@ -269,7 +263,7 @@ def test_references_that_run_in_a_circle_are_refused(tmp_path):
         load_problem(tmp_path / "self.yaml")
 
 
-def test_a_fault_of_the_reference_is_told_with_its_own_place(tmp_path):
+def test_a_fault_of_the_reference_is_reported_with_its_own_place(tmp_path):
     (tmp_path / "walk.yaml").write_text(walking().replace("friction: 0.14", "friction: -1"))
     with pytest.raises(ProblemError, match=r"control\.reference\.gait: .*walk\.yaml:\d+:1 friction: -1 must be"):
         parse_problem(walking("track", tracking("walk.yaml")), tmp_path / "track.yaml")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics import registered_walkers
+from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.problem import load_problem, parse_problem
 
 GAIT = """\
@@ -379,7 +379,7 @@ def test_a_passive_walker_has_no_torque_to_ask_for(name):
     assert "this walker is passive" in only(f"{text}constraints: {{{name}: {{max: 1}}}}\n")
 
 
-def test_required_friction_cannot_be_asked_of_a_gait_that_never_sticks():
+def test_required_friction_cannot_be_constrained_where_a_gait_never_sticks():
     text = changed(("hip: 0.2", HIP), ("[slip_forward, stick]", "[slip_forward]"), ("[0.1, 0.6]", "[0.7]"))
     assert "is defined by sticking phases" in only(f"{text}objective: required_friction\n")
 

@@ -5,7 +5,8 @@ import re
 import pytest
 
 from gaitopt.errors import ProblemError
-from gaitopt.problem import OpenSequence, load_problem, parse_problem, restore_problem
+from gaitopt.problem import load_problem, parse_problem, restore_problem
+from gaitopt.problem.parts import OpenSequence
 
 WHEEL = """
 name: wheel

@@ -12,12 +12,13 @@ from flint import arb, arb_mat, ctx  # noqa: E402
 from gaitopt import load_problem, prove, simulate, solve  # noqa: E402
 from gaitopt.errors import UnknownNameError  # noqa: E402
 from gaitopt.gait import measure  # noqa: E402
-from gaitopt.proof import PRECISION, check, claims, krawczyk, orbit, prove_special  # noqa: E402
+from gaitopt.proof import check, claims, krawczyk, orbit, prove_special  # noqa: E402
 from gaitopt.proof.branch import connection_claim  # noqa: E402
 from gaitopt.proof.check import check_box  # noqa: E402
 from gaitopt.proof.graph import NotProved  # noqa: E402
 from gaitopt.proof.parameters import ball, exact_texts  # noqa: E402
 from gaitopt.proof.statement import restore_box, restore_statement  # noqa: E402
+from gaitopt.proof.taylor import PRECISION  # noqa: E402
 
 WHEELS = ("rimless-wheel-stick", "rimless-wheel-slip")
 OTHERS = {
@@ -395,10 +396,10 @@ def test_parameters_are_read_as_the_file_writes_them():
     problem = load_problem("rimless-wheel-stick")
     found = gait("rimless-wheel-stick")
     values = dict(zip(found.system.parameters, found.p, strict=True))
-    texts = exact_texts(problem, found.system, values)
+    texts = exact_texts(problem, values)
     assert texts["walker.slope"] == "13 deg"
     assert texts["walker.inertia_ratio"] == "0.3333333333333333"
-    changed = exact_texts(problem, found.system, {**values, "friction": 0.1})
+    changed = exact_texts(problem, {**values, "friction": 0.1})
     assert changed["friction"] == "0.1"
     with ctx.workprec(128):
         assert ball("0.1").overlaps(arb(1) / 10)

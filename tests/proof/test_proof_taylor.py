@@ -11,7 +11,8 @@ flint = pytest.importorskip("flint")
 from flint import acb, arb, arb_mat, ctx  # noqa: E402
 
 from gaitopt import load_problem  # noqa: E402
-from gaitopt.mechanics import CONTACTS, CompassBiped, HybridSystem, Mode, NoControl  # noqa: E402
+from gaitopt.mechanics import CONTACTS, HybridSystem, Mode, NoControl  # noqa: E402
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped  # noqa: E402
 from gaitopt.proof import taylor  # noqa: E402
 from gaitopt.proof.field import Field, States  # noqa: E402
 from gaitopt.proof.graph import BINARY, UNARY, Graph, NotProved, Refuted, exact_constant  # noqa: E402

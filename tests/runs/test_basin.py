@@ -18,7 +18,7 @@ from gaitopt.gait import Ending
 from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.problem import load_problem
 from gaitopt.runs import basin_run
-from gaitopt.runs.basin import MAX_PERIOD, SETTLED, UNDECIDED, Attractors, follow
+from gaitopt.runs.basin import MAX_PERIOD, SETTLED, UNDECIDED, claim, follow
 from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
 from gaitopt.runs.basin_tiles import read_basin
 from gaitopt.runs.grid import Axis, Grid
@@ -79,7 +79,7 @@ def test_states_are_counted_once(basin):
     assert sum(gait["states"] for gait in record["gaits"]) + sum(record["failures"].values()) == GRID.size
 
 
-def test_basin_that_was_stopped_goes_on_where_it_was(gait, basin, tmp_path, monkeypatch):
+def test_a_stopped_basin_resumes_where_it_stopped(gait, basin, tmp_path, monkeypatch):
     monkeypatch.setattr(basin_run, "TILE", 32)
     done = []
     plan = plan_in(tmp_path, gait)
@@ -120,7 +120,7 @@ def test_tile_that_is_broken_is_named(gait, tmp_path):
         walk_basin(plan, HERE)
 
 
-def test_tiles_of_another_question_are_not_taken(gait, tmp_path):
+def test_tiles_of_another_basin_are_not_used(gait, tmp_path):
     assert plan_in(tmp_path, gait).place != plan_in(tmp_path, gait, max_steps=10).place
 
 
@@ -159,9 +159,9 @@ def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     )
     outcomes = follow(Map(rotation(angle, 1.0) if period > 1 else rotation(0, 0.5)), cycle, 200)
     assert set(outcomes.periods) == {period}
-    attractors = Attractors(load_problem("compass-passive-a"))
-    assert set(attractors.add(outcomes)) == {0}
-    assert attractors.gaits[0].count == len(cycle)
+    gaits = []
+    assert set(claim(outcomes, gaits, load_problem("compass-passive-a"))) == {0}
+    assert gaits[0].count == len(cycle)
 
 
 def test_walk_that_never_settles_is_undecided_and_one_that_falls_is_not():
@@ -180,9 +180,9 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
     xi = np.column_stack([np.full(12, -0.31), rates, np.full(12, -0.15), np.zeros(12)])
     outcomes = follow(step_map(problem, None, Engine.HEYOKA), xi, 400)
     assert set(outcomes.periods) <= {0, period}
-    attractors = Attractors(problem)
-    attractors.add(outcomes)
-    (attractor,) = attractors.gaits
+    gaits = []
+    claim(outcomes, gaits, problem)
+    (attractor,) = gaits
     assert str(attractor).startswith("sticking")
     gait = go.solve(attractor)
     assert len(gait.steps) == period

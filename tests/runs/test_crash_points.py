@@ -15,7 +15,8 @@ from crash_points import KILLED, CrashPoint
 
 from gaitopt.cli.main import main
 from gaitopt.problem import load_problem
-from gaitopt.store import Table, growing, read_run, stored_lines, write_run
+from gaitopt.store import Table, growing, stored_lines
+from gaitopt.store.run import read_run, write_run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="a process is forked for every crash point")
 

@@ -9,7 +9,7 @@ from gaitopt.runs import solved
 from gaitopt.runs.front import design_front
 from gaitopt.runs.grid import Axis
 from gaitopt.runs.multistart import multistart, sampled
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 from gaitopt.workers.jobs import Workers
 
 AXIS = Axis(key="constraints.speed.min", lower=0.4, upper=0.45, count=2)
@@ -40,7 +40,7 @@ def test_cost_rises_along_the_pareto_front(front):
     assert len(costs) == 2
 
 
-def test_front_goes_on_where_it_was(front, folder, monkeypatch):
+def test_front_resumes_where_it_stopped(front, folder, monkeypatch):
     monkeypatch.setattr(solved, "solve_job", None)  # nothing is left to do
     again = design_front(asked(), AXIS, folder)
     assert [point.to_record() for point in again] == [point.to_record() for point in front]

@@ -39,7 +39,7 @@ def squares(folder, done, **arguments):
     return kept_results(square, JOBS, HERE, folder, FILE, **arguments)
 
 
-def test_a_call_that_was_stopped_goes_on_where_it_was(folder):
+def test_a_stopped_call_resumes_where_it_stopped(folder):
     done = []
     with pytest.raises(KeyboardInterrupt):
         squares(folder, done, should_stop=lambda: len(done) == 3)

@@ -20,7 +20,7 @@ from gaitopt.runs.multistart import multistart
 from gaitopt.runs.solved import JOBS
 from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
 from gaitopt.runs.sweep_table import TABLE_FILE, sweep_record
-from gaitopt.store import read_lines
+from gaitopt.store.lines import read_lines
 from gaitopt.store.manifest import seal
 from gaitopt.workers.jobs import FailedJob, Workers
 
@@ -89,7 +89,7 @@ def test_attempts_that_failed_are_done_too(tmp_path):
     assert run_sweep(wheel_sweep(tmp_path, frictions), HERE).records == first
 
 
-def test_sweep_that_died_goes_on_where_it_was(tmp_path, monkeypatch):
+def test_a_killed_sweep_resumes_where_it_stopped(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     done = []
     with pytest.raises(KeyboardInterrupt):

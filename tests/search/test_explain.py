@@ -58,7 +58,7 @@ def test_the_record_has_the_keys_of_the_command_line(wheel):
     assert record["nearest"][0].keys() >= {"parameter", "value", "type"}
 
 
-def test_families_tell_where_a_sequence_begins_and_ends():
+def test_families_show_where_a_sequence_begins_and_ends():
     stick, slip = (solve(load_problem(f"rimless-wheel-{kind}")) for kind in ("stick", "slip"))
     begin = begin_of_sequence(slip, "friction", 1.0, stick.problem.cycle, None)
     end = end_of_family(stick, "friction", 0.4, None)

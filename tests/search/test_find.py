@@ -89,7 +89,7 @@ def test_a_part_of_the_search_that_failed_is_named(wheel):
     assert (len(gaits), gaits.searched["failed"]) == (0, ["it took 3 workers with it"])
 
 
-def test_an_impact_that_is_asked_for_excludes_the_others():
+def test_a_requested_impact_excludes_the_others():
     problem = open_problem("rimless-wheel-slip", {"gait.impact": "slip_forward"})
     gait = solve(load_problem("rimless-wheel-slip"))
     candidate = {**gait.to_record(), "steps": [gait.to_record()], "start": "test"}

@@ -18,7 +18,7 @@ def test_the_long_gait_stays_long_on_a_steeper_slope():
     assert "followed from the gait of the problem's file" in gait.message
 
 
-def test_where_the_family_ends_on_the_way_place_and_reason_are_told():
+def test_where_the_family_ends_on_the_way_place_and_reason_are_stated():
     gait = solve_as_own(load_problem("compass-passive-stick").replace({"friction": 0.16}))
     assert not gait.converged
     assert "ends near friction = 0.1749" in gait.message
@@ -32,9 +32,9 @@ def test_a_direct_solution_that_is_close_is_taken_as_it_is():
 
 def test_following_arrives_at_the_gait_that_is_solved_directly():
     problem = load_problem("rimless-wheel-stick").replace({"walker.slope": "12deg"})
-    followed = follow(solve(load_problem("rimless-wheel-stick")), problem)
-    assert followed.s == 1
-    assert followed.gait.state == pytest.approx(solve(problem).state, abs=1e-10)
+    gait, s, _ = follow(solve(load_problem("rimless-wheel-stick")), problem)
+    assert s == 1
+    assert gait.state == pytest.approx(solve(problem).state, abs=1e-10)
 
 
 @pytest.mark.parametrize(

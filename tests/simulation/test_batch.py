@@ -13,7 +13,8 @@ from named import named
 
 from gaitopt import return_map
 from gaitopt.gait import Ending
-from gaitopt.mechanics import CONTACTS, CompassBiped, Control, Dynamics, HybridSystem, Mode, NoControl
+from gaitopt.mechanics import CONTACTS, Control, Dynamics, HybridSystem, Mode, NoControl
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.problem import load_problem
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.batch.functions import WIDTH, RowMap
@@ -21,7 +22,7 @@ from gaitopt.simulation.batch.resolver import BatchResolver
 from gaitopt.simulation.batch.simulator import BatchSimulator
 from gaitopt.simulation.batch.steps import ENDINGS, max_phases, phase_code, phase_names
 from gaitopt.simulation.heyoka.stepper import HeyokaStepper
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,9 @@ from numpy.typing import NDArray
 
 pytest.importorskip("heyoka")
 
-from gaitopt.mechanics import (
-    CONTACTS,
-    CompassBiped,
-    Dynamics,
-    HybridSystem,
-    Mode,
-    NoControl,
-    RimlessWheel,
-    margin_names,
-)
+from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, Mode, NoControl, margin_names
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import ScipyStepper, Simulator
 from gaitopt.simulation.batch.simulator import BatchSimulator
 from gaitopt.simulation.batch.steps import BatchSteps, stack_outcomes

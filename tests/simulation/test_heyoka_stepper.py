@@ -17,7 +17,7 @@ from gaitopt.orbit import ReturnMap
 from gaitopt.problem import load_problem, problem_names
 from gaitopt.simulation import ScipyStepper, Simulator, choose_engine, make_stepper
 from gaitopt.simulation.heyoka.stepper import HeyokaStepper
-from gaitopt.study import build_system
+from gaitopt.study.system import build_system
 
 AGREEMENT = 1e-10
 DESIGNS = [name for name in problem_names() if load_problem(name).free or "curve" in load_problem(name).text]

@@ -8,17 +8,9 @@ from numpy.typing import NDArray
 from scipy.integrate import quad, solve_ivp
 
 from gaitopt.gait import Arc, Ending, Step, curves, measure, observe
-from gaitopt.mechanics import (
-    CONTACTS,
-    CompassBiped,
-    ConstantTorque,
-    Dynamics,
-    HybridSystem,
-    Mode,
-    NoControl,
-    RimlessWheel,
-    margin_names,
-)
+from gaitopt.mechanics import CONTACTS, ConstantTorque, Dynamics, HybridSystem, Mode, NoControl, margin_names
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import Simulator
 from gaitopt.simulation.events import LINEAR
 

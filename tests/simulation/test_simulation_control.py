@@ -9,16 +9,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from gaitopt.gait import Ending, curves, observe
-from gaitopt.mechanics import (
-    CompassBiped,
-    Control,
-    Dynamics,
-    HybridSystem,
-    Mode,
-    Piece,
-    ProportionalDerivative,
-    Reference,
-)
+from gaitopt.mechanics import Control, Dynamics, HybridSystem, Mode, Piece, ProportionalDerivative, Reference
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator
 

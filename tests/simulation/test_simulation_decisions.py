@@ -8,7 +8,9 @@ from casadi import DM, SX, Function
 from numpy.typing import NDArray
 
 from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import CONTACTS, CompassBiped, Dynamics, HybridSystem, ImpactLaw, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, ImpactLaw, Mode, NoControl
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 
 Array = NDArray[np.float64]

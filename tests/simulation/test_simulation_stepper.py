@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from gaitopt.gait import Ending
-from gaitopt.mechanics import Dynamics, HybridSystem, Mechanism, Mode, NoControl, RimlessWheel
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl
 from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.mechanics.mechanism import Mechanism
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import Arrival, ScipyStepper, Simulator, scipy_stepper
 
 Array = NDArray[np.float64]

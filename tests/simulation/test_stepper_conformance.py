@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, RimlessWheel, margin_names
+from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, margin_names
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import BatchStepper, Engine, Stepper, make_stepper
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.stepper import LIMIT

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.store import LineWriter, Table, csv_text, files, json_text, read_lines, write_whole
-from gaitopt.store.lines import lines_text
-from gaitopt.store.text import parse_csv, parse_object
+from gaitopt.store import Table, files, json_text, write_whole
+from gaitopt.store.lines import LineWriter, lines_text, read_lines
+from gaitopt.store.text import csv_text, parse_csv, parse_object
 
 ONE_THIRD = 1 / 3
 

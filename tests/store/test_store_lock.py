@@ -11,8 +11,9 @@ import pytest
 
 from gaitopt.errors import StorageError
 from gaitopt.problem import load_problem
-from gaitopt.store import begin_run, read_manifest, writing
+from gaitopt.store import begin_run, writing
 from gaitopt.store.lock import LOCK_FILE, only_writer
+from gaitopt.store.manifest import read_manifest
 
 WHEEL = "rimless-wheel-slip"
 HOLDER = """

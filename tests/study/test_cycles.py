@@ -7,7 +7,8 @@ import pytest
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.gait import floquet_multipliers, multiplier_distance
+from gaitopt.gait import floquet_multipliers
+from gaitopt.gait.multipliers import multiplier_distance
 from gaitopt.mechanics import Cycle, Mode, ModeSequence
 from gaitopt.orbit import ReturnMap
 from gaitopt.simulation import Simulator

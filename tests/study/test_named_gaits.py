@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 import gaitopt as go
-from gaitopt.gait import floquet_multipliers, multiplier_distance
+from gaitopt.gait import floquet_multipliers
+from gaitopt.gait.multipliers import multiplier_distance
 from gaitopt.mechanics import Mode
-from gaitopt.orbit import FixedPoint, ReturnMap
+from gaitopt.orbit import ReturnMap
+from gaitopt.orbit.return_map import FixedPoint
 from gaitopt.simulation import Simulator
 
 Array = NDArray[np.float64]
@@ -195,7 +197,7 @@ def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(
 
 
 @pytest.mark.parametrize(("name", "overrides"), OTHERS, ids=str)
-def test_both_roads_agree_for_other_parameters_from_the_same_guess(name: str, overrides: dict[str, object]) -> None:
+def test_both_methods_agree_for_other_parameters_from_the_same_guess(name: str, overrides: dict[str, object]) -> None:
     gait = go.solve(with_values(name, overrides))
     assert gait.converged
     assert [claim for claim in go.verify(gait).claims if not claim.passed] == []

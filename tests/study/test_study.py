@@ -11,7 +11,8 @@ import gaitopt as go
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Ending, Gait
 from gaitopt.mechanics import BeyondEnd
-from gaitopt.study import Walk, build_system, gait_reference
+from gaitopt.study import Walk
+from gaitopt.study.system import build_system, gait_reference
 
 SIMULATED = {"problem", "status", "friction", "phases", "impact", "state", *MEASURES}
 RESULT = {
@@ -42,7 +43,7 @@ def test_record_has_every_key_and_is_json(result) -> None:
     assert json.loads(json.dumps(record, allow_nan=False)) == record
 
 
-def test_record_of_a_failure_has_no_figures_but_what_was_asked() -> None:
+def test_record_of_a_failure_has_no_figures_but_the_request() -> None:
     record = failure().to_record()
     assert record["status"] == "infeasible"
     assert all(record[name] is None for name in (*MEASURES, "state", "spectral_radius"))
@@ -108,7 +109,7 @@ def test_failed_attempt_needs_a_whole_state() -> None:
     assert isinstance(go.simulate(failure(), {"dtheta": 0.75, "dx": 0.0}), Walk)
 
 
-def test_walk_ends_where_it_is_asked_to() -> None:
+def test_walk_ends_at_the_requested_step() -> None:
     polls = iter([False, False, True])
     walk = go.simulate(gait(), steps=10, should_stop=lambda: next(polls))
     assert len(walk.complete_steps) == 2
@@ -151,7 +152,7 @@ def test_reference_that_flows_on_is_the_motion_of_its_last_mode() -> None:
 
 
 @pytest.mark.parametrize(("beyond_end", "kept"), [(BeyondEnd.LINEAR, 1.0), (BeyondEnd.HOLD, 0.0)])
-def test_reference_goes_on_straight_or_stands_still(beyond_end: BeyondEnd, kept: float) -> None:
+def test_reference_continues_straight_or_stands_still(beyond_end: BeyondEnd, kept: float) -> None:
     source = gait("compass-passive-b")
     last = source.arcs[-1].states[-1]
     angles, rates = gait_reference(source, beyond_end)([source.period + 0.2])

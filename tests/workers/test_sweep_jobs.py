@@ -19,7 +19,7 @@ from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.solved import JOBS
 from gaitopt.runs.sweep import SweepPlan, run_sweep
 from gaitopt.runs.sweep_table import TABLE_FILE
-from gaitopt.store import read_lines
+from gaitopt.store.lines import read_lines
 from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 

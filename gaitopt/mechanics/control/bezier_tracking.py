@@ -71,8 +71,8 @@ class BezierTracking(Control):
             return r[0] * inside
         return r[0] * inside + r[1] * self._feedback(p, angles, rates, *self._continuation(points, t))
 
-    def _feedback(self, p: SX, angles: SX, rates: SX, wanted_angles: SX, wanted_rates: SX) -> SX:
-        return -p[0] * (angles - wanted_angles) - p[1] * (rates - wanted_rates)
+    def _feedback(self, p: SX, angles: SX, rates: SX, target_angles: SX, target_rates: SX) -> SX:
+        return -p[0] * (angles - target_angles) - p[1] * (rates - target_rates)
 
     def _curve(self, points: SX, s: SX) -> tuple[SX, SX]:
         """Angles and rates of the curves at the phase ``s``."""

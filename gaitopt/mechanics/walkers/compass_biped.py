@@ -9,12 +9,13 @@ laboratory sense of the angles: Q_theta1 = ankle + hip, Q_theta2 = hip (theta2 i
 """
 
 from types import SimpleNamespace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from casadi import cos, pi, vertcat
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from gaitopt.mechanics.mechanism import Body, Mechanism, inclined, polar
+from gaitopt.mechanics.ranges import shorter
 from gaitopt.mechanics.units import NonNegative, Positive, Slope
 from gaitopt.mechanics.walker import Walker
 
@@ -36,14 +37,7 @@ class CompassBiped(Walker):
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
 
-    @model_validator(mode="after")
-    def _com_within_leg(self) -> Self:
-        if self.leg_com >= self.leg_length:
-            raise ValueError(
-                f"leg_com = {self.leg_com:g} m must be less than leg_length = {self.leg_length:g} m: "
-                "a mass at or beyond the hip leaves the swing leg without inertia or turns it over"
-            )
-        return self
+    _com_within_leg = shorter("leg_com", "leg_length")
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:

@@ -24,11 +24,28 @@ def least_distance(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array
     G = np.linalg.solve(L, A.T).T
     lengths = np.maximum(np.linalg.norm(G, axis=1), SHORTEST_ROW)
     G, h = G / lengths[:, None], (-b - G @ free) / lengths
+    unit = max(1.0, float(h.max(initial=0.0)))  # of y: nnls distinguishes no distances far from one
+    h /= unit
     target = np.zeros(g.size + 1)
     target[-1] = 1.0
     weights, distance = nnls(np.vstack([G.T, h]), target)
     residual = np.vstack([G.T, h]) @ weights - target
     if distance < CONTRADICTION:
         return None
-    y = -residual[:-1] / residual[-1]
-    return np.asarray(np.linalg.solve(L.T, y + free)), weights / -residual[-1] / lengths
+    y, weights = -unit * residual[:-1] / residual[-1], -unit * weights / residual[-1] / lengths
+    return _refined(H, g, A, b, np.asarray(np.linalg.solve(L.T, y + free)), weights)
+
+
+def _refined(H: Array, g: Array, A: Array, b: Array, d: Array, weights: Array) -> tuple[Array, Array]:
+    """The solution with its active constraints met to rounding, where they determine their multipliers."""
+    active = weights > 0
+    n, m = g.size, int(active.sum())
+    system = np.block([[H, -A[active].T], [A[active], np.zeros((m, m))]])
+    residual = np.concatenate([H @ d + g - A[active].T @ weights[active], A[active] @ d + b[active]])
+    try:
+        change = -np.linalg.solve(system, residual)
+    except np.linalg.LinAlgError:  # constraints that are active twice
+        return d, weights
+    refined = weights.copy()
+    refined[active] += change[n:]
+    return (d + change[:n], refined) if (refined >= 0).all() else (d, weights)

@@ -34,7 +34,7 @@ class Point:
     ----------
     u : ndarray, shape (n_u,) - freed parameters, and levels at the extrema that they stand for.
     objective, gradient : of what is minimised, shape (n_u,).
-    curvature : ndarray, shape (n_u, n_u) - stiff part of its second derivatives.
+    by_work : derivative of the objective in the absolute work of the motors.
     rows : all constraints.
     sensitivity : the gait.
     """
@@ -42,7 +42,7 @@ class Point:
     u: Array
     objective: float
     gradient: Array
-    curvature: Array
+    by_work: float
     rows: tuple[Row, ...]
     sensitivity: Sensitivity
 
@@ -105,12 +105,11 @@ class Reduced:
         values = Values(Scalars(s), self._radius(s), self.levels)
         if values.escaped(self._problem):
             return None
-        objective, gradient = 0.0, np.zeros(freed.size + len(self.levels))
-        curvature = np.zeros((gradient.size, gradient.size))
+        objective, by_work, gradient = 0.0, 0.0, np.zeros(freed.size + len(self.levels))
         for name, weight in self._problem.objective.items():
             value, slope = values.level(name) if name in self.levels else values.single(name)
             objective, gradient = objective + weight * value, gradient + weight * slope
-            curvature += weight * values.curvature(name)
+            by_work += weight * values.scalars.by_work(name)
         rows = [*margin_rows(values), *self._within(values, freed)]
         for name in self.levels:
             rows += values.beyond(name, *values.level(name), EXTREMA[name])
@@ -119,7 +118,7 @@ class Reduced:
         levels = np.array([values.level(name)[0] for name in self.levels])
         u = np.concatenate([freed, levels])
         return Point(
-            u=u, objective=float(objective), gradient=gradient, curvature=curvature, rows=tuple(rows), sensitivity=s
+            u=u, objective=float(objective), gradient=gradient, by_work=by_work, rows=tuple(rows), sensitivity=s
         )
 
     def _radius(self, s: Sensitivity) -> Radius | None:

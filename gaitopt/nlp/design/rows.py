@@ -40,14 +40,14 @@ class Row:
     about : the scalar, parameter or margin that it bounds; ``key`` tells it from the others.
     value : in its natural unit.
     gradient : ndarray, shape (n_u,).
-    curvature : ndarray, shape (n_u, n_u) - stiff part of the second derivatives, where there is one.
+    by_work : derivative in the absolute work of the motors.
     """
 
     about: str
     key: str
     value: float
     gradient: Array
-    curvature: Array | None = None
+    by_work: float = 0.0
     equality: bool = False
 
     @property
@@ -90,14 +90,6 @@ class Values:
             return value, self.extended(gradient)
         piece = self._extreme(name)
         return piece.value, self.extended(piece.gradient)
-
-    def curvature(self, name: str) -> Array:
-        """Stiff part of the second derivatives of a scalar; shape (n_u, n_u)."""
-        n, whole = self.scalars.n_free, np.zeros((self.scalars.n_free + len(self._levels),) * 2)
-        bent = self.scalars.curvature(name)
-        if bent is not None:
-            whole[:n, :n] = bent
-        return whole
 
     def level(self, name: str) -> Valued:
         """A level at its extremum, and its derivative as an unknown."""
@@ -157,7 +149,7 @@ def span_rows(values: Values, name: str, span: Range) -> Iterator[Row]:
             key=f"{name} {side:+d}",
             value=side * (bound - value) / unit,
             gradient=-side * gradient / unit,
-            curvature=-side * values.curvature(name) / unit,
+            by_work=-side * values.scalars.by_work(name) / unit,
             equality=equality,
         )
         yield row

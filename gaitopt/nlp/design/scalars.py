@@ -6,7 +6,7 @@ place, since there the place does not matter. |power| is integrated between its 
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import chain, islice
 
 import numpy as np
@@ -82,22 +82,9 @@ class Scalars:
             self._known[name] = self._smooth[name]()
         return self._known[name]
 
-    def curvature(self, name: str) -> Array | None:
-        """What |power| adds to the second derivatives of a scalar, shape (n_free, n_free); None where nothing.
-
-        With P = u w its changes of sign move, 2 P_v P_v' / |dP/dt| at each, and torque and rate change together,
-        the integral of sign(P) (u_v w_v' + w_v u_v'). Where both vanish nearly at once either is large, and only
-        their sum is right. The second derivatives of the motion itself are left out.
-        """
-        return self._power_curvature if name == "absolute_cost_of_transport" else None
-
-    @cached_property
-    def _power_curvature(self) -> Array:
-        total = np.zeros((self.n_free, self.n_free))
-        for arc in self._s.arcs:
-            for u, rate, power in zip(arc.torque, arc.rate, arc.power, strict=True):
-                total += _bent(u, rate, power)
-        return total / self._weighted_length()[0]
+    def by_work(self, name: str) -> float:
+        """Derivative of a scalar in the absolute work of the motors [1/J]."""
+        return 1 / self._weighted_length()[0] if name == "absolute_cost_of_transport" else 0.0
 
     def pieces(self, name: str) -> list[Piece]:
         """The values whose extremum a scalar is."""
@@ -203,19 +190,6 @@ def _both_signs(pieces: Iterator[Piece]) -> Iterator[Piece]:
     for piece in pieces:
         yield piece
         yield Piece(key=f"-{piece.key}", value=-piece.value, gradient=-piece.gradient)
-
-
-def _bent(torque: Curve, rate: Curve, power: Curve) -> Array:
-    """Second derivatives of the integral of |power| as far as they follow from first ones; (n_free, n_free)."""
-    n = power.stretch.size
-    both = np.einsum("mi,mj->mij", torque.slopes, rate.slopes)
-    both = (both + both.transpose(0, 2, 1)).reshape(-1, n * n)
-    bent = curves.signed_integrals(power.values, both, power.duration).reshape(n, n)
-    places = curves.roots(power.values)
-    speeds = curves.slopes(power.values, places)
-    for moved, speed in zip(power.at(places)[1], speeds, strict=True):
-        bent += np.outer(moved, moved) * power.duration / abs(speed)
-    return bent
 
 
 def _total(terms: Iterator[Valued]) -> Valued:

@@ -1,21 +1,17 @@
-"""Sequential quadratic programming in the freed parameters.
+"""Sequential programming in the freed parameters: the best step of a ``model`` at each point, as far as it is a gain.
 
-    min  g' d + d' H d / 2    s.t.  A d + b >= 0,        H = stiff part + rest
-
-The stiff part of the Lagrangian's Hessian, from the changes of sign of the power, is known; the rest is learnt by
-damped BFGS updates (Powell 1978; structured: Dennis, Martinez & Tapia 1989). Unknowns and objective are counted in
-their typical sizes throughout.
+The model's Hessian is taken by differences of the Lagrangian's gradient once, and learnt from then on by symmetric
+secant updates (Powell 1970), what the changes of sign of the power add to it being known at every point.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.nlp.design.optimality import NEGLIGIBLE, kkt_residual, objective_size
-from gaitopt.nlp.design.quadratic import least_distance
+from gaitopt.nlp.design.model import ARMIJO, Model, raised
+from gaitopt.nlp.design.optimality import kkt_residual
 from gaitopt.nlp.design.reduced import Point, Reduced
 from gaitopt.nlp.ipopt import Progress
 
@@ -23,23 +19,21 @@ MAX_ITERATIONS = 200
 OPTIMALITY, MET = 1e-6, 1e-9
 """KKT residual, and violation of constraints in their natural units, of a design that is called converged."""
 OPTIMAL, FEASIBLE = 1e-7, 1e-11
-"""The same where a search ends, as far down as the rounding of a gait allows."""
-FARTHEST = 0.3
-"""Longest step, relative to the sizes of the unknowns."""
+"""The same from where a search ends as soon as it no longer converges fast, by the rounding of a gait."""
+FAST = 0.1
+"""Ratio of KKT residuals of a search that still does."""
+FIRST_REACH = 0.3
+"""Longest first step, relative to the sizes of the unknowns; twice as far after one that went as the model promised."""
+EDGE = 0.99
+"""Part of the reach from where a step counts as kept by it."""
+PROMISED = 0.7
+"""Part of the gain by the model that is meant by that."""
 SHORTEST = 1e-4
 """Part of a step after which a line search gives up."""
-ARMIJO = 1e-4
-"""Part of the gain that the slope promises which a step must reach."""
-FLATTEST = 1e-2
-"""Least curvature of a quadratic program."""
-RELAXED = 1e4
-"""Curvature of the slack of a quadratic program whose constraints contradict each other."""
-DAMPING = 0.2
-"""Part of the curvature so far that an update must leave, Powell (1978)."""
+DIFFERENCE = 1e-4
+"""Step of the differences of gradients, relative to the sizes: a thousand times what a gait is solved to."""
 ROUNDING = 1e-11
 """Of the merit: that of a gait, times the weight of its constraints."""
-PENALTY = 2.0
-"""Weight of violations in the merit function, in multipliers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,135 +82,90 @@ def optimise(
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search.
     """
-    point, rest, penalty = start, np.eye(sizes.size), 0.0
-    fresh = True
+    point, penalty, reach = start, 0.0, FIRST_REACH
+    rest: Array | None = None
+    before = np.inf
     for iteration in range(MAX_ITERATIONS + 1):
         kkt, multipliers = kkt_residual(point, sizes)
         if progress is not None:
             progress(iteration, point.violation)
         interrupted = should_stop is not None and should_stop()
-        if interrupted or (kkt < OPTIMAL and point.violation < FEASIBLE):
+        if interrupted or (before < OPTIMAL and kkt >= FAST * before and point.violation < FEASIBLE):
             break
-        model = _Model(point, sizes, rest, multipliers)
-        d, weights = model.solve()
-        penalty = max(PENALTY * float(np.abs(weights).max(initial=0.0)), penalty / PENALTY)
-        after = _line_search(problem, model, d, penalty)
+        before = kkt
+        model = Model(point, sizes, reach)
+        weights = model.weights(multipliers)
+        fresh = rest is None
+        if rest is None:
+            rest = _by_differences(problem, model, weights)
+        d, weights = model.solve(rest, weights)
+        penalty = raised(penalty, weights)
+        after, part = _line_search(problem, model, rest, d, weights, penalty)
         if after is not None:
-            rest, point, fresh = _updated(rest, model, weights, after, sizes), after, False
-        elif fresh:
+            reach = _reach(model, rest, d, part, penalty, after)
+            rest, point = _updated(rest, *model.secant(after, weights)), after
+        elif fresh or (kkt < OPTIMAL and point.violation < FEASIBLE):
             break
         else:
-            rest, fresh = np.eye(sizes.size), True
+            rest, reach = None, FIRST_REACH
     return Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted)
 
 
-class _Model:
-    """The quadratic program at a point, in sizes."""
-
-    def __init__(self, point: Point, sizes: Array, rest: Array, multipliers: Mapping[str, float]) -> None:
-        self.point, self.sizes = point, sizes
-        self.scale = objective_size(point)
-        self.H = _definite(rest + _stiff(point, sizes, multipliers))
-        self.gradient = point.gradient * sizes / self.scale
-        reach = 2 * FARTHEST * np.sqrt(sizes.size)
-        lengths = [float(np.linalg.norm(row.gradient * sizes)) for row in point.rows]
-        near = [
-            (row, a) for row, a in zip(point.rows, lengths, strict=True) if a > NEGLIGIBLE and row.value < reach * a
-        ]
-        self.rows = [row for row, _ in near]
-        self.A = np.array([row.gradient * sizes for row in self.rows]).reshape(-1, sizes.size)
-        self.b = np.array([row.value for row in self.rows])
-        self.equality = np.array([row.equality for row in self.rows], dtype=bool)
-
-    def by_key(self, weights: Array) -> dict[str, float]:
-        """Multipliers of the rows by their keys."""
-        return {row.key: float(w) for row, w in zip(self.rows, weights, strict=True)}
-
-    def solve(self, shift: Array | float = 0.0) -> tuple[Array, Array]:
-        """Step and multipliers of the rows; shapes (n_u,) and (n_rows,).
-
-        Parameters
-        ----------
-        shift : added to the values of the rows.
-        """
-        n, b = self.sizes.size, self.b + shift
-        box = np.vstack([np.eye(n), -np.eye(n)])
-        A, c = (
-            np.vstack([self.A, -self.A[self.equality], box]),
-            np.concatenate([b, -b[self.equality], np.full(2 * n, FARTHEST)]),
-        )
-        solution = least_distance(self.H, self.gradient, A, c)
-        if solution is None:  # the linearised constraints contradict each other: all of them are relaxed alike
-            H = np.zeros((n + 1, n + 1))
-            H[:n, :n], H[n, n] = self.H, RELAXED
-            slack = np.maximum(0.0, -c)[:, None]
-            solution = least_distance(H, np.append(self.gradient, 0.0), np.hstack([A, slack]), c)
-        if solution is None:
-            raise np.linalg.LinAlgError("the relaxed quadratic program, which has a solution, was not solved")
-        d, weights = solution
-        m = self.b.size
-        multipliers = weights[:m].copy()
-        multipliers[self.equality] -= weights[m : m + int(self.equality.sum())]
-        return d[:n], multipliers
+def _by_differences(problem: Reduced, model: Model, weights: Array) -> Array:
+    """Hessian of the Lagrangian without what the absolute work adds, (n_u, n_u); zero where no gait is near."""
+    n, n_free = model.sizes.size, len(problem.free)
+    hessian = np.zeros((n, n))
+    for k, step in enumerate(np.diag(DIFFERENCE * model.sizes)[:n_free]):
+        for sign in (1, -1):
+            neighbour = problem.moved(model.point, sign * step)
+            if neighbour is None:
+                continue
+            s, y = model.secant(neighbour, weights)
+            if s[k] != 0.0:  # not at a bound
+                hessian[k, :n_free] = y[:n_free] / s[k]
+                break
+    return (hessian + hessian.T) / 2
 
 
-def _line_search(problem: Reduced, model: _Model, d: Array, penalty: float) -> Point | None:
-    """The first point along a step that is better; a full step that is not is corrected to second order once."""
+def _line_search(
+    problem: Reduced, model: Model, rest: Array, d: Array, weights: Array, penalty: float
+) -> tuple[Point | None, float]:
+    """The first point along a step that is better, and at which part of it; a full step is corrected once."""
     now = _merit(model.point, model.scale, penalty)
     slope = min(0.0, float(model.gradient @ d) - penalty * _violations(model.point))
     part = 1.0
-    while part >= SHORTEST:
+    while part >= SHORTEST and d.any():
         goal = now + ARMIJO * part * slope + ROUNDING
         trial = problem.moved(model.point, part * d * model.sizes)
         if trial is not None and _merit(trial, model.scale, penalty) > goal and part == 1.0:
-            trial = _corrected(problem, model, trial, d)
+            values = {row.key: row.value for row in trial.rows}
+            predicted = model.predicted(d)
+            shift = np.array([values.get(row.key, q) - q for row, q in zip(model.rows, predicted, strict=True)])
+            trial = problem.moved(model.point, model.solve(rest, weights, shift)[0] * model.sizes)
         if trial is not None and _merit(trial, model.scale, penalty) <= goal:
-            return trial
+            return trial, part
         part /= 2
-    return None
+    return None, 0.0
 
 
-def _corrected(problem: Reduced, model: _Model, trial: Point, d: Array) -> Point | None:
-    """A full step with the curvature of the constraints taken into account."""
-    values = {row.key: row.value for row in trial.rows}
-    predicted = model.b + model.A @ d
-    shift = np.array([values.get(row.key, q) - q for row, q in zip(model.rows, predicted, strict=True)])
-    return problem.moved(model.point, model.solve(shift)[0] * model.sizes)
+def _reach(model: Model, rest: Array, d: Array, part: float, penalty: float, after: Point) -> float:
+    """How far the next step may go."""
+    longest = float(np.abs(d).max())
+    if part < 1.0:
+        return 2 * part * longest
+    promised = model.merit(np.zeros(d.size), rest, penalty) - model.merit(d, rest, penalty)
+    gain = _merit(model.point, model.scale, penalty) - _merit(after, model.scale, penalty)
+    return model.reach * (2 if longest > EDGE * model.reach and gain > PROMISED * promised else 1)
 
 
-def _updated(rest: Array, model: _Model, weights: Array, after: Point, sizes: Array) -> Array:
-    """Powell's damped BFGS update of the Lagrangian's Hessian; what it is without its stiff part, (n_u, n_u)."""
-    gradients = {row.key: row.gradient for row in after.rows}
-    s = (after.u - model.point.u) / sizes
-    y = after.gradient * sizes / model.scale - model.gradient
-    for row, a, weight in zip(model.rows, model.A, weights, strict=True):
-        if weight != 0.0 and row.key in gradients:
-            y -= weight * (gradients[row.key] * sizes - a)
-    stiff = _stiff(after, sizes, model.by_key(weights))
-    H = _definite(rest + stiff)
-    Hs = H @ s
-    curvature = float(s @ Hs)
-    if curvature <= 0:
+def _updated(rest: Array, s: Array, y: Array) -> Array:
+    """The nearest symmetric matrix that maps s to y."""
+    length = float(s @ s)
+    if length == 0.0:
         return rest
-    if s @ y < DAMPING * curvature:
-        part = (1 - DAMPING) * curvature / (curvature - s @ y)
-        y = part * y + (1 - part) * Hs
-    return np.asarray(H - np.outer(Hs, Hs) / curvature + np.outer(y, y) / (s @ y) - stiff)
-
-
-def _stiff(point: Point, sizes: Array, multipliers: Mapping[str, float]) -> Array:
-    """Stiff part of the Hessian of the Lagrangian, in sizes."""
-    total = point.curvature / objective_size(point)
-    for row in point.rows:
-        if row.curvature is not None:
-            total = total - multipliers.get(row.key, 0.0) * row.curvature
-    return np.asarray(sizes[:, None] * total * sizes)
-
-
-def _definite(H: Array) -> Array:
-    """The nearest matrix that is positive definite enough."""
-    values, vectors = np.linalg.eigh(H)
-    return np.asarray((vectors * np.maximum(values, FLATTEST)) @ vectors.T)
+    z = y - rest @ s
+    both = np.outer(z, s)
+    return np.asarray(rest + (both + both.T) / length - (z @ s) * np.outer(s, s) / length**2)
 
 
 def _merit(point: Point, scale: float, penalty: float) -> float:

@@ -162,7 +162,7 @@ function multiplierList({ multipliers }) {
   return html("table", { class: "multipliers", "aria-label": "Floquet multipliers" }, html("thead", {}, html("tr", {}, ...cells("th", ["re λ", "im λ", "|λ|"]))), body);
 }
 
-function roads(host, { nodes, lines }, film, labels) {
+function comparison(host, { nodes, lines }, film, labels) {
   const solved = unpack(nodes);
   const walked = lines.map((line) => ({ mode: line.mode, ...unpack(line) }));
   const names = Object.keys(solved).filter((name) => name !== "t");
@@ -178,7 +178,7 @@ function roads(host, { nodes, lines }, film, labels) {
   legend(host, names.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), "Lines: simulation, which chooses its modes. Circles: NLP.");
 }
 
-function roadsDifference(host, { gaps }, film) {
+function comparisonDifference(host, { gaps }, film) {
   const curves = gaps.map(unpack);
   const options = { title: "Largest difference of the states", x: timeAxis(film), y: "|difference|", xRange: [0, film.period] };
   options.yRange = extent(curves.flatMap((gap) => [...gap.difference]));

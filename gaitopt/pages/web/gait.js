@@ -43,7 +43,7 @@ class GaitPanel {
     draw(slip, moving, fellows);
     draw(torques, moving, fellows);
     draw(multiplierPlane, gait, gaits);
-    if (gait.roads) draw(roads, gait.roads, film, labels), draw(roadsDifference, gait.roads, film);
+    if (gait.comparison) draw(comparison, gait.comparison, film, labels), draw(comparisonDifference, gait.comparison, film);
   }
 }
 

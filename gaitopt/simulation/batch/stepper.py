@@ -5,6 +5,8 @@ in one lane does not depend on the others, to the last bit. The rules at the sta
 of ``events``; inside, all is in natural units.
 """
 
+from collections.abc import Iterator
+from itertools import count
 from typing import Any
 
 import heyoka as hy
@@ -69,7 +71,9 @@ class HeyokaBatch:
         ends = Arrivals(times=taus.copy(), states=zetas, events=_first(mode, fallen, LIMIT))
         lifts = [lift(*column) for column in zip(margin_names(mode), margins.T, rates.T, strict=True)]
         constants = np.column_stack([self._runtime(mode)[segments], *lifts])
-        _Lanes(batch_integrator(self._system, mode).taylor, constants, limits / unit.time, ends).run(moved)
+        if moved.size:
+            taylor = batch_integrator(self._system, mode).taylor
+            _Lanes(taylor, constants, limits / unit.time, ends, moved).run()
         self._land_at_limits(mode, segments, ends, moved)
         far = self._locate(mode, segments, ends, moved, taus, margins)
         arrivals = Arrivals(times=times.copy(), states=states.copy(), events=ends.events)
@@ -149,70 +153,63 @@ class HeyokaBatch:
 
 
 class _Lanes:
-    """One pass of arcs through the lanes of a batch integrator."""
+    """One pass of arcs through the lanes of a batch integrator.
 
-    def __init__(self, taylor: Any, constants: Array, limits: Array, arrivals: Arrivals) -> None:
-        self._taylor, self._constants, self._limits, self._arrivals = taylor, constants, limits, arrivals
-        self._n_events = len(taylor.t_events)
-        self._rows = [-1] * LANES
-        self._stops = np.zeros(LANES)
-        self._counts = [0] * LANES
-        self._broken: set[int] = set()
+    Behind the arcs of all rows, as row -1, is one without length, where lanes rest that have nothing left to do.
+    """
 
-    def run(self, waiting: Indices) -> None:
+    def __init__(self, taylor: Any, constants: Array, limits: Array, arrivals: Arrivals, waiting: Indices) -> None:
+        idle = waiting[0]
+        self._times, self._limits = (np.append(each, arrivals.times[idle]) for each in (arrivals.times, limits))
+        self._states, self._constants = (np.vstack([each, each[idle]]) for each in (arrivals.states, constants))
+        self._taylor, self._state, self._pars = taylor, taylor.state.T, taylor.pars.T
+        self._arrivals, self._waiting = arrivals, waiting
+        self._rows, self._stops, self._last = [-1] * LANES, np.zeros(LANES), [0] * LANES
+
+    def run(self) -> None:
         """Integrate the arcs of the rows ``waiting``; their ends replace the starts in the arrivals."""
-        if not waiting.size:
-            return
-        first = waiting[0]
-        self._spare = self._arrivals.times[first], self._arrivals.states[first].copy(), self._constants[first]
-        queue = iter(waiting.tolist())
-        active = sum([self._load(lane, queue) for lane in range(LANES)])
-        taylor, stops = self._taylor, self._stops
-        while active:
-            taylor.step((stops - taylor.time).tolist())
+        queue, taylor, rows, ended = iter(self._waiting.tolist()), self._taylor, self._rows, list(range(LANES))
+        for step in count():
+            if ended:
+                self._load(ended, queue, step)
+            if max(rows) < 0:
+                break
+            taylor.step((self._stops - taylor.time).tolist())
+            outcomes = [int(outcome) for outcome, _ in taylor.step_res]
             ended = [
                 lane
-                for lane, (outcome, _) in enumerate(taylor.step_res)
-                if self._rows[lane] >= 0 and (int(outcome) != SUCCESS or self._exhausted(lane))
+                for lane, outcome in enumerate(outcomes)
+                if rows[lane] >= 0 and (outcome != SUCCESS or step >= self._last[lane])
             ]
             for lane in ended:
-                self._record(lane, int(taylor.step_res[lane][0]))
-            active += sum([self._load(lane, queue) - 1 for lane in ended])
+                self._record(lane, outcomes[lane])
+        self._decode()
 
-    def _exhausted(self, lane: int) -> bool:
-        self._counts[lane] += 1
-        return self._counts[lane] > MAX_TAYLOR_STEPS
+    def _load(self, lanes: list[int], queue: Iterator[int], step: int) -> None:
+        """Put the next arcs into some lanes, one by one, as NumPy takes ten times as long for a list of indices."""
+        high, low = (part.copy() for part in self._taylor.dtime)  # the other lanes keep the low part of their time
+        for lane in lanes:
+            self._rows[lane] = row = next(queue, -1)
+            self._last[lane] = step + MAX_TAYLOR_STEPS
+            high[lane], low[lane], self._stops[lane] = self._times[row], 0.0, self._limits[row]
+            self._state[lane], self._pars[lane] = self._states[row], self._constants[row]
+            self._taylor.reset_cooldowns(lane)
+        self._taylor.set_dtime(high, low)
 
-    def _record(self, lane: int, code: int) -> None:
+    def _record(self, lane: int, outcome: int) -> None:
         """Write down where the arc in a lane ends."""
-        row, event, arrivals = self._rows[lane], -code - 1, self._arrivals
-        if not 0 <= event < self._n_events:
-            event = LIMIT if code == TIME_LIMIT else FAILURE
-        arrivals.events[row], state = event, self._taylor.state[:, lane]
-        if event == FAILURE and not np.isfinite(state).all():
-            self._broken.add(lane)  # nothing is known beyond the start
-        else:
-            arrivals.times[row], arrivals.states[row] = self._taylor.time[lane], state
+        row, arrivals = self._rows[lane], self._arrivals
+        arrivals.times[row], arrivals.states[row] = self._taylor.time[lane], self._state[lane]
+        arrivals.events[row] = outcome
 
-    def _load(self, lane: int, queue: Any) -> int:
-        """Put the next arc into a lane; without one, a state that does not move. Returns how many arcs that are."""
-        row = next(queue, -1)
-        time, state, constants = self._spare
-        stop = time
-        if row >= 0:
-            time, state, constants = self._arrivals.times[row], self._arrivals.states[row], self._constants[row]
-            stop = self._limits[row]
-        taylor = self._taylor
-        high, low = (part.copy() for part in taylor.dtime)  # the other lanes keep the low part of their time
-        for other in self._broken:
-            high[other], low[other] = 0.0, 0.0
-        self._broken.discard(lane)
-        high[lane], low[lane] = time, 0.0
-        taylor.set_dtime(high, low)
-        taylor.state[:, lane], taylor.pars[:, lane] = state, constants
-        taylor.reset_cooldowns(lane)
-        self._rows[lane], self._stops[lane], self._counts[lane] = row, stop, 0
-        return int(row >= 0)
+    def _decode(self) -> None:
+        """From heyoka's outcomes to events; of a motion that became infinite nothing is known beyond the start."""
+        arrivals, rows = self._arrivals, self._waiting
+        codes = arrivals.events[rows]
+        others = np.where(codes == TIME_LIMIT, LIMIT, FAILURE)
+        arrivals.events[rows] = np.where((codes < 0) & (codes >= -len(self._taylor.t_events)), -codes - 1, others)
+        lost = rows[~np.isfinite(arrivals.states[rows]).all(axis=1)]
+        arrivals.times[lost], arrivals.states[lost] = self._times[lost], self._states[lost]
 
 
 def _first(mode: Mode, flags: Flags, otherwise: int) -> Indices:

@@ -5,7 +5,8 @@ feet, a slip at its onset, which is a double root) are lifted off it, see ``even
 the root of the lifted margin to that of the margin itself. Inside, all is in natural units.
 """
 
-from functools import partial
+from collections.abc import Sequence
+from functools import lru_cache, partial
 from typing import Any
 
 import heyoka as hy
@@ -54,8 +55,7 @@ class HeyokaStepper:
         self._system = dynamics.system
         self._units, self._precision = units(dynamics), precision
         self._points = PointFunctions(dynamics, self._units)
-        self._integrators: dict[tuple[str, Mode, int], Integrator] = {}
-        self._constants: dict[tuple[str, Mode, int, bytes], Array] = {}
+        self._integrators: dict[tuple[str, Mode, int], _Loaded] = {}
 
     def at(self, dynamics: Dynamics) -> "HeyokaStepper":
         """The same precision at other parameters; see ``Stepper``."""
@@ -64,21 +64,17 @@ class HeyokaStepper:
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
         unit, names = self._units, margin_names(mode)
-        start = self._point(mode, data, time / unit.time, state / unit.state)
+        start = self._points(mode, time / unit.time, state / unit.state, data)
         event = fallen(names, start.margins, start.rates, partial(self._look, mode, data, start))
         if event is not None or limit <= time:
             return Arrival(time=time, state=state, event=event)
-        taylor = self._loaded("events", mode, data, start.time, start.state)
-        taylor.pars[-len(names) :] = [
-            smallest_lift(name) if margin > EDGE else lift(name, margin, rate)
-            for name, margin, rate in zip(names, start.margins, start.rates, strict=True)
-        ]
+        taylor = self._loaded("events", mode, data, start.time, start.state, lifts=_lifts(names, start))
         taylor.reset_cooldowns()
         outcome = taylor.propagate_until(self._precision(limit / unit.time), max_steps=MAX_TAYLOR_STEPS)[0]
         end, zeta = float(taylor.time), np.array(taylor.state, dtype=float)
         k = -int(outcome) - 1
         if 0 <= k < len(names):
-            name, end, zeta = self._located(mode, data, start, k, self._point(mode, data, end, zeta))
+            name, end, zeta = self._located(mode, data, start, k, self._points(mode, end, zeta, data))
             return Arrival(time=max(end * unit.time, time), state=zeta * unit.state, event=name)
         if outcome == hy.taylor_outcome.time_limit:
             return Arrival(time=limit, state=zeta * unit.state)
@@ -100,19 +96,21 @@ class HeyokaStepper:
         taylor.propagate_until(end)
         return unit.unpack(taylor.state, sizes)
 
-    def _loaded(self, kind: str, mode: Mode, data: Array, time: float, state: Array, columns: int = 0) -> Any:
+    def _loaded(
+        self,
+        kind: str,
+        mode: Mode,
+        data: Array,
+        time: float,
+        state: Array,
+        columns: int = 0,
+        lifts: Sequence[float] = (),
+    ) -> Any:
         """The integrator for one purpose, its parameters, time and state set."""
         key = (kind, mode, columns)
         if key not in self._integrators:
-            self._integrators[key] = self._compile(kind, mode, columns)
-        integrator = self._integrators[key]
-        place = (*key, data.tobytes())
-        if place not in self._constants:
-            self._constants[place] = integrator.values(self._units.parameters[mode], data)
-        taylor = integrator.taylor
-        constants = self._constants[place]
-        taylor.pars[: constants.size], taylor.time, taylor.state[:] = constants, self._precision(time), state
-        return taylor
+            self._integrators[key] = _Loaded(self._compile(*key), self._units.parameters[mode])
+        return self._integrators[key].at(data, self._precision(time), state, lifts)
 
     def _compile(self, kind: str, mode: Mode, columns: int) -> Integrator:
         if kind == "variational":
@@ -125,21 +123,51 @@ class HeyokaStepper:
         end, zeta = refine(k, near, partial(self._reach, mode, data))
         names, shift = margin_names(mode), end - near.time
         together = [
-            name
-            for name, m, r, first in zip(names, near.margins, near.rates, start.margins, strict=True)
-            if r < 0 and coincides(m + shift * r, r) and (is_armed(name, first) or end > start.time + INSTANT)
+            names[j]
+            for j, rate in enumerate(near.rates)
+            if rate < 0 and coincides(near.margins[j] + shift * rate, rate)
+            if is_armed(names[j], start.margins[j]) or end > start.time + INSTANT
         ]
         return min((names[k], *together), key=priority), end, zeta
 
     def _reach(self, mode: Mode, data: Array, point: Point, duration: float) -> Point:
         taylor = self._loaded("flow", mode, data, point.time, point.state)
         taylor.propagate_for(self._precision(duration))
-        return self._point(mode, data, float(taylor.time), np.array(taylor.state, dtype=float))
+        return self._points(mode, float(taylor.time), np.array(taylor.state, dtype=float), data)
 
     def _look(self, mode: Mode, data: Array, point: Point) -> list[float]:
         """Rates of the margins a little later, from which their bends follow."""
-        return list(self._point(mode, data, *point.shifted(LOOK)).rates)
+        return list(self._points(mode, *point.shifted(LOOK), data).rates)
 
-    def _point(self, mode: Mode, data: Array, tau: float, zeta: Array) -> Point:
-        flow, margins, rates = self._points(mode, tau, zeta, data)
-        return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
+
+def _lifts(names: tuple[str, ...], start: Point) -> list[float]:
+    """By how much every margin is lifted in an arc."""
+    lifts = list(_smallest_lifts(names))
+    for k, margin in enumerate(start.margins):
+        if margin <= EDGE:
+            lifts[k] = lift(names[k], margin, start.rates[k])
+    return lifts
+
+
+@lru_cache(maxsize=64)
+def _smallest_lifts(names: tuple[str, ...]) -> tuple[float, ...]:
+    return tuple(map(smallest_lift, names))
+
+
+class _Loaded:
+    """An integrator at fixed parameters of the walker, with its memory: ``state`` and ``pars`` write to it in place."""
+
+    def __init__(self, integrator: Integrator, parameters: Array) -> None:
+        self._integrator, self._parameters = integrator, parameters
+        self._state, self._pars = integrator.taylor.state, integrator.taylor.pars
+        self._constants: dict[bytes, Array] = {}
+
+    def at(self, data: Array, time: Any, state: Array, lifts: Sequence[float]) -> Any:
+        """The integrator at the start of an arc; see ``Integrator``."""
+        segment = data.tobytes()
+        if segment not in self._constants:
+            self._constants[segment] = self._integrator.values(self._parameters, data)
+        constants = self._constants[segment]
+        self._pars[: constants.size], self._pars[constants.size :] = constants, lifts
+        self._integrator.taylor.time, self._state[:] = time, state
+        return self._integrator.taylor

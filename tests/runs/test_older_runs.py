@@ -1,0 +1,89 @@
+"""Run folders that an earlier version has written: read with what they lack, searched again, or refused by name."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import gaitopt as go
+from gaitopt.cli.figures import stored_figures
+from gaitopt.errors import StorageError
+from gaitopt.runs import find_run
+from gaitopt.runs.find_run import PARTS, find_durably
+from gaitopt.runs.kept import stored_lines
+from gaitopt.search.find import SearchPlan, opened
+from gaitopt.store import BRANCH_FILE, begin_run, write_files
+from gaitopt.store.lines import lines_text
+from gaitopt.workers.jobs import Workers
+
+WALK = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.95", "-o", "branch", "--quiet")
+
+
+def rewritten(folder: Path, file: str, change) -> None:
+    """Every line of a file of records as ``change`` makes it, with the checksums of a finished run."""
+    write_files(folder, {file: lines_text([change(line) for line in stored_lines(folder, file)])})
+
+
+@pytest.mark.usefixtures("empty_folder")
+def test_an_end_at_a_bound_of_the_request_is_one_in_a_file_that_does_not_say_so(run):
+    assert run(*WALK)[0] == 0
+    folder = Path("branch")
+    rewritten(folder, BRANCH_FILE, lambda line: {key: value for key, value in line.items() if key != "bound"})
+    assert '"bound"' not in (folder / BRANCH_FILE).read_text()
+    assert [special.bound for special in go.load_run(folder).specials] == [True]
+    (figures,) = stored_figures("branch")
+    legend = [text.get_text() for text in figures.draw("spectral_radius").legends[0].get_texts()]
+    assert "branch ends" not in legend
+    code, out, _ = run(*WALK, "--json")
+    assert (code, json.loads(out.splitlines()[-1])["bound"]) == (0, True)
+
+
+@pytest.mark.usefixtures("empty_folder")
+def test_an_end_of_the_family_itself_stays_one(run):
+    assert run(*WALK)[0] == 0
+    folder = Path("branch")
+    change = {"record": "special", "type": "end"}
+
+    def ended_before(line):
+        own = {key: value for key, value in line.items() if key != "bound"}
+        return own | {"value": 0.96} if own.items() >= change.items() else own
+
+    rewritten(folder, BRANCH_FILE, ended_before)
+    assert [special.bound for special in go.load_run(folder).specials] == [False]
+
+
+def part(argument, parent=None):
+    """One part of a search without candidates."""
+    return {"method": argument.method, "starts": 1, "candidates": []}
+
+
+@pytest.fixture
+def plan(monkeypatch):
+    """A search of two parts that takes no time."""
+
+    def search(plan, run, should_stop):
+        return run(part, [plan.job(plan.problem, "simulation", number) for number in range(2)])
+
+    monkeypatch.setattr(find_run, "search", search)
+    return SearchPlan(problem=opened(go.load_problem("rimless-wheel-stick")))
+
+
+def find(plan, folder):
+    """How many parts are searched now."""
+    done = []
+    find_durably(plan, folder, Workers(count=1), progress=lambda count, total: done.append(count))
+    return len(done)
+
+
+def test_parts_of_a_search_under_other_keys_are_searched_again(plan, tmp_path):
+    assert find(plan, tmp_path / "run") == 2
+    rewritten(tmp_path / "run", PARTS.name, lambda line: line | {PARTS.key: f"older-{line[PARTS.key]}"})
+    assert find(plan, tmp_path / "run") == 2
+    assert find(plan, tmp_path / "run") == 0
+
+
+def test_parts_of_another_form_are_refused_with_file_line_and_entry(plan, tmp_path):
+    begin_run(tmp_path / "run", plan.problem)
+    write_files(tmp_path / "run", {PARTS.name: lines_text([{"part": "0", "method": "simulation", "gaits": []}])})
+    with pytest.raises(StorageError, match=r"find\.jsonl:1 starts: Field required; .* left alone"):
+        find(plan, tmp_path / "run")
