@@ -36,6 +36,7 @@ from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals, Indices
 Flags = NDArray[np.bool_]
 
 SUCCESS, TIME_LIMIT = int(hy.taylor_outcome.success), int(hy.taylor_outcome.time_limit)
+INFINITE = int(hy.taylor_outcome.err_nf_state)
 
 
 class HeyokaBatch:
@@ -179,10 +180,11 @@ class _Lanes:
             ended = [
                 lane
                 for lane, outcome in enumerate(outcomes)
-                if rows[lane] >= 0 and (outcome != SUCCESS or step >= self._last[lane])
+                if outcome == INFINITE or (rows[lane] >= 0 and (outcome != SUCCESS or step >= self._last[lane]))
             ]
             for lane in ended:
-                self._record(lane, outcomes[lane])
+                if rows[lane] >= 0:
+                    self._record(lane, outcomes[lane])
         self._decode()
 
     def _load(self, lanes: list[int], queue: Iterator[int], step: int) -> None:
