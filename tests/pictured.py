@@ -20,9 +20,9 @@ def gait(name: str) -> Gait:
     if name != TORSO:
         return named(name).verified(verification(name).to_record())
     path = Path(__file__).parents[1] / name
-    found = solve(load_problem(path, walkers=[example("torso_compass", "TorsoCompass")]))
-    assert found.converged
-    return found.verified(verify(found).to_record())
+    torso_gait = solve(load_problem(path, walkers=[example("torso_compass", "TorsoCompass")]))
+    assert torso_gait.converged
+    return torso_gait.verified(verify(torso_gait).to_record())
 
 
 @cache

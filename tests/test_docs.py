@@ -25,7 +25,7 @@ def blocks(language: str, pages: list[Path] = PAGES) -> list[str]:
 
 
 COMMANDS = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
-FILES = {found[1]: text for text in blocks("yaml") if (found := re.match(r"name: (\S+)", text))}
+FILES = {matched[1]: text for text in blocks("yaml") if (matched := re.match(r"name: (\S+)", text))}
 
 
 @pytest.mark.parametrize("command", COMMANDS)

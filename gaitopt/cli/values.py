@@ -76,19 +76,12 @@ def ranges(texts: Texts) -> dict[str, tuple[float, float]]:
 
 def state(texts: Texts) -> dict[str, float]:
     """Finite numbers by state name from ``--state theta1=-0.15,dtheta1=0.7``."""
-    from gaitopt.mechanics.units import parse_angle
-    from gaitopt.problem import parse_value
-
     values: dict[str, float] = {}
     for entry in (entry for text in texts or () for entry in text.split(",") if entry.strip()):
         name, text = key_value(entry, "--state")
-        try:
-            value = parse_angle(parse_value(text))
-        except ValueError as error:
-            raise typer.BadParameter(f"--state {name}: {error}") from error
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        values[name] = number(text, f"--state {name}:")
+        if not math.isfinite(values[name]):
             raise typer.BadParameter(f"--state {name}: {text} is not a finite number")
-        values[name] = float(value)
     return values
 
 
@@ -97,10 +90,14 @@ def number(text: str, option: str) -> float:
     from gaitopt.mechanics.units import parse_angle
     from gaitopt.problem import parse_value
 
+    wrong = typer.BadParameter(f"{option} {text}: write a number, or an angle such as 2 deg")
     try:
-        return float(parse_angle(parse_value(text)))  # type: ignore[arg-type]
-    except (ProblemError, ValueError, TypeError) as error:
-        raise typer.BadParameter(f"{option} {text}: write a number, or an angle such as 2 deg") from error
+        value = parse_angle(parse_value(text))
+    except (ProblemError, ValueError) as error:
+        raise wrong from error
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise wrong
+    return float(value)
 
 
 def counts(texts: Texts) -> dict[str, int]:

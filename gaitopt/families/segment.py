@@ -17,7 +17,7 @@ from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.newton import Linearisation, linearise
-from gaitopt.nlp.refinement import ERROR_TOLERANCE, phase_errors, refine
+from gaitopt.nlp.refinement import refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
@@ -147,12 +147,12 @@ class Segment:
 
     def remeshed(self, point: Point) -> Point | None:
         """The same gait on a finer mesh where its integration error needs one; None if that fails."""
-        if phase_errors(self.transcription, point.curve_point.at).max() < ERROR_TOLERANCE:
-            return point
         refined = refine(self.transcription, point.curve_point.at)
+        if refined.transcription is self.transcription:
+            return point
         forward = resized(point.curve_point.tangent, self.transcription, refined.transcription)
         self._use(refined.transcription)
-        curve_point = self.curve.start(refined.at.w, forward)
+        curve_point = self.curve.through(refined.at, self.curve.coordinates(forward))
         return None if curve_point is None else self._point(curve_point)
 
     def in_order(self, point: Point) -> bool:

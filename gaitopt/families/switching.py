@@ -69,7 +69,8 @@ def motion_of(gait: Gait, times: int = 1) -> Rollout:
 
 def started(gait: Gait, parameter: str, metric: Metric, ahead: float) -> Beginning:
     """The branch of a gait, and its first point with the tangent in the direction ``ahead`` of the parameter."""
-    segment, w = segment_through(gait.problem, gait.dynamics, parameter, metric, motion_of(gait))
+    intervals = () if gait.shooting is None else gait.shooting.intervals
+    segment, w = segment_through(gait.problem, gait.dynamics, parameter, metric, motion_of(gait), intervals)
     forward = np.zeros(w.size)
     forward[-1] = ahead
     return segment, first_point(segment, w, forward)

@@ -41,7 +41,7 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
     return {
         "name": motion.name,
         "slope": slope(motion),
-        "friction": motion.friction,
+        "friction": motion.dynamics.static_friction,
         "weight": float(motion.dynamics.system.weight(motion.dynamics.p)),
         "period": _short(motion.period),
         "steps": len(motion.steps),

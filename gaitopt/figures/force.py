@@ -140,14 +140,15 @@ def _draw_normal_force(axes: Axes, motion: Motion, colour: str) -> None:
 
 def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
     """Edges of the friction cone, shaded beyond where there is just one; returns the legend's entries."""
-    frictions = sorted({round(motion.friction, 12) for motion in motions})
+    own = [round(motion.dynamics.static_friction, 12) for motion in motions]
+    frictions = sorted(set(own))
     reach = max(float(np.abs(axes.dataLim.intervaly).max()) * 1.1, min(frictions) * CONE_ROOM)
     entries: list[Line2D | Patch] = []
     for friction in frictions:
         if friction > reach * CONE_ROOM:
             continue  # a cone so wide would squeeze the curve into a line
         reach = max(reach, 1.1 * friction)
-        colours = [c for c, m in zip(cycle(COLOURS), motions, strict=False) if round(m.friction, 12) == friction]
+        colours = [colour for colour, value in zip(cycle(COLOURS), own, strict=False) if value == friction]
         colour = colours[0] if len(frictions) > 1 else NEUTRAL
         for side in (-friction, friction):
             axes.axhline(side, color=colour, linewidth=0.9, zorder=1.5, linestyle="-.")

@@ -51,11 +51,6 @@ class Motion:
         """Time of the whole cycle [s]."""
         return sum(step.period for step in self.steps)
 
-    @property
-    def friction(self) -> float:
-        """Coefficient of static friction, the edge of the cone."""
-        return self.dynamics.static_friction
-
     def state_index(self, name: str) -> int:
         """Column of a state in ``Arc.states``."""
         return self.dynamics.system.state_names.index(name)

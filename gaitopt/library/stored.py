@@ -1,12 +1,11 @@
 """Results to run folders and back."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from gaitopt.errors import SolveError, StorageError
-from gaitopt.gait import Branch, Gait, Step
+from gaitopt.gait import Branch, Gait
 from gaitopt.gait.motion import trajectory_header, trajectory_rows
-from gaitopt.mechanics import Dynamics
 from gaitopt.runs.basin_tiles import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.restore import restore_gait, restore_walk
@@ -14,7 +13,7 @@ from gaitopt.runs.restore_branch import restore_branch
 from gaitopt.runs.sweep_table import SWEEP_FILE, Sweep, read_sweep
 from gaitopt.runs.within import refuse_other_results
 from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, run_folder
-from gaitopt.store.run import write_run, write_walk
+from gaitopt.store.run import GAIT_FILES, WALK_FILES, write_run
 from gaitopt.study.simulate import Walk
 
 Result = Gait | Branch | Walk | Sweep | Basin | Front
@@ -36,12 +35,14 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
     """
     folder = run_folder(result.problem) if path is None else Path(path)
     if isinstance(result, Walk):
-        table = motion_table(result.dynamics, result.trajectory.steps)
-        return write_walk(folder, problem=result.problem, walk=result.to_record(), trajectory=table)
-    if not result.steps:
-        raise SolveError(f"{result.problem.name} is {result.status}: only a gait is stored")
-    table = motion_table(result.dynamics, result.steps)
-    return write_run(folder, problem=result.problem, gait=result.to_record(), trajectory=table)
+        steps, files = result.trajectory.steps, WALK_FILES
+    else:
+        steps, files = result.steps, GAIT_FILES
+        if not steps:
+            raise SolveError(f"{result.problem.name} is {result.status}: only a gait is stored")
+    rows = trajectory_rows(result.dynamics, steps)
+    table = Table(header=trajectory_header(result.system), rows=rows)
+    return write_run(folder, problem=result.problem, record=result.to_record(), table=table, files=files)
 
 
 def load_run(path: str | Path) -> Result:
@@ -67,8 +68,3 @@ def load_run(path: str | Path) -> Result:
         return read_fronts(folder)[0]
     refuse_other_results(folder)
     raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(readers)})")
-
-
-def motion_table(dynamics: Dynamics, steps: Iterable[Step]) -> Table:
-    """The table of a motion that a run folder holds."""
-    return Table(header=trajectory_header(dynamics.system), rows=trajectory_rows(dynamics, steps))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 
-from gaitopt.errors import GaitoptWarning, UnknownNameError
+from gaitopt.errors import GaitoptWarning
 from gaitopt.mechanics.walker import Walker
 
 ENTRY_POINT_GROUP = "gaitopt.walkers"
@@ -20,21 +20,6 @@ def registered_walkers() -> Mapping[str, type[Walker]]:
 def refused_walkers() -> Mapping[str, str]:
     """Why a registered name cannot be used, by name."""
     return _plugins()[1]
-
-
-def find_walker(model: str) -> type[Walker]:
-    """The walker registered as ``model``.
-
-    Raises
-    ------
-    UnknownNameError
-        If no such walker is registered; the message lists those that are.
-    """
-    walkers = registered_walkers()
-    if model not in walkers:
-        why = refused_walkers().get(model, f"registered: {', '.join(walkers)}")
-        raise UnknownNameError(f"no walker is called {model!r}; {why}")
-    return walkers[model]
 
 
 @lru_cache(maxsize=1)

@@ -1,5 +1,3 @@
 """Return map and Floquet multipliers of simulated motion."""
 
-from gaitopt.orbit.return_map import ReturnMap
-
-__all__ = ["ReturnMap"]
+from gaitopt.orbit.return_map import ReturnMap as ReturnMap

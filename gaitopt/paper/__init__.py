@@ -1,5 +1,3 @@
 """The paper in one command: every figure and every printed number of Gamus & Or (2013), computed again."""
 
-from gaitopt.paper.reproduction import reproduce
-
-__all__ = ["reproduce"]
+from gaitopt.paper.reproduction import reproduce as reproduce

@@ -7,8 +7,7 @@ try:
 except ModuleNotFoundError as error:
     raise UnknownNameError("proofs need python-flint; install it with: pip install 'gaitopt[proof]'") from error
 
-from gaitopt.proof.check import check
-from gaitopt.proof.prove import prove, prove_special
-from gaitopt.proof.theorem import Proof
-
-__all__ = ["Proof", "check", "prove", "prove_special"]
+from gaitopt.proof.check import check as check
+from gaitopt.proof.prove import prove as prove
+from gaitopt.proof.prove import prove_special as prove_special
+from gaitopt.proof.theorem import Proof as Proof

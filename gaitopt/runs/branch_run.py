@@ -11,8 +11,9 @@ from gaitopt.families import Request, follow_family, resumable
 from gaitopt.gait import Gait, SpecialPoint
 from gaitopt.gait.branch import branch_header, branch_rows
 from gaitopt.problem import Problem
-from gaitopt.store import BRANCH_FILE, growing
-from gaitopt.store.branch import begin_branch, branch_folder, read_branch, stored_records, write_branch_table
+from gaitopt.store import BRANCH_FILE, Table, growing, write_files
+from gaitopt.store.branch import BRANCH_TABLE, begin_branch, branch_folder, read_branch, stored_records
+from gaitopt.store.text import csv_text
 
 Record = Mapping[str, Any]
 
@@ -67,4 +68,5 @@ class BranchRun:
             raise KeyboardInterrupt
         _, records = read_branch(self.folder)
         header = branch_header(records)
-        write_branch_table(self.folder, header, branch_rows(records, header))
+        table = Table(header=tuple(header), rows=branch_rows(records, header))
+        write_files(self.folder, {BRANCH_TABLE: csv_text(table)})

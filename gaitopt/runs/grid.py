@@ -19,8 +19,8 @@ Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9
 INTEGER = 1e-9
 """A value of an axis this close to an integer is one: what equal steps leave of rounding."""
-BYTES = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
-LARGEST_SIZE = 1000 ** len(BYTES)
+LARGEST_SIZE = 10**30
+"""Of what is needed, as far as messages count it [bytes]."""
 JOB_BYTES_DISK = 6_000
 """Of the record of one gait, as JSON and in a table."""
 JOB_BYTES_MEMORY = 40_000
@@ -170,20 +170,13 @@ def check_room(points: int, folder: Path, *, disk: int, memory: int) -> None:
         If they do not fit; the message says how large they are.
     """
     import psutil
+    from rich.filesize import decimal
 
     parent = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
     room = (("on disk", disk, shutil.disk_usage(parent).free), ("of memory", memory, psutil.virtual_memory().available))
     for what, each, free in room:
         if points * each > free:
             raise StorageError(
-                f"{points:,} points need about {size_words(points * each)} {what}, "
-                f"but {size_words(free)} are free: choose fewer"
+                f"{points:,} points need about {decimal(min(points * each, LARGEST_SIZE))} {what}, "
+                f"but {decimal(free)} are free: choose fewer"
             )
-
-
-def size_words(size: int) -> str:
-    """A number of bytes with three digits in the unit that suits it."""
-    if size >= LARGEST_SIZE:
-        return f"over 1000 {BYTES[-1]}"
-    power = int(math.log10(max(size, 1))) // 3
-    return f"{size / 1000**power:.3g} {BYTES[power]}"

@@ -15,7 +15,7 @@ from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.search.distinct import closed
 from gaitopt.store import Table, read_problem
-from gaitopt.store.run import read_run, read_walk
+from gaitopt.store.run import WALK_FILES, read_run
 from gaitopt.study.simulate import Walk
 from gaitopt.study.system import problem_dynamics
 
@@ -61,7 +61,7 @@ def restore_gait(folder: Path) -> Gait:
 
 def restore_walk(folder: Path) -> Walk:
     """The walk that a run folder holds."""
-    record, table = read_walk(folder)
+    record, table = read_run(folder, WALK_FILES)
     problem = read_problem(folder)
     try:
         dynamics = problem_dynamics(problem).at(record["parameters"])

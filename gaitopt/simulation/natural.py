@@ -33,12 +33,14 @@ class Units:
     ----------
     time, speed : [s], [m/s].
     state : ndarray, shape (n_z,) - units of the state.
-    parameters : for each mode the parameters of the functions of ``NaturalSystem``.
+    margins : for each mode the units of its margins, with ones behind them up to the number of margins in stick.
+    parameters : for each mode the parameters of the functions of ``NaturalSystem``; the last are ``margins``.
     """
 
     time: float
     speed: float
     state: Array
+    margins: dict[Mode, Array]
     parameters: dict[Mode, Array]
 
     def pack(self, state: Array, deviations: Array) -> tuple[Array, Array]:
@@ -57,13 +59,11 @@ class Units:
 def units(dynamics: Dynamics) -> Units:
     """Natural units of a walker under its control law."""
     p, scales, state = dynamics.p, dynamics.scales, dynamics.state_units
-    modes = dynamics.system.walker.modes()
-    units = {mode: margin_scales(mode, scales) for mode in modes}
-    most = max(map(len, units.values()))
-    parameters = {
-        mode: np.array([*p, scales.time, *state, *own, *np.ones(most - len(own))]) for mode, own in units.items()
-    }
-    return Units(time=scales.time, speed=scales.speed, state=state, parameters=parameters)
+    own = {mode: margin_scales(mode, scales) for mode in dynamics.system.walker.modes()}
+    most = max(map(len, own.values()))
+    margins = {mode: np.append(values, np.ones(most - values.size)) for mode, values in own.items()}
+    parameters = {mode: np.concatenate([p, [scales.time], state, values]) for mode, values in margins.items()}
+    return Units(time=scales.time, speed=scales.speed, state=state, margins=margins, parameters=parameters)
 
 
 class NaturalSystem:
@@ -87,10 +87,6 @@ class NaturalSystem:
     def flow(self, mode: Mode) -> Function:
         """Rate of the state."""
         return self._build(f"flow_{mode.key}", lambda a: [self._rate(mode, a)])
-
-    def events(self, mode: Mode) -> Function:
-        """Margins and their rates along the flow."""
-        return self._build(f"events_{mode.key}", lambda a: self._events(mode, a))
 
     def point(self, mode: Mode) -> Function:
         """Rate of the state, margins and their rates."""
@@ -188,7 +184,7 @@ class PointFunctions:
             self._at_rest[mode] = function = BufferedFunction(self._natural.rest(mode, slips))
             function.inputs[2][:] = self._units.parameters[mode]
             for slip in slips[:1]:
-                function.inputs[4][:] = self._units.parameters[slip][-function.inputs[4].size :]
+                function.inputs[4][:] = self._units.margins[slip]
         flow, margins, rates, *slipping = _evaluated(self._at_rest[mode], tau, zeta, data)
         point = Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
         return point, [values.tolist() for values in slipping]

@@ -7,7 +7,7 @@ the walk resumes from the decimal digits of a gait on a mesh that is set up agai
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from gaitopt.store.folder import check_folder, stored_lines
 from gaitopt.store.lines import lines_text
 from gaitopt.store.manifest import write_files
 from gaitopt.store.run import begin_run, run_folder
-from gaitopt.store.text import Table, csv_text
 
 BRANCH_FILE = "branch.jsonl"
 BRANCH_TABLE = "branch.csv"
@@ -87,11 +86,6 @@ def begin_branch(
     """Write the request and the records from which a branch resumes."""
     begin_run(folder, problem)
     write_files(folder, {BRANCH_FILE: lines_text((request, *records))})
-
-
-def write_branch_table(folder: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write the table of a branch beside it."""
-    write_files(folder, {BRANCH_TABLE: csv_text(Table(header=tuple(header), rows=list(rows)))})
 
 
 def _core(request: Mapping[str, Any]) -> dict[str, Any]:

@@ -31,7 +31,8 @@ RESOLVED_FILE = "resolved.json"
 TRAJECTORY_FILE = "trajectory.csv"
 GAIT_FILE = "gait.json"
 WALK_FILE = "walk.json"
-WALK_TRAJECTORY_FILE = "walk.csv"
+GAIT_FILES, WALK_FILES = (GAIT_FILE, TRAJECTORY_FILE), (WALK_FILE, "walk.csv")
+"""Record and table of a gait and of a simulated walk."""
 LONGEST_NAME = 60
 """Characters of a problem's name that go into its folder's: four bytes each still fit every file system."""
 
@@ -51,26 +52,20 @@ def begin_run(folder: Path, problem: Problem) -> Path:
     return folder
 
 
-def write_run(folder: Path, *, problem: Problem, gait: Mapping[str, Any], trajectory: Table) -> Path:
-    """Write the run of a gait, or replace one of the same problem.
+def write_run(
+    folder: Path, *, problem: Problem, record: Mapping[str, Any], table: Table, files: tuple[str, str] = GAIT_FILES
+) -> Path:
+    """Write the run of a gait, or replace one of the same problem; a simulated walk stands beside it.
 
     Parameters
     ----------
-    gait : the JSON object of the gait.
-    trajectory : header and rows of ``trajectory.csv``.
+    record : the JSON object of the gait or walk.
+    table : its states and forces over time.
+    files : ``GAIT_FILES`` or ``WALK_FILES``.
     """
-    return _write_motion(folder, problem, {TRAJECTORY_FILE: csv_text(trajectory), GAIT_FILE: json_file(gait)})
-
-
-def write_walk(folder: Path, *, problem: Problem, walk: Mapping[str, Any], trajectory: Table) -> Path:
-    """Write a simulated walk into the run folder of its problem, beside the gait if there is one."""
-    return _write_motion(folder, problem, {WALK_TRAJECTORY_FILE: csv_text(trajectory), WALK_FILE: json_file(walk)})
-
-
-def _write_motion(folder: Path, problem: Problem, contents: Mapping[str, str]) -> Path:
     with writing(folder, problem):
         begin_run(folder, problem)
-        write_files(folder, contents)
+        write_files(folder, {files[1]: csv_text(table), files[0]: json_file(record)})
     return folder
 
 
@@ -78,24 +73,15 @@ def is_complete(folder: Path) -> bool:
     """Whether a folder holds a gait whose writer got to its end."""
     if not (folder / GAIT_FILE).is_file():
         return False
-    return {GAIT_FILE, TRAJECTORY_FILE} <= read_manifest(folder).files.keys()
+    return {*GAIT_FILES} <= read_manifest(folder).files.keys()
 
 
-def read_run(folder: Path) -> tuple[dict[str, Any], Table]:
-    """The record and the table of the gait in a run folder."""
+def read_run(folder: Path, files: tuple[str, str] = GAIT_FILES) -> tuple[dict[str, Any], Table]:
+    """The record and the table of the gait in a run folder, or of the walk."""
     manifest = read_manifest(folder)
-    if not (folder / GAIT_FILE).is_file():
+    if files == GAIT_FILES and not (folder / GAIT_FILE).is_file():
         raise StorageError(f"{folder} is unfinished (no {GAIT_FILE}): solve {manifest.problem} again to complete it")
-    return _read_motion(folder, GAIT_FILE, TRAJECTORY_FILE)
-
-
-def read_walk(folder: Path) -> tuple[dict[str, Any], Table]:
-    """The record and the table of the walk in a run folder."""
-    return _read_motion(folder, WALK_FILE, WALK_TRAJECTORY_FILE)
-
-
-def _read_motion(folder: Path, record: str, table: str) -> tuple[dict[str, Any], Table]:
-    return read_object(folder, record), parsed(parse_csv, read_sealed(folder, table), folder / table)
+    return read_object(folder, files[0]), parsed(parse_csv, read_sealed(folder, files[1]), folder / files[1])
 
 
 def read_problem(folder: Path) -> Problem:

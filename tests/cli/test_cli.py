@@ -196,7 +196,8 @@ def test_disagreement_is_5_with_json(run, monkeypatch):
         (("simulate", PROBLEM, "--state", "phi=1"), "phi"),
         (("simulate", PROBLEM, "--state", "dtheta"), "--state dtheta=VALUE"),
         (("simulate", PROBLEM, "--state", "dtheta=.inf"), "not a finite number"),
-        (("simulate", PROBLEM, "--state", "dtheta=fast"), "write an angle"),
+        (("simulate", PROBLEM, "--state", "dtheta=fast"), "write a number, or an angle"),
+        (("simulate", PROBLEM, "--state", "dtheta=true"), "write a number, or an angle"),
         (("simulate", PROBLEM, "--steps", "0"), "--steps"),
     ],
 )

@@ -32,10 +32,10 @@ def stored(folder="branch"):
 def test_json_is_one_record_per_line_and_the_same_on_the_disk(run):
     code, out, _ = run(*COMMAND, "--json")
     assert code == 0
-    found = records(out)
-    assert found == stored()[1:]
-    points = [record for record in found if record["record"] == "point"]
-    change, end = (record for record in found if record["record"] == "special")
+    printed = records(out)
+    assert printed == stored()[1:]
+    points = [record for record in printed if record["record"] == "point"]
+    change, end = (record for record in printed if record["record"] == "special")
     assert change["type"] == "mode_change"
     assert change["status"] == "converged"
     assert change["value"] == pytest.approx(0.914120783896, abs=1e-9)
@@ -191,8 +191,8 @@ def test_other_branches_through_a_special_point_are_followed(run):
     command = ("continue", "branch@special.0", *bounds)
     code, out, _ = run(*command, "--json")
     assert code == 0
-    found = records(out)
-    assert {record["n_steps"] for record in found if record["record"] == "point"} == {2}
+    printed = records(out)
+    assert {record["n_steps"] for record in printed if record["record"] == "point"} == {2}
     (folder,) = (path for path in Path("results").iterdir() if path.name.endswith("period-doubling"))
     code, again, _ = run(*command, "--json")
     assert again == out

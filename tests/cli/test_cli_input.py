@@ -53,11 +53,11 @@ def test_a_working_directory_that_is_deleted_is_named(run):
     ("arguments", "code", "words"),
     [
         (("solve", WHEEL, "--set", "gait.guess.state.dtheta=1e200"), 3, "--set gait.guess.state.dtheta: 1e+200 is"),
-        (("solve", WHEEL, "--starts", "1000000000000"), 6, "points need about 6 PB on disk"),
+        (("solve", WHEEL, "--starts", "1000000000000"), 6, "points need about 6.0 PB on disk"),
         (("solve", WHEEL, "--starts", "3", "--spread", "1e300"), 2, "--spread"),
         (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 50}"), 2, "values; at most 1,000,000,000 are possible"),
         (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 5000}"), 2, "write --over friction=LO:HI:N"),
-        (("front", "compass-torque-efficient", "--over", "constraints.speed=0.3:0.4:50000000"), 6, "need about 600 GB"),
+        (("front", "compass-torque-efficient", "--over", "constraints.speed=0.3:0.4:50000000"), 6, "about 600.0 GB"),
     ],
 )
 def test_what_is_too_large_is_refused_at_once(run, arguments, code, words):

@@ -65,8 +65,8 @@ def test_point_of_a_branch_is_the_guess(run):
     ],
 )
 def test_start_that_is_none_is_named(run, start, code, words):
-    found, _, err = run("solve", WHEEL, "--start", start, "--quiet")
-    assert (found, words in err) == (code, True), err
+    exit_code, _, err = run("solve", WHEEL, "--start", start, "--quiet")
+    assert (exit_code, words in err) == (code, True), err
 
 
 def test_point_that_a_branch_lacks_is_named(run):

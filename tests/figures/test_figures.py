@@ -202,7 +202,7 @@ def heat_map(rows):
 
 def test_line_where_stability_is_lost_is_where_the_interpolated_radius_is_one():
     figure = heat_map([[0.85, 0.85, None], [1.05, 1.05, 1.05], [1.25, None, 1.25]])
-    (line,) = [found for found in figure.axes[0].collections if isinstance(found, ContourSet)]
+    (line,) = [artist for artist in figure.axes[0].collections if isinstance(artist, ContourSet)]
     (path,) = line.get_paths()
     assert path.vertices[:, 0] == pytest.approx(0.175)
     assert (path.vertices[:, 1].min(), path.vertices[:, 1].max() < 0.02) == (0.0, True)  # not to what has no gait
@@ -214,7 +214,7 @@ def test_line_where_stability_is_lost_is_where_the_interpolated_radius_is_one():
 
 @pytest.mark.parametrize("rows", [[[0.5, 0.6], [0.7, 0.8]], [[None, None], [None, None]]])
 def test_without_a_loss_of_stability_inside_the_map_there_is_no_line(rows):
-    assert not [found for found in heat_map(rows).axes[0].collections if isinstance(found, ContourSet)]
+    assert not [artist for artist in heat_map(rows).axes[0].collections if isinstance(artist, ContourSet)]
 
 
 def test_one_gait_of_another_branch_does_not_stretch_the_colours():

@@ -71,14 +71,14 @@ def compass_step() -> tuple[HybridSystem, Array, Step]:
 def dense(quantity: int) -> list[tuple[Array, Array]]:
     """Times and one of the observed quantities on fine grids of both arcs."""
     system, p, step = compass_step()
-    found = []
+    samples = []
     for piece in step.arcs:
         s = np.linspace(-1, 1, 20001)
         states = np.polynomial.chebyshev.chebval(s, curves.coefficients(piece.states))
         times = piece.start + piece.duration * (s + 1) / 2
         values = np.asarray(system.observation(piece.mode)(times[None, :], states, p, [])[quantity])
-        found.append((times, values))
-    return found
+        samples.append((times, values))
+    return samples
 
 
 def test_wheel_step_closes_and_has_its_known_period() -> None:

@@ -200,10 +200,10 @@ def test_a_free_coefficient_is_found(gait):
             "constraints": {"period": gait.measures["period"] - 1e-4},
         }
     )
-    found = go.solve(problem)
-    assert found.converged, found.message
-    assert 0.1 < found.freed["friction.kinetic"] < 0.14
-    assert found.measures["period"] == pytest.approx(gait.measures["period"] - 1e-4, abs=1e-9)
+    design = go.solve(problem)
+    assert design.converged, design.message
+    assert 0.1 < design.freed["friction.kinetic"] < 0.14
+    assert design.measures["period"] == pytest.approx(gait.measures["period"] - 1e-4, abs=1e-9)
 
 
 def test_the_commands_know_both_coefficients(run, empty_folder):

@@ -30,15 +30,15 @@ def test_wheel_has_the_matrices_of_equation_12() -> None:
     paper_order = [1, 2, 0]  # (x, y, theta)
     for z in case.states():
         theta, dtheta = z[0], z[2]
-        found = matrices(case, z)
+        terms = matrices(case, z)
         s, c = np.sin(theta), np.cos(theta)
         M = m * np.array([[1, 0, R * c], [0, 1, -R * s], [R * c, -R * s, R**2 * (1 + kappa)]])
         B = m * R * dtheta**2 * np.array([-s, -c, 0])
         G = m * g * np.array([-np.sin(alpha), np.cos(alpha), -R * np.sin(alpha + theta)])
-        np.testing.assert_allclose(found.M[np.ix_(paper_order, paper_order)], M, atol=1e-14)
-        np.testing.assert_allclose(found.B.ravel()[paper_order], B, atol=1e-14)
-        np.testing.assert_allclose(found.G.ravel()[paper_order], G, atol=1e-13)
-        assert found.E.shape == (3, 0)
+        np.testing.assert_allclose(terms.M[np.ix_(paper_order, paper_order)], M, atol=1e-14)
+        np.testing.assert_allclose(terms.B.ravel()[paper_order], B, atol=1e-14)
+        np.testing.assert_allclose(terms.G.ravel()[paper_order], G, atol=1e-13)
+        assert terms.E.shape == (3, 0)
 
 
 def test_wheel_has_the_swing_foot_jacobian_of_equation_12_at_touchdown() -> None:
@@ -74,12 +74,12 @@ def test_torso_motor_pushes_torso_and_stance_leg_in_opposite_senses() -> None:
 def test_equations_of_motion_are_newtons_law(case: Case) -> None:
     for z in case.states():
         q, dq = case.coordinates(z)
-        found = matrices(case, z)
-        np.testing.assert_allclose(found.M, case.oracle.M(q), atol=1e-13)
-        np.testing.assert_allclose(found.B.ravel(), case.oracle.B(q, dq), atol=1e-12)
-        np.testing.assert_allclose(found.G.ravel(), case.oracle.G(q), atol=1e-11)
-        np.testing.assert_allclose(found.W_swing, case.oracle.swing_foot.jacobian(q), atol=1e-14)
-        assert found.energy.item() == pytest.approx(case.oracle.energy(q, dq), rel=1e-13)
+        terms = matrices(case, z)
+        np.testing.assert_allclose(terms.M, case.oracle.M(q), atol=1e-13)
+        np.testing.assert_allclose(terms.B.ravel(), case.oracle.B(q, dq), atol=1e-12)
+        np.testing.assert_allclose(terms.G.ravel(), case.oracle.G(q), atol=1e-11)
+        np.testing.assert_allclose(terms.W_swing, case.oracle.swing_foot.jacobian(q), atol=1e-14)
+        assert terms.energy.item() == pytest.approx(case.oracle.energy(q, dq), rel=1e-13)
 
 
 def test_gravity_and_springs_are_the_gradient_of_the_potential_energy(case: Case) -> None:

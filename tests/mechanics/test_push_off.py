@@ -81,8 +81,8 @@ def test_both_methods_and_both_engines_agree_on_the_push():
 def test_with_light_legs_the_push_is_that_of_the_closed_form():
     """P = m l |dtheta| tan(theta): hip and push alone decide."""
     light = {"walker.leg_mass": 1e-5, "walker.push": {"free": [0.5, 10], "guess": 4}}
-    asked = {"constraints": {"step_length": 0.4}, "friction": 1}
-    gait = go.solve(named(NAME).problem.replace({**light, **asked}))
+    request = {"constraints": {"step_length": 0.4}, "friction": 1}
+    gait = go.solve(named(NAME).problem.replace({**light, **request}))
     assert gait.converged, gait.message
     theta, rate = gait.arcs[-1].states[-1][[0, 3]]
     assert gait.freed["walker.push"] == pytest.approx(10 * abs(rate) * tan(theta), rel=1e-4)

@@ -31,8 +31,8 @@ def pieces() -> list[Piece]:
 
 def test_curve_and_rates_are_those_that_were_put_in(pieces: list[Piece]) -> None:
     t = np.linspace(0, END, 17)[:-1]
-    for found, expected in zip(continued(pieces, END, BeyondEnd.HOLD)(t), exact(t), strict=True):
-        np.testing.assert_allclose(found, expected, atol=1e-13)
+    for computed, expected in zip(continued(pieces, END, BeyondEnd.HOLD)(t), exact(t), strict=True):
+        np.testing.assert_allclose(computed, expected, atol=1e-13)
 
 
 def test_hold_keeps_the_last_angle_with_zero_rate(pieces: list[Piece]) -> None:
@@ -75,10 +75,10 @@ def test_segment_data_say_the_same_in_symbols_as_the_curve_in_numbers(pieces: li
         for segment, times in enumerate(([0.0, 0.29], [0.3, 0.6], [END, 1.3])):
             for time in times:
                 angles, rates, both, active = (np.asarray(x) for x in function(reference.data(segment), time))
-                wanted = reference([time])
-                np.testing.assert_allclose(angles, wanted[0], atol=1e-13)
-                np.testing.assert_allclose(rates, wanted[1], atol=1e-13)
-                np.testing.assert_allclose(both, 2 * wanted[0] + 3 * wanted[1], atol=1e-12)
+                expected_pair = reference([time])
+                np.testing.assert_allclose(angles, expected_pair[0], atol=1e-13)
+                np.testing.assert_allclose(rates, expected_pair[1], atol=1e-13)
+                np.testing.assert_allclose(both, 2 * expected_pair[0] + 3 * expected_pair[1], atol=1e-12)
                 assert bool(active.item()) is reference.pieces[segment].active
 
 

@@ -95,9 +95,9 @@ def test_registered_walker_goes_through_the_command_line(tmp_path: Path) -> None
         return json.loads(done.stdout)
 
     run = str(tmp_path / "run")
-    found = gaitopt("solve", str(EXAMPLES / "torso-compass-slip.yaml"), "-o", run)
-    assert found["status"] == "converged"
-    assert found["verification"]["passed"]
+    gait_record = gaitopt("solve", str(EXAMPLES / "torso-compass-slip.yaml"), "-o", run)
+    assert gait_record["status"] == "converged"
+    assert gait_record["verification"]["passed"]
     walked = gaitopt("simulate", run, "--steps", "3")
     assert walked["status"] == "completed"
-    assert walked["period"] == pytest.approx(found["period"], abs=1e-9)
+    assert walked["period"] == pytest.approx(gait_record["period"], abs=1e-9)

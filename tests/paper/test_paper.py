@@ -206,9 +206,9 @@ def test_a_foreign_folder_in_the_place_of_a_run_is_named_and_left_alone(tmp_path
 
 @pytest.mark.slow
 def test_the_whole_table_computed_from_nothing_is_what_is_committed(archive):
-    found = record(archive)
-    assert found["sentences"] == committed()["sentences"]
-    for entry, stored in zip(found["numbers"], committed()["numbers"], strict=True):
+    computed_table = record(archive)
+    assert computed_table["sentences"] == committed()["sentences"]
+    for entry, stored in zip(computed_table["numbers"], committed()["numbers"], strict=True):
         assert entry["computed"] == pytest.approx(stored["computed"], abs=SAME), entry["quantity"]
         assert entry["otherwise"] == pytest.approx(stored["otherwise"], abs=SAME), entry["quantity"]
 

@@ -7,9 +7,9 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from gaitopt.cli.main import main
-from gaitopt.errors import GaitoptWarning, ProblemError, UnknownNameError
+from gaitopt.errors import GaitoptWarning, ProblemError
 from gaitopt.mechanics import Walker, registry
-from gaitopt.mechanics.registry import find_walker, registered_walkers
+from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.problem import load_problem
 
@@ -57,9 +57,6 @@ def test_a_broken_plugin_is_named_and_the_others_work(plugins, value, words):
         assert list(registered_walkers()) == ["compass_biped", "rimless_wheel"]
     registered_walkers()
     assert len(caught) == 1
-    with pytest.raises(UnknownNameError, match="no walker is called 'broken'") as refused:
-        find_walker("broken")
-    assert words in str(refused.value)
     with pytest.raises(ProblemError, match=r"walker.model: the plugin other_walkers:broken") as refused:
         load_problem("rimless-wheel-stick").replace({"walker.model": "broken"})
     assert words in str(refused.value)

@@ -314,7 +314,7 @@ def test_an_integer_cannot_be_free():
 
 
 @pytest.mark.parametrize(
-    ("asked", "place", "words"),
+    ("stated", "place", "words"),
     [
         (
             "objective: cost_of_transpor",
@@ -359,8 +359,8 @@ def test_an_integer_cannot_be_free():
         ),
     ],
 )
-def test_a_wrong_demand_is_named(asked, place, words):
-    line = only(changed(("hip: 0.2", HIP), add=f"{asked}\n"))
+def test_a_wrong_demand_is_named(stated, place, words):
+    line = only(changed(("hip: 0.2", HIP), add=f"{stated}\n"))
     assert line.startswith(f"gait.yaml:{place}: {words}")
 
 

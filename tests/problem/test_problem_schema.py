@@ -34,8 +34,8 @@ WORDS = {"title", "description", "default", "$schema", "type", "properties", "ad
 def accepts(schema, value):
     """Whether ``value`` is valid; JSON Schema as far as the problem schema uses it, and no further."""
     assert schema.keys() <= LIMITS.keys() | WORDS
-    wanted = TYPES.get(schema.get("type"), object)
-    if not isinstance(value, wanted) or (isinstance(value, bool) and wanted is not object):
+    kind = TYPES.get(schema.get("type"), object)
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not object):
         return False
     if isinstance(value, dict) and "properties" in schema | {"properties": {}}:
         other = schema.get("additionalProperties", True)

@@ -79,11 +79,11 @@ def spoiled(name):
     return deepcopy(dict(proof(name).certificate))
 
 
-def encloses(result, found):
+def encloses(result, solved):
     """Whether a gait in doubles lies next to its proof."""
-    state = [abs(float(box.mid()) - value) for box, value in zip(result.state.values(), found.state, strict=True)]
+    state = [abs(float(box.mid()) - value) for box, value in zip(result.state.values(), solved.state, strict=True)]
     multipliers = [complex(m.real.mid(), m.imag.mid()) for m in result.multipliers]
-    distances = [min(abs(m - other) for other in multipliers) for m in found.multipliers]
+    distances = [min(abs(m - other) for other in multipliers) for m in solved.multipliers]
     return max(state) < STATE_TOLERANCE and max(distances) < 1e-9
 
 
@@ -394,8 +394,8 @@ def test_an_interval_over_a_change_of_mode_is_refused():
 
 def test_parameters_are_read_as_the_file_writes_them():
     problem = load_problem("rimless-wheel-stick")
-    found = gait("rimless-wheel-stick")
-    values = dict(zip(found.system.parameters, found.p, strict=True))
+    solved = gait("rimless-wheel-stick")
+    values = dict(zip(solved.system.parameters, solved.p, strict=True))
     texts = exact_texts(problem, values)
     assert texts["walker.slope"] == "13 deg"
     assert texts["walker.inertia_ratio"] == "0.3333333333333333"

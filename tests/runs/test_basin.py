@@ -41,8 +41,8 @@ def gait():
 
 
 def plan_in(folder, gait, **changes):
-    asked = {"start": gait, "grid": GRID, "max_steps": 100, "engine": "heyoka", "folder": folder}
-    return BasinPlan.around(**(asked | changes))
+    defaults = {"start": gait, "grid": GRID, "max_steps": 100, "engine": "heyoka", "folder": folder}
+    return BasinPlan.around(**(defaults | changes))
 
 
 @pytest.fixture(scope="module")

@@ -71,7 +71,7 @@ def forked(kind, n, work):
 def write_everything():
     """What the commands do to a disk, without the mathematics."""
     problem = load_problem(WHEEL)
-    write_run(Path("run"), problem=problem, gait=GAIT, trajectory=TABLE)
+    write_run(Path("run"), problem=problem, record=GAIT, table=TABLE)
     known = {record["job"] for record in stored_lines(Path("run"), "jobs.jsonl")}
     with growing(Path("run"), "jobs.jsonl") as lines:
         for job in {0, 1} - known:
@@ -106,11 +106,11 @@ def test_store_is_completed_after_a_crash_at_any_point(kind, again):
 
 def state(folder):
     """What a run folder holds, but for what tells when it was written."""
-    found = {}
+    contents = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file() and path.name not in ("manifest.json", ".lock", ".writer"):
-            found[path.relative_to(folder).as_posix()] = TIMES.sub(b"", path.read_bytes())
-    return found
+            contents[path.relative_to(folder).as_posix()] = TIMES.sub(b"", path.read_bytes())
+    return contents
 
 
 def numbers(value):

@@ -15,7 +15,7 @@ from gaitopt.workers.jobs import Workers
 AXIS = Axis(key="constraints.speed.min", lower=0.4, upper=0.45, count=2)
 
 
-def asked():
+def design_problem():
     return load_problem("compass-torque-efficient").replace({"constraints": {"speed": {"min": 0.4}}})
 
 
@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def front(folder):
-    return design_front(asked(), AXIS, folder)
+    return design_front(design_problem(), AXIS, folder)
 
 
 def test_every_point_of_a_front_is_verified(front):
@@ -42,7 +42,7 @@ def test_cost_rises_along_the_pareto_front(front):
 
 def test_front_resumes_where_it_stopped(front, folder, monkeypatch):
     monkeypatch.setattr(solved, "solve_job", None)  # nothing is left to do
-    again = design_front(asked(), AXIS, folder)
+    again = design_front(design_problem(), AXIS, folder)
     assert [point.to_record() for point in again] == [point.to_record() for point in front]
 
 
@@ -58,12 +58,12 @@ def test_front_comes_back_from_its_folder_and_is_drawn_again(front, folder, run,
 
 def test_front_along_a_word_names_the_nearest_number(tmp_path):
     with pytest.raises(UnknownNameError, match=r"did you mean constraints\.speed"):
-        design_front(asked(), Axis(key="speed", lower=0.4, upper=0.5, count=2), tmp_path)
+        design_front(design_problem(), Axis(key="speed", lower=0.4, upper=0.5, count=2), tmp_path)
 
 
 def test_front_that_is_stopped_says_so(tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        design_front(asked(), AXIS, tmp_path, should_stop=lambda: True)
+        design_front(design_problem(), AXIS, tmp_path, should_stop=lambda: True)
 
 
 def test_front_without_objective_is_refused(tmp_path):
@@ -72,7 +72,7 @@ def test_front_without_objective_is_refused(tmp_path):
 
 
 def test_many_starts_find_one_optimum_and_depend_on_the_seed_alone(tmp_path):
-    problem = asked()
+    problem = design_problem()
     here = Workers(count=1)
     optima = multistart(problem, 2, tmp_path, seed=1, spread=0.1, workers=here)
     again = multistart(problem, 2, tmp_path / "again", seed=1, spread=0.1, workers=here)

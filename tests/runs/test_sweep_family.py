@@ -23,10 +23,10 @@ def test_family_finds_the_gaits_of_its_members(name, key, values):
     family = Family(solve(problem))
     for value in values:
         member = problem.replace({key: value})
-        found, anew = family.solve(member), solve(member)
-        assert found.converged
-        np.testing.assert_allclose(found.state, anew.state, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(np.abs(found.multipliers), np.abs(anew.multipliers), rtol=0, atol=1e-7)
+        followed, direct = family.solve(member), solve(member)
+        assert followed.converged
+        np.testing.assert_allclose(followed.state, direct.state, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(np.abs(followed.multipliers), np.abs(direct.multipliers), rtol=0, atol=1e-7)
 
 
 def test_member_of_a_family_is_verified():
@@ -37,9 +37,9 @@ def test_member_of_a_family_is_verified():
 def test_member_that_violates_a_margin_is_no_gait():
     """With so much friction the foot would not slip; the equations of the slipping phases alone have a solution."""
     problem = load_problem("compass-passive-a")
-    found = Family(solve(problem)).solve(problem.replace({"friction": 0.3}))
-    assert found.status is not Status.CONVERGED
-    assert found.message
+    followed = Family(solve(problem)).solve(problem.replace({"friction": 0.3}))
+    assert followed.status is not Status.CONVERGED
+    assert followed.message
 
 
 def test_family_goes_on_after_a_failure():

@@ -14,7 +14,7 @@ from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, margin_na
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import BatchStepper, Engine, Stepper, make_stepper
 from gaitopt.simulation.engine import is_installed
-from gaitopt.simulation.stepper import LIMIT
+from gaitopt.simulation.stepper import FAILURE, LIMIT
 
 Array = NDArray[np.float64]
 
@@ -132,3 +132,22 @@ def test_the_order_of_a_batch_changes_no_bit(batch: tuple[BatchStepper, Stepper]
     there, back = (batch[0].advance(Mode.STICK, *args, rows, np.full(7, 5.0)) for rows in (states, states[order]))
     assert np.array_equal(there.times[order], back.times)
     assert np.array_equal(there.states[order], back.states)
+
+
+def test_an_arc_of_too_many_steps_fails_in_a_batch_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others in its lanes go on, whatever they end with."""
+    required(Engine.HEYOKA)
+    from gaitopt.simulation.batch import stepper as lanes
+    from gaitopt.simulation.heyoka import stepper as scalar
+
+    for module in (lanes, scalar):
+        monkeypatch.setattr(module, "MAX_TAYLOR_STEPS", 3)
+    together, alone = heyoka_batch(), make_stepper(Dynamics(SYSTEM, P), Engine.HEYOKA)
+    states, times, limits = np.tile(START, (20, 1)), np.zeros(20), np.tile([5.0, 0.05, 0.01, 0.2], 5)
+    arrivals = together.advance(Mode.STICK, np.zeros(20, dtype=int), times, states, limits)
+    assert {FAILURE, LIMIT} == set(arrivals.events.tolist())
+    for k in range(20):
+        arrival = alone.advance(Mode.STICK, NO_DATA, 0.0, START, limits[k])
+        assert bool(arrival.failure) == (arrivals.events[k] == FAILURE)
+        assert arrivals.times[k] == pytest.approx(arrival.time, abs=1e-14)
+        assert np.array_equal(arrivals.states[k], arrivals.states[k % 4])

@@ -21,7 +21,7 @@ def restored(gait, tmp_path_factory):
     rows = trajectory_rows(gait.dynamics, gait.steps)
     table = Table(header=trajectory_header(gait.system), rows=rows)
     folder = tmp_path_factory.mktemp("results") / "run"
-    return restore_gait(write_run(folder, problem=gait.problem, gait=gait.to_record(), trajectory=table))
+    return restore_gait(write_run(folder, problem=gait.problem, record=gait.to_record(), table=table))
 
 
 def test_arcs_come_back_to_the_last_digit(gait, restored):

@@ -38,7 +38,7 @@ class SomeProblem:
 
 @pytest.fixture
 def folder(tmp_path):
-    return write_run(tmp_path / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+    return write_run(tmp_path / "run", problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
 
 
 def reader(name):
@@ -67,7 +67,7 @@ def test_the_manifest_names_versions_and_platform_but_no_host(folder):
 
 
 def test_the_same_problem_replaces_its_run(folder):
-    write_run(folder, problem=SomeProblem(), gait=GAIT | {"period": 2.0}, trajectory=TRAJECTORY)
+    write_run(folder, problem=SomeProblem(), record=GAIT | {"period": 2.0}, table=TRAJECTORY)
     assert read_run(folder)[0]["period"] == 2.0
     assert sorted(contents(folder)) == FILES
 
@@ -75,14 +75,14 @@ def test_the_same_problem_replaces_its_run(folder):
 def test_another_problem_is_refused_and_changes_nothing(folder):
     before = contents(folder)
     with pytest.raises(StorageError, match="holds another problem"):
-        write_run(folder, problem=SomeProblem(friction=0.3), gait=GAIT, trajectory=TRAJECTORY)
+        write_run(folder, problem=SomeProblem(friction=0.3), record=GAIT, table=TRAJECTORY)
     assert contents(folder) == before
 
 
 def test_a_foreign_folder_is_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("precious")
     with pytest.raises(StorageError, match="not a run of gaitopt"):
-        write_run(tmp_path, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+        write_run(tmp_path, problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
     assert contents(tmp_path) == {"thesis.tex": b"precious"}
 
 
@@ -99,7 +99,7 @@ def test_a_newer_run_is_named_and_left_alone(folder):
     with pytest.raises(StorageError, match=r"newer gaitopt \(schema 3"):
         read_run(folder)
     with pytest.raises(StorageError, match="newer gaitopt"):
-        write_run(folder, problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+        write_run(folder, problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
     assert contents(folder) == before
 
 
@@ -213,7 +213,7 @@ def test_a_full_disk_names_the_file_and_what_was_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "replace", full_at_trajectory)
     kept = r"trajectory\.csv: No space left on device; kept whole in .*: manifest.json, problem.yaml, resolved.json$"
     with pytest.raises(StorageError, match=kept) as caught:
-        write_run(tmp_path / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+        write_run(tmp_path / "run", problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
     assert caught.value.exit_code == 6
     assert sorted(contents(tmp_path / "run")) == ["manifest.json", "problem.yaml", "resolved.json"]
 
@@ -229,7 +229,7 @@ def test_leftovers_of_a_killed_writer_do_not_make_a_folder_foreign(tmp_path):
 def test_no_name_leads_out_of_the_results(tmp_path, name):
     folder = run_folder(SomeProblem(name=name), tmp_path)
     assert folder.resolve().parent == tmp_path.resolve()
-    write_run(folder, problem=SomeProblem(name=name), gait=GAIT, trajectory=TRAJECTORY)
+    write_run(folder, problem=SomeProblem(name=name), record=GAIT, table=TRAJECTORY)
     assert find_run(SomeProblem(name=name), tmp_path) == folder
 
 
@@ -244,13 +244,13 @@ def test_a_problem_without_a_run_has_none(tmp_path):
 def test_a_file_in_place_of_the_folder_is_named(tmp_path):
     (tmp_path / "run").write_text("")
     with pytest.raises(StorageError, match="Not a directory; name another") as refused:
-        write_run(tmp_path / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+        write_run(tmp_path / "run", problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
     assert refused.value.argument == "output"
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match="file"):
-        write_run(tmp_path / "file" / "deeper" / "run", problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+        write_run(tmp_path / "file" / "deeper" / "run", problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
     with pytest.raises(StorageError, match="File name too long"):
-        write_run(tmp_path / ("x" * 300), problem=SomeProblem(), gait=GAIT, trajectory=TRAJECTORY)
+        write_run(tmp_path / ("x" * 300), problem=SomeProblem(), record=GAIT, table=TRAJECTORY)

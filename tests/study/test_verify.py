@@ -126,15 +126,15 @@ def test_wrong_switch_alone_leaves_the_period_right() -> None:
         ends = arc.times[[0, -1]] + np.array([SLIGHT * (k == 1), SLIGHT * (k == 0)])
         return replace(arc, times=np.interp(arc.times, arc.times[[0, -1]], ends))
 
-    found = failed(with_arcs(good(), shift))
-    assert "switching times" in found
-    assert not found & {"period", "periodicity", "state", "multipliers"}
+    rejected = failed(with_arcs(good(), shift))
+    assert "switching times" in rejected
+    assert not rejected & {"period", "periodicity", "state", "multipliers"}
 
 
 def test_wrong_start_does_not_come_back_to_itself() -> None:
-    found = failed(with_states(good(), 0, lambda states: states.__setitem__((0, 3), states[0, 3] + SLIGHT)))
-    assert {"periodicity", "state"} <= found
-    assert not found & {"mode sequence", "multipliers", "perturbation"}
+    rejected = failed(with_states(good(), 0, lambda states: states.__setitem__((0, 3), states[0, 3] + SLIGHT)))
+    assert {"periodicity", "state"} <= rejected
+    assert not rejected & {"mode sequence", "multipliers", "perturbation"}
 
 
 def test_wrong_state_inside_an_arc_is_seen_by_nothing_else() -> None:

@@ -10,6 +10,7 @@ not Lipschitz; the inequalities of ``nlp.moduli`` that stand for them are smooth
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.nlp.design.quadratic import nonnegative
 from gaitopt.nlp.design.reduced import Point
 from gaitopt.nlp.design.trust_region import SMALL
 
@@ -37,9 +38,9 @@ def kkt_residual(point: Point, sizes: Array) -> tuple[float, dict[str, float]]:
                 columns.append(sign * column / length)
     if not columns:
         return float(np.linalg.norm(gradient)), {}
-    from scipy.optimize import nnls  # see ``least_distance``
-
-    weights, residual = nnls(np.array(columns).T, gradient)
+    basis = np.array(columns).T
+    weights = nonnegative(basis, gradient)
+    residual = np.linalg.norm(basis @ weights - gradient)
     multipliers: dict[str, float] = {}
     for (row, scale), weight in zip(rows, weights, strict=True):
         if weight > 0:

@@ -6,34 +6,66 @@ With H = L L' and y = L' d + L^-1 g it is that of the shortest y in a polyhedron
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 
 CONTRADICTION = 1e-9
 """Distance in the problem of nonnegative least squares that means a polyhedron without points."""
+ROUNDING = 1e-15
+"""Slope of a least squares problem that is zero, relative to its columns; with some to spare."""
+MAX_CHANGES = 3
+"""Changes of the active set for each unknown; more do not occur."""
 SHORTEST_ROW = 1e-3
 """Shorter rows of the constraints are not scaled to length one, which would amplify rounding."""
 
 
 def least_distance(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:
     """min g'd + d'Hd/2 s.t. A d + b >= 0: solution and multipliers, or None where the constraints contradict."""
-    from scipy.optimize import nnls  # a quarter of a second, which a gait without free parameters need not wait
-
     L = np.linalg.cholesky(H)
     free = -np.linalg.solve(L, g)
     G = np.linalg.solve(L, A.T).T
     lengths = np.maximum(np.linalg.norm(G, axis=1), SHORTEST_ROW)
     G, h = G / lengths[:, None], (-b - G @ free) / lengths
-    unit = max(1.0, float(h.max(initial=0.0)))  # of y: nnls distinguishes no distances far from one
+    unit = max(1.0, float(h.max(initial=0.0)))  # of y: least squares distinguish no distances far from one
     h /= unit
     target = np.zeros(g.size + 1)
     target[-1] = 1.0
-    weights, distance = nnls(np.vstack([G.T, h]), target)
+    weights = nonnegative(np.vstack([G.T, h]), target)
     residual = np.vstack([G.T, h]) @ weights - target
-    if distance < CONTRADICTION:
+    if np.linalg.norm(residual) < CONTRADICTION:
         return None
     y, weights = -unit * residual[:-1] / residual[-1], -unit * weights / residual[-1] / lengths
     return _refined(H, g, A, b, np.asarray(np.linalg.solve(L.T, y + free)), weights)
+
+
+def nonnegative(A: Array, b: Array) -> Array:
+    """The x >= 0 for which |A x - b| is least, by active sets; SciPy, which has it, takes half a second to import."""
+    x, passive = np.zeros(A.shape[1]), np.zeros(A.shape[1], dtype=bool)
+    refused = passive.copy()  # of no use by rounding, until something else has changed
+    tolerance = ROUNDING * float(np.abs(A).sum(axis=0).max(initial=0.0))
+    for _ in range(MAX_CHANGES * x.size):
+        slopes = np.where(passive | refused, -np.inf, A.T @ (b - A @ x))
+        entering = int(np.argmax(slopes))
+        if slopes[entering] <= tolerance:
+            break
+        passive[entering] = True
+        while (z := _of_columns(A, b, passive))[passive].min(initial=0.0) < 0:
+            parts = np.divide(x, x - z, out=np.full_like(x, np.inf), where=passive & (z < 0))
+            x = x + parts.min() * (z - x)
+            passive[parts == parts.min()] = False
+            x[~passive] = 0.0
+        refused &= not passive[entering]
+        refused[entering] = not passive[entering]
+        x = z
+    return x
+
+
+def _of_columns(A: Array, b: Array, columns: NDArray[np.bool_]) -> Array:
+    """The x for which |A x - b| is least, zero but in these columns."""
+    x = np.zeros(A.shape[1])
+    x[columns] = np.linalg.lstsq(A[:, columns], b)[0]
+    return x
 
 
 def _refined(H: Array, g: Array, A: Array, b: Array, d: Array, weights: Array) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from casadi import MX, Function, jacobian, vertcat
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.mechanics import Mode, margin_scales
+from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.design.sensitivity import ArcCurves, Curve, Sensitivity
 from gaitopt.nlp.inequalities import impact_margins, is_zero_by_event
 from gaitopt.nlp.multiple_shooting import MultipleShooting
@@ -43,8 +44,8 @@ class Scalars:
     def __init__(self, sensitivity: Sensitivity) -> None:
         self._s, self._t = sensitivity, sensitivity.transcription
         self.n_free = len(self._t.free)
-        values, by = at_impact(self._t)(sensitivity.at.w, sensitivity.at.p)
-        at_end = zip(np.asarray(values).ravel().tolist(), np.asarray(by.sparse() @ sensitivity.slopes), strict=True)
+        values, by = buffered(at_impact(self._t))(sensitivity.at.w, sensitivity.at.p)
+        at_end = zip(values.tolist(), by.reshape(-1, values.size).T @ sensitivity.slopes, strict=True)
         self._impact: dict[str, Valued] = dict(zip(AT_IMPACT, islice(at_end, len(AT_IMPACT)), strict=True))
         self._impact_margins: list[Valued] = list(at_end)
         self._smooth: dict[str, Callable[[], Valued]] = {

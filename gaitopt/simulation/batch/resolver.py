@@ -1,7 +1,7 @@
 """What the feet of many states do, at rest and at an impact.
 
-The rules are those of ``decisions``. What is plain is decided for all states at once; where anything is out of the
-ordinary (an edge, a lost contact, no candidate or several) the state is handed to ``ContactResolver`` by itself.
+The rules are those of ``contact_resolver``. What is plain is decided for all states at once; where anything is out of
+the ordinary (an edge, a lost contact, no candidate or several) the state is handed to ``ContactResolver`` by itself.
 """
 
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait import ImpactRecord
-from gaitopt.mechanics import CONTACTS, ONSETS, Dynamics, ImpactLaw, Mode, margin_names
+from gaitopt.mechanics import CONTACTS, ONSETS, Dynamics, ImpactLaw, Mode
 from gaitopt.simulation.batch.steps import ENDINGS, NONE
-from gaitopt.simulation.contact_resolver import ContactResolver, Termination
+from gaitopt.simulation.contact_resolver import CONE, NORMAL_FORCE, ContactResolver, Termination
 from gaitopt.simulation.events import EDGE, INSTANT
 from gaitopt.simulation.heyoka.functions import HeyokaRowMap
-from gaitopt.simulation.natural import natural_system, units
+from gaitopt.simulation.natural import PAINLEVE, natural_system, units
 
 Flags = NDArray[np.bool_]
 Codes = NDArray[np.int64]
@@ -43,25 +43,25 @@ class Landing:
 
 
 class BatchResolver:
-    """ContactResolver about the feet of many states of one system at fixed parameters."""
+    """Decides about the feet of many states of one system at fixed parameters."""
 
     def __init__(self, dynamics: Dynamics) -> None:
-        system, p = dynamics.system, dynamics.p
+        self._system = system = dynamics.system
+        p = dynamics.p
         self._n_x = system.n_shape
         self._friction = dynamics.static_friction
         self._stick_first = system.law is ImpactLaw.FRICTIONLESS or dynamics.friction_drops
         self._one_by_one = ContactResolver(dynamics)
         self._units = units(dynamics)
         self._modes = system.walker.modes()
-        self._events = [
-            HeyokaRowMap(natural_system(system).events(mode), {2: self._units.parameters[mode]}) for mode in self._modes
-        ]
         self._approach = HeyokaRowMap(system.approach, {1: p})
         self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
         self._contacts = system.walker.contacts()
         self._ground = tuple(mode for mode in self._contacts if not mode.flies)
         self._lifts = not system.walker.flies
-        self._impacts = [HeyokaRowMap(system.impact(mode), {1: p}) for mode in self._ground]
+        self._impacts = HeyokaRowMap(system.impacts(self._ground), {1: p})
+        n = len(self._contacts)
+        self._at_rest = [self._rest(self._modes[k : k + len(self._ground)]) for k in range(0, len(self._modes), n)]
 
     def mode_at_rest(self, stops: int, times: Array, states: Array, data: Array) -> tuple[Codes, Codes]:
         """Modes of feet at rest and, where there is none, endings; both of shape (n,).
@@ -77,18 +77,12 @@ class BatchResolver:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         taus, zetas = times / self._units.time, states / self._units.state
         first = stops * len(self._contacts)
-        functions = self._events[first : first + len(self._ground)]
-        candidates = self._modes[first : first + len(self._ground)]
-        margins, rates = {}, {}
-        for mode, events in zip(candidates, functions, strict=True):
-            values = events(taus[:, None], zetas, data)
-            margins[mode], rates[mode] = (dict(zip(margin_names(mode), each.T, strict=True)) for each in values)
-        stuck, *slips = candidates
-        clear = [np.abs(margins[stuck][cone]) > EDGE + INSTANT * np.abs(rates[stuck][cone]) for cone in ONSETS]
-        carries = [margins[mode]["normal_force"] > 0 for mode in candidates]
-        unique = [margins[mode]["painleve"] > 0 for mode in slips]
+        _, margins, rates, *slips = self._at_rest[stops](taus[:, None], zetas, data)
+        clear = [np.abs(margins[:, k]) > EDGE + INSTANT * np.abs(rates[:, k]) for k in CONE.values()]
+        carries = [own[:, NORMAL_FORCE] > 0 for own in (margins, *slips)]
+        unique = [own[:, PAINLEVE] > 0 for own in slips]
         plain = np.all([*carries, *unique, *clear], axis=0) & (len(self._ground) > 1)
-        beyond = [margins[stuck][cone] < 0 for cone in ONSETS]
+        beyond = [margins[:, k] < 0 for k in CONE.values()]
         modes = first + np.select(beyond, _SLIPS, default=CONTACTS.index(Mode.STICK))
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
@@ -112,18 +106,21 @@ class BatchResolver:
 
     def land(self, states: Array) -> Landing:
         """Impacts at touchdown in the given states, shape (n, n_z)."""
-        candidates = [impact(states) for impact in self._impacts]
-        consistent = np.column_stack([self._consistent(*pair) for pair in zip(self._ground, candidates, strict=True)])
+        n, n_z = states.shape
+        candidates = self._impacts(states)[0].reshape(n, len(self._ground), -1)
+        consistent = np.column_stack(
+            [self._consistent(mode, *candidates[:, k, n_z : n_z + 3].T) for k, mode in enumerate(self._ground)]
+        )
         if self._stick_first:
             consistent[:, 1:] &= ~consistent[:, :1]
-        modes, rows = np.argmax(consistent, axis=1), np.arange(len(states))
-        after = np.stack([candidate[0] for candidate in candidates])[modes, rows]
-        lift_velocities = np.column_stack([candidate[3] for candidate in candidates])[rows, modes]
+        modes = np.argmax(consistent, axis=1)
+        chosen = candidates[np.arange(n), modes]
+        after, lift_velocities = chosen[:, :n_z], chosen[:, n_z + 3]
         step_lengths, endings = after[:, self._n_x].copy(), np.zeros_like(modes)
         after[:, self._n_x] = 0.0
         comes_down = self._approach(states)[0][:, 0] < -EDGE * self._units.speed
         lifts = lift_velocities > 0 if self._lifts else True
-        plain = comes_down & (consistent.sum(axis=1) == 1) & lifts & ~self._at_edge(candidates[0][1])
+        plain = comes_down & (consistent.sum(axis=1) == 1) & lifts & ~self._at_edge(*candidates[:, 0, n_z : n_z + 2].T)
         if self._push is not None:
             p_t, p_n = self._push(states)[0].T
             plain &= np.abs(p_t) < self._friction * p_n
@@ -140,15 +137,18 @@ class BatchResolver:
                 after[k], step_lengths[k] = states[k], np.nan
         return Landing(modes=modes, endings=endings, states=after, step_lengths=step_lengths)
 
-    def _consistent(self, mode: Mode, candidate: list[Array]) -> Flags:
-        _, impulse, slip_velocity, _, _ = candidate
-        f_t, f_n = impulse.T
+    def _rest(self, modes: tuple[Mode, ...]) -> HeyokaRowMap:
+        """What decides about a foot at rest, of a foot that sticks and then of its slips."""
+        stuck, *slips = modes
+        fixed = {2: self._units.parameters[stuck], 4: self._units.margins[modes[-1]]}
+        return HeyokaRowMap(natural_system(self._system).rest(stuck, tuple(slips)), fixed)
+
+    def _consistent(self, mode: Mode, f_t: Array, f_n: Array, slip_velocity: Array) -> Flags:
         if mode.sticks:
             return (f_n > 0) & (np.abs(f_t) <= self._friction * f_n)
-        return (f_n > 0) & (mode.direction * slip_velocity[:, 0] > 0)
+        return (f_n > 0) & (mode.direction * slip_velocity > 0)
 
-    def _at_edge(self, impulse: Array) -> Flags:
-        f_t, f_n = impulse.T
+    def _at_edge(self, f_t: Array, f_n: Array) -> Flags:
         return np.abs(np.abs(f_t) - self._friction * f_n) <= CONE_EDGE * np.abs(self._friction * f_n)
 
 

@@ -5,8 +5,7 @@ in one lane does not depend on the others, to the last bit. The rules at the sta
 of ``events``; inside, all is in natural units.
 """
 
-from collections.abc import Iterator
-from itertools import count
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import heyoka as hy
@@ -35,8 +34,9 @@ from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals, Indices
 
 Flags = NDArray[np.bool_]
 
-SUCCESS, TIME_LIMIT = int(hy.taylor_outcome.success), int(hy.taylor_outcome.time_limit)
-INFINITE = int(hy.taylor_outcome.err_nf_state)
+TIME_LIMIT, INFINITE = int(hy.taylor_outcome.time_limit), int(hy.taylor_outcome.err_nf_state)
+GOES_ON = int(hy.taylor_outcome.success), int(hy.taylor_outcome.step_limit)
+"""Outcomes of lanes that stop only because another one does."""
 
 
 class HeyokaBatch:
@@ -161,38 +161,37 @@ class _Lanes:
 
     def __init__(self, taylor: Any, constants: Array, limits: Array, arrivals: Arrivals, waiting: Indices) -> None:
         idle = waiting[0]
-        self._times, self._limits = (np.append(each, arrivals.times[idle]) for each in (arrivals.times, limits))
+        self._times, self._limits = ([*each.tolist(), arrivals.times[idle]] for each in (arrivals.times, limits))
         self._states, self._constants = (np.vstack([each, each[idle]]) for each in (arrivals.states, constants))
         self._taylor, self._state, self._pars = taylor, taylor.state.T, taylor.pars.T
         self._arrivals, self._waiting = arrivals, waiting
-        self._rows, self._stops, self._last = [-1] * LANES, np.zeros(LANES), [0] * LANES
+        self._rows, self._stops, self._counts = [-1] * LANES, [0.0] * LANES, [0] * LANES
 
     def run(self) -> None:
         """Integrate the arcs of the rows ``waiting``; their ends replace the starts in the arrivals."""
-        queue, taylor, rows, ended = iter(self._waiting.tolist()), self._taylor, self._rows, list(range(LANES))
-        for step in count():
+        queue, taylor, rows, counts = iter(self._waiting.tolist()), self._taylor, self._rows, self._counts
+        self._load(range(LANES), queue)
+        while max(rows) >= 0:
+            taylor.propagate_until(self._stops, max_steps=MAX_TAYLOR_STEPS - max(counts))  # or to the first event
+            ended = []
+            for lane, (outcome, _, _, steps) in enumerate(taylor.propagate_res):
+                counts[lane] += steps
+                code = int(outcome)
+                if rows[lane] < 0:
+                    ended += [lane] if code == INFINITE else []
+                elif code not in GOES_ON or counts[lane] >= MAX_TAYLOR_STEPS:
+                    self._record(lane, code)
+                    ended.append(lane)
             if ended:
-                self._load(ended, queue, step)
-            if max(rows) < 0:
-                break
-            taylor.step((self._stops - taylor.time).tolist())
-            outcomes = [int(outcome) for outcome, _ in taylor.step_res]
-            ended = [
-                lane
-                for lane, outcome in enumerate(outcomes)
-                if outcome == INFINITE or (rows[lane] >= 0 and (outcome != SUCCESS or step >= self._last[lane]))
-            ]
-            for lane in ended:
-                if rows[lane] >= 0:
-                    self._record(lane, outcomes[lane])
+                self._load(ended, queue)
         self._decode()
 
-    def _load(self, lanes: list[int], queue: Iterator[int], step: int) -> None:
+    def _load(self, lanes: Iterable[int], queue: Iterator[int]) -> None:
         """Put the next arcs into some lanes, one by one, as NumPy takes ten times as long for a list of indices."""
         high, low = (part.copy() for part in self._taylor.dtime)  # the other lanes keep the low part of their time
         for lane in lanes:
             self._rows[lane] = row = next(queue, -1)
-            self._last[lane] = step + MAX_TAYLOR_STEPS
+            self._counts[lane] = 0
             high[lane], low[lane], self._stops[lane] = self._times[row], 0.0, self._limits[row]
             self._state[lane], self._pars[lane] = self._states[row], self._constants[row]
             self._taylor.reset_cooldowns(lane)
@@ -211,7 +210,8 @@ class _Lanes:
         others = np.where(codes == TIME_LIMIT, LIMIT, FAILURE)
         arrivals.events[rows] = np.where((codes < 0) & (codes >= -len(self._taylor.t_events)), -codes - 1, others)
         lost = rows[~np.isfinite(arrivals.states[rows]).all(axis=1)]
-        arrivals.times[lost], arrivals.states[lost] = self._times[lost], self._states[lost]
+        for row in lost:
+            arrivals.times[row], arrivals.states[row] = self._times[row], self._states[row]
 
 
 def _first(mode: Mode, flags: Flags, otherwise: int) -> Indices:

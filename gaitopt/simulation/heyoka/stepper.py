@@ -5,7 +5,6 @@ feet, a slip at its onset, which is a double root) are lifted off it, see ``even
 the root of the lifted margin to that of the margin itself. Inside, all is in natural units.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -68,7 +67,8 @@ class HeyokaStepper:
         event = fallen(names, start.margins, start.rates, partial(self._look, mode, data, start))
         if event is not None or limit <= time:
             return Arrival(time=time, state=state, event=event)
-        taylor = self._loaded("events", mode, data, start.time, start.state, lifts=_lifts(names, start))
+        taylor = self._loaded("events", mode, data, start.time, start.state)
+        taylor.pars[-len(names) :] = _lifts(names, start)
         taylor.reset_cooldowns()
         outcome = taylor.propagate_until(self._precision(limit / unit.time), max_steps=MAX_TAYLOR_STEPS)[0]
         end, zeta = float(taylor.time), np.array(taylor.state, dtype=float)
@@ -96,21 +96,12 @@ class HeyokaStepper:
         taylor.propagate_until(end)
         return unit.unpack(taylor.state, sizes)
 
-    def _loaded(
-        self,
-        kind: str,
-        mode: Mode,
-        data: Array,
-        time: float,
-        state: Array,
-        columns: int = 0,
-        lifts: Sequence[float] = (),
-    ) -> Any:
+    def _loaded(self, kind: str, mode: Mode, data: Array, time: float, state: Array, columns: int = 0) -> Any:
         """The integrator for one purpose, its parameters, time and state set."""
         key = (kind, mode, columns)
         if key not in self._integrators:
             self._integrators[key] = _Loaded(self._compile(*key), self._units.parameters[mode])
-        return self._integrators[key].at(data, self._precision(time), state, lifts)
+        return self._integrators[key].at(data, self._precision(time), state)
 
     def _compile(self, kind: str, mode: Mode, columns: int) -> Integrator:
         if kind == "variational":
@@ -155,19 +146,19 @@ def _smallest_lifts(names: tuple[str, ...]) -> tuple[float, ...]:
 
 
 class _Loaded:
-    """An integrator at fixed parameters of the walker, with its memory: ``state`` and ``pars`` write to it in place."""
+    """An integrator at fixed parameters of the walker; ``state`` and ``pars`` are its own memory."""
 
     def __init__(self, integrator: Integrator, parameters: Array) -> None:
         self._integrator, self._parameters = integrator, parameters
         self._state, self._pars = integrator.taylor.state, integrator.taylor.pars
         self._constants: dict[bytes, Array] = {}
 
-    def at(self, data: Array, time: Any, state: Array, lifts: Sequence[float]) -> Any:
-        """The integrator at the start of an arc; see ``Integrator``."""
+    def at(self, data: Array, time: Any, state: Array) -> Any:
+        """The integrator at the start of an arc."""
         segment = data.tobytes()
         if segment not in self._constants:
             self._constants[segment] = self._integrator.values(self._parameters, data)
         constants = self._constants[segment]
-        self._pars[: constants.size], self._pars[constants.size :] = constants, lifts
-        self._integrator.taylor.time, self._state[:] = time, state
-        return self._integrator.taylor
+        taylor = self._integrator.taylor
+        self._pars[: constants.size], taylor.time, self._state[:] = constants, time, state
+        return taylor
