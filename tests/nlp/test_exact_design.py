@@ -144,6 +144,16 @@ def test_quadratic_program_that_is_almost_linear_meets_its_active_constraints():
     assert weights == pytest.approx(np.linalg.solve(A.T, g), rel=1e-6)
 
 
+def test_constraints_that_contradict_each_other_have_no_solution_however_flat_the_objective():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        axes = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+        H = (axes * np.array([1e-6, 1e-6, 1.0, 100.0])) @ axes.T
+        a = rng.standard_normal(4)
+        A, b = np.vstack([a, -a, rng.standard_normal((4, 4))]), np.array([-0.05, -0.05, 1, 1, 1, 1])
+        assert least_distance(H, rng.standard_normal(4), A, b) is None
+
+
 def arc_of(torque, by_torque, rate):
     """An arc of two seconds with one motor whose torque moves with one unknown."""
     ones = np.ones_like(torque)
