@@ -173,7 +173,7 @@ def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
 
 def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) -> Array:
     """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is put back on its edge."""
-    both = np.column_stack([c, np.append(derivative(c), 0.0)])
+    both = np.column_stack([c, np.append(derivative(c), 0.0)[: c.size]])  # a constant has no fewer than one
     s = (lower + upper) / 2 if start is None else start
     for _ in range(NEWTON_STEPS):
         s = np.minimum(np.maximum(s, lower), upper)

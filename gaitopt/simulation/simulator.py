@@ -188,6 +188,8 @@ class Simulator:
         slip_velocity = moment.state.item(-1)
         if slip_velocity == 0:
             return self._mode_at_rest(self._released, moment)
+        if self.system.walker.massless_feet:
+            return CANNOT_SLIP
         return self._released.with_contact(Mode.slip(slip_velocity))
 
     def _mode_at_rest(self, mode: Mode, moment: _Moment) -> Mode | Termination:

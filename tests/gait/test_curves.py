@@ -98,6 +98,11 @@ def test_curve_of_two_points_is_a_line() -> None:
     np.testing.assert_allclose(curves.roots(line), [-0.5], atol=1e-15)
 
 
+@pytest.mark.parametrize("height", [0.1, 0.7, -0.3, 1.36501297])
+def test_maximum_of_a_constant_between_two_points_is_the_constant(height: float) -> None:
+    assert curves.maximum(np.full(2, height))[1] == pytest.approx(height, rel=1e-15)
+
+
 def test_tail_tells_a_resolved_curve_from_a_coarse_one() -> None:
     assert curves.tail(np.sin(3 * curves.points(33))) < curves.RESOLVED
     assert curves.tail(np.sin(30 * curves.points(17))) > 1e-2

@@ -144,6 +144,16 @@ def test_quadratic_program_that_is_almost_linear_meets_its_active_constraints():
     assert weights == pytest.approx(np.linalg.solve(A.T, g), rel=1e-6)
 
 
+def test_constraints_that_contradict_each_other_have_no_solution_however_flat_the_objective():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        axes = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+        H = (axes * np.array([1e-6, 1e-6, 1.0, 100.0])) @ axes.T
+        a = rng.standard_normal(4)
+        A, b = np.vstack([a, -a, rng.standard_normal((4, 4))]), np.array([-0.05, -0.05, 1, 1, 1, 1])
+        assert least_distance(H, rng.standard_normal(4), A, b) is None
+
+
 def arc_of(torque, by_torque, rate):
     """An arc of two seconds with one motor whose torque moves with one unknown."""
     ones = np.ones_like(torque)
@@ -193,6 +203,14 @@ def test_three_moduli_meet_at_the_optimum_of_the_stable_slip(stable_slip):
     assert np.sort(np.abs(stable_slip.multipliers))[1:] == pytest.approx(0.5, abs=1e-7)
     assert stable_slip.measures["cost_of_transport"] == pytest.approx(0.019785783, rel=1e-7)
     assert stable_slip.spectral_radius <= 0.5 + 1e-9
+
+
+def test_least_radius_lies_where_multipliers_coalesce():
+    gait = solve(load_problem("compass-torque-stable-slip").replace({"objective": "spectral_radius"}))
+    assert gait.converged, gait.message
+    assert gait.solver["kkt"] < 1e-9
+    assert gait.solver["objective"] == pytest.approx(0.397744938962, rel=1e-9)
+    assert gait.spectral_radius == pytest.approx(gait.solver["objective"], abs=1e-4)  # the root of rounding
 
 
 def test_no_feasible_neighbour_of_an_optimum_is_better(stable_slip):

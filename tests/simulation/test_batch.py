@@ -195,6 +195,29 @@ def test_state_that_is_not_finite_is_named():
         return_map(load_problem("compass-passive-a"), states)
 
 
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+@pytest.mark.parametrize("lost", [[0], [7], [0, 19]])
+def test_motion_that_becomes_infinite_leaves_the_other_lanes_alone(lost):
+    problem = load_problem("compass-passive-b")
+    names = problem.walker.section_names(slipping=True)
+    xi = np.tile([problem.guess.state[name] for name in names], (20, 1))
+    xi[:, 1] *= np.linspace(0.99, 1.01, 20)
+    alone, others = return_map(problem, xi, engine="heyoka"), np.setdiff1d(np.arange(20), lost)
+    xi[lost, 1:] = 1e160
+    together = return_map(problem, xi, engine="heyoka")
+    assert {*together.outcomes[lost]} == {Ending.NUMERICAL}
+    assert set(alone.outcomes) == {Ending.COMPLETED}
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(together, name)[others], getattr(alone, name)[others])
+
+
+@pytest.mark.parametrize("engine", ["heyoka", "scipy"])
+def test_massless_foot_that_begins_with_a_slip_ends_there(engine):
+    problem = load_problem("slip-run")
+    outcomes = return_map(problem, np.array([[1.1, 0.0], [1.1, 0.1], [1.1, -0.1]]), engine=engine).outcomes
+    assert tuple(outcomes) == (Ending.COMPLETED, Ending.PAINLEVE, Ending.PAINLEVE)
+
+
 def test_no_states_are_no_steps():
     assert return_map(load_problem("compass-passive-a"), np.zeros((0, 3)), engine="heyoka").states.shape == (0, 4)
 

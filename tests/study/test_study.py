@@ -63,6 +63,12 @@ def test_record_of_a_walk_has_the_same_keys_and_figures() -> None:
     assert [phase["mode"] for phase in record["phases"]] == ["slip_forward", "stick", "slip_backward"]
 
 
+def test_walk_of_constant_torques_that_is_sampled_at_the_ends_of_arcs_has_a_record() -> None:
+    walk = go.simulate(go.load_problem("compass-torque-stick"), dense=False)
+    largest = max(abs(walk.dynamics.parameters[f"control.{name}"]) for name in walk.system.walker.actuators)
+    assert walk.to_record()["peak_torque"] == pytest.approx(largest, rel=1e-15)
+
+
 def test_walk_without_a_complete_step_has_the_same_keys() -> None:
     record = go.simulate(gait("rimless-wheel-stick"), {"dtheta": 0.05}).to_record()
     assert set(record) >= SIMULATED

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 
-CONTRADICTION = 1e-9
-"""Distance in the problem of nonnegative least squares that means a polyhedron without points."""
+CONTRADICTION = 1e-6
+"""Distance in the problem of nonnegative least squares that means a polyhedron without points.
+
+The solution is a multiple of its inverse square, which is known to four digits there, and to none at 1e-8.
+"""
 ROUNDING = 1e-15
 """Slope of a least squares problem that is zero, relative to its columns; with some to spare."""
 MAX_CHANGES = 3

@@ -50,7 +50,10 @@ class BatchSimulator:
     def step(self, states: Array) -> BatchSteps:
         """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
         motion = _Motion(states, self.system.n_shape, EDGE * self._units.speed, self._modes)
-        self._choose_at_rest(motion, np.flatnonzero(motion.states[:, -1] == 0))
+        slips = motion.states[:, -1] != 0
+        self._choose_at_rest(motion, np.flatnonzero(~slips))
+        if self.system.walker.massless_feet:
+            motion.end(np.flatnonzero(slips), CANNOT_SLIP.ending)
         while (going := np.flatnonzero(motion.endings < 0)).size:
             modes = motion.modes[going]
             for code in np.unique(modes):
