@@ -158,6 +158,15 @@ def test_engines_agree_on_states_where_they_did_not(friction: float, state: Arra
     assert_alike(iter([(compass(), compass_parameters(friction), state)]))
 
 
+@pytest.mark.parametrize("slip", [-0.2, 0.0, 0.2])
+def test_engines_agree_where_a_slip_has_no_apparent_mass(slip: float) -> None:
+    """Its forces are infinite, or so large that their sign is rounding."""
+    theta, kappa = 0.21807578918388987, 0.07702366005602773
+    friction = (kappa + np.sin(theta) ** 2) / (np.sin(theta) * np.cos(theta))
+    state = np.array([theta, 0, -0.5545027287512287, slip])
+    assert_alike(iter([(wheel(), wheel_parameters(friction, kappa), state)]))
+
+
 @pytest.mark.parametrize("slip", [9.4e-12, -9.4e-12, 2e-11])
 def test_a_slip_that_ends_at_once_is_no_touchdown(slip: float) -> None:
     state = level(-0.15, 0.73, -0.5, slip)

@@ -79,11 +79,10 @@ class BatchResolver:
         _, margins, rates, *slips = self._at_rest[stops](taus[:, None], zetas, data)
         stick, cone = margins[:, NORMAL_FORCE], [margins[:, k] for k in CONE.values()]
         clear = [np.abs(own) > EDGE + INSTANT * np.abs(rates[:, k]) for own, k in zip(cone, CONE.values(), strict=True)]
-        forces = [(own[:, NORMAL_FORCE], own[:, PAINLEVE]) for own in slips]
         possible = [(stick > EDGE) & (cone[0] > 0) & (cone[1] > 0)]
-        possible += [(own < 0) & (mass > 0) & (force > 0) for own, (force, mass) in zip(cone, forces, strict=False)]
-        lifts = np.any([force * mass < 0 for force, mass in forces], axis=0)
-        plain = np.all([*clear, np.abs(stick) > EDGE], axis=0) & (np.sum(possible, axis=0) == 1) & ~lifts
+        possible += [(own < 0) & (slip[:, NORMAL_FORCE] > 0) for own, slip in zip(cone, slips, strict=False)]
+        unique = [(slip[:, PAINLEVE] > 0) & (slip[:, NORMAL_FORCE] >= 0) for slip in slips]
+        plain = np.all([*clear, *unique, np.abs(stick) > EDGE, np.sum(possible, axis=0) == 1], axis=0)
         modes = first + np.argmax(possible, axis=0)
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):

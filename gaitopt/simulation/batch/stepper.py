@@ -55,6 +55,7 @@ class HeyokaBatch:
         self._alone = HeyokaStepper(dynamics)
         self.data = np.array([system.data(k) for k in range(len(system.control.breakpoints) + 1)])
 
+    @np.errstate(all="ignore")  # where the equations are singular, forces are infinite
     def advance(self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array) -> Arrivals:
         """Integrate arcs in one mode to their first events or time limits.
 
@@ -116,8 +117,7 @@ class HeyokaBatch:
             return rows
         flow, margins, rates = self._point(mode, segments[rows], ends.times[rows], ends.states[rows])
         fired = np.arange(rows.size), ends.events[rows]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            shift = -margins[fired] / rates[fired]
+        shift = -margins[fired] / rates[fired]
         linear = (rates[fired] < 0) & (np.abs(shift) <= NEAR)
         shift = np.where(linear, shift, 0.0)
         ends.times[rows] += shift
