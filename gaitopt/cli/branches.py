@@ -11,31 +11,12 @@ if TYPE_CHECKING:
 SPECIAL = "@special."
 
 
-def holding(run: str) -> str:
-    """What ``run`` is a folder of: ``branch``; ``walk`` or ``front`` where it has no gait; else nothing."""
-    from gaitopt.runs.front import front_file
-    from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE
-    from gaitopt.store.manifest import MANIFEST_FILE
-
-    folder = Path(run)
-    try:
-        names = {path.name for path in folder.iterdir()}
-    except OSError:  # no folder, or no name of one
-        return ""
-    if BRANCH_FILE in names:
-        return "branch"
-    if GAIT_FILE in names:
-        return ""
-    if WALK_FILE in names:
-        return "walk"
-    return "front" if MANIFEST_FILE in names and any(folder.glob(front_file("*"))) else ""
-
-
 def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
     """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error."""
     from gaitopt.runs import restore_branch
+    from gaitopt.runs.within import kind_of
 
-    if holding(run) != "branch":
+    if kind_of(Path(run)) != "branch":
         raise StorageError(f"{label}{run} holds no branch; `gaitopt continue` writes one")
     return restore_branch.stored_branch(Path(run))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from gaitopt.cli.branches import holding, stored_branch
+from gaitopt.cli.branches import stored_branch
 
 if TYPE_CHECKING:
     from gaitopt.figures.catalogue import Figures
@@ -53,8 +53,9 @@ def stored_figures(run: str) -> "list[Figures]":
     from gaitopt.figures.catalogue import branch_figures, front_figures, walk_figures
     from gaitopt.runs.front import read_fronts
     from gaitopt.runs.restore import restore_walk
+    from gaitopt.runs.within import kind_of
 
-    kind = holding(run)
+    kind = kind_of(Path(run))
     if kind == "branch":
         return [branch_figures(*stored_branch(run))]
     if kind == "walk":

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gaitopt.cli.branches import holding, stored_branch
+from gaitopt.cli.branches import stored_branch
 from gaitopt.cli.endings import NOT_A_GAIT
 from gaitopt.cli.options import RunArguments, SetOption
 from gaitopt.cli.runs import gaits_of
@@ -28,13 +28,14 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
     """
     from gaitopt.pages import branch_report, comparison_report, walk_report
     from gaitopt.runs.restore import restore_walk
+    from gaitopt.runs.within import kind_of
     from gaitopt.store import adding, check_writable, write_whole
 
     if output is not None and (not output.name or output.is_dir()):
         raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
     if output is not None:
         check_writable(output)
-    kind = holding(runs[0]) if len(runs) == 1 else ""
+    kind = kind_of(Path(runs[0])) if len(runs) == 1 else ""
     if kind == "branch":
         page, folder = branch_report(*stored_branch(runs[0])), Path(runs[0])
     elif kind == "walk":

@@ -6,13 +6,13 @@ from pathlib import Path
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Branch, Gait
 from gaitopt.gait.motion import trajectory_header, trajectory_rows
-from gaitopt.runs.basin_tiles import BASIN_FILE, Basin, read_basin
-from gaitopt.runs.front import Front, front_file, read_fronts
+from gaitopt.runs.basin_tiles import Basin, read_basin
+from gaitopt.runs.front import Front, read_fronts
 from gaitopt.runs.restore import restore_gait, restore_walk
 from gaitopt.runs.restore_branch import restore_branch
-from gaitopt.runs.sweep_table import SWEEP_FILE, Sweep, read_sweep
-from gaitopt.runs.within import refuse_other_results
-from gaitopt.store import BRANCH_FILE, GAIT_FILE, WALK_FILE, Table, run_folder
+from gaitopt.runs.sweep_table import Sweep, read_sweep
+from gaitopt.runs.within import FILES, kind_of, refuse_other_results
+from gaitopt.store import Table, run_folder
 from gaitopt.store.run import GAIT_FILES, WALK_FILES, write_run
 from gaitopt.study.simulate import Walk
 
@@ -55,16 +55,22 @@ def load_run(path: str | Path) -> Result:
     """
     folder = Path(path)
     readers: dict[str, Callable[[Path], Result]] = {
-        BRANCH_FILE: restore_branch,
-        GAIT_FILE: restore_gait,
-        WALK_FILE: restore_walk,
-        SWEEP_FILE: read_sweep,
-        BASIN_FILE: read_basin,
+        "branch": restore_branch,
+        "gait": restore_gait,
+        "walk": restore_walk,
+        "front": _only_front,
+        "sweep": read_sweep,
+        "basin": read_basin,
     }
-    for name, reader in readers.items():
-        if (folder / name).is_file():
-            return reader(folder)
-    if len(list(folder.glob(front_file("*")))) == 1:
-        return read_fronts(folder)[0]
+    kind = kind_of(folder)
+    if kind:
+        return readers[kind](folder)
     refuse_other_results(folder)
-    raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(readers)})")
+    raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(FILES.values())})")
+
+
+def _only_front(folder: Path) -> Front:
+    front, *others = read_fronts(folder)
+    if others:
+        raise StorageError(f"{folder} holds {len(others) + 1} fronts, but no gait; `gaitopt plot` draws them")
+    return front

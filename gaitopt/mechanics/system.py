@@ -143,11 +143,15 @@ class HybridSystem:
         return self._build(f"impact_{mode.key}", outputs, "zp")
 
     def impacts(self, modes: Sequence[Mode]) -> Function:
-        """(z, p) -> what ``impact`` gives for each of several modes, one column per mode."""
+        """(z, p) -> what ``impact`` gives for each of several modes, one column per mode; and the approach.
+
+        The approach is the normal velocity of the swing foot as it lands [m/s], negative where it comes down.
+        """
         z, p = self._eom.z, self._p
 
         def outputs() -> dict[str, SX]:
-            return {"impacts": horzcat(*(vertcat(*self.impact(mode).call([z, p])) for mode in modes))}
+            columns = [vertcat(*self.impact(mode).call([z, p])) for mode in modes]
+            return {"impacts": horzcat(*columns), "approach": self._symbols.approach}
 
         return self._build("_".join(["impacts", *(mode.key for mode in modes)]), outputs, "zp")
 
@@ -200,11 +204,6 @@ class HybridSystem:
 
         s = SX.sym("s")
         return self._build("open_impact", outputs, "zsp", s=s)
-
-    @cached_property
-    def approach(self) -> Function:
-        """(z, p) -> normal velocity with which the swing foot lands [m/s]; it is negative where the foot comes down."""
-        return Function("approach", [self._eom.z, self._p], [self._symbols.approach])
 
     @cached_property
     def push(self) -> Function:

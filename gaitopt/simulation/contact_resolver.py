@@ -19,6 +19,7 @@ checked; where none or several hold, the motion ends by name.
 
 from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,8 +46,7 @@ CONE = {name: margin_names(Mode.STICK).index(name) for name in ONSETS}
 CANNOT_SLIP = Termination(Ending.PAINLEVE, "a foot without mass cannot slip, and friction does not hold it")
 
 
-@dataclass(frozen=True, slots=True)
-class _Candidate:
+class _Candidate(NamedTuple):
     """One conceivable impact, and what tells whether it contradicts itself."""
 
     mode: Mode
@@ -87,7 +87,7 @@ class ContactResolver:
         self._contacts = tuple(contact for contact in system.walker.contacts() if contact is not Mode.FLIGHT)
         self._units = units(dynamics)
         self._points = PointFunctions(dynamics, self._units)
-        self._approach, self._push = BufferedFunction(system.approach), BufferedFunction(system.push)
+        self._push = BufferedFunction(system.push)
         self._released = system.walker.released(Mode.STICK)
         self._ground: dict[Mode, tuple[Mode, ...]] = {}
         self._impacts: dict[tuple[Mode, ...], BufferedFunction] = {}
@@ -130,11 +130,10 @@ class ContactResolver:
             if abs(p_t) > self._friction * p_n * (1 + EDGE):
                 words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
                 return Termination(Ending.PUSH_SLIPS, f"{words}, has {self._friction:g}")
-        v_n = self._approach(z_minus, self._p)[0].item()
+        candidates, v_n = self._candidates(self._on_ground(self._released), z_minus)
         if v_n >= -EDGE * self._units.speed:
             words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
             return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
-        candidates = self._candidates(self._on_ground(self._released), z_minus)
         if self._system.walker.massless_feet:
             return self._record(candidates[0], candidates[0], z_minus)
         chosen = self._consistent_one(candidates)
@@ -144,10 +143,10 @@ class ContactResolver:
         """What the foot does just after a stop has locked in state ``z_minus``, and the state there."""
         locked = mode.with_next(stop)
         if mode.flies:
-            return locked, self._candidates((locked,), z_minus)[0].z_plus
-        candidates = self._candidates(self._on_ground(locked), z_minus)
+            return locked, self._candidates((locked,), z_minus)[0][0].z_plus
+        candidates, _ = self._candidates(self._on_ground(locked), z_minus)
         if self._system.walker.flies and not any(map(self._consistent, candidates)):
-            (flight,) = self._candidates((locked.with_contact(Mode.FLIGHT),), z_minus)
+            (flight,), _ = self._candidates((locked.with_contact(Mode.FLIGHT),), z_minus)
             if flight.lift_velocity > 0:
                 return flight.mode, flight.z_plus
         if all(candidate.f_n < 0 for candidate in candidates):
@@ -216,12 +215,14 @@ class ContactResolver:
             self._ground[mode] = tuple(mode.with_contact(contact) for contact in self._contacts)
         return self._ground[mode]
 
-    def _candidates(self, modes: tuple[Mode, ...], z_minus: Array) -> list[_Candidate]:
-        """Impacts of all of ``modes``."""
+    def _candidates(self, modes: tuple[Mode, ...], z_minus: Array) -> tuple[list[_Candidate], float]:
+        """Impacts of all of ``modes``, and the approach."""
         if modes not in self._impacts:
             self._impacts[modes] = BufferedFunction(self._system.impacts(modes))
-        columns, n = self._impacts[modes](z_minus, self._p)[0].reshape(len(modes), -1).copy(), self._system.n_z
-        return [_Candidate(mode, own[:n], *own[n:].tolist()) for mode, own in zip(modes, columns, strict=True)]
+        impacts, approach = self._impacts[modes](z_minus, self._p)
+        columns, n = impacts.reshape(len(modes), -1).copy(), self._system.n_z
+        candidates = [_Candidate(mode, own[:n], *own[n:].tolist()) for mode, own in zip(modes, columns, strict=True)]
+        return candidates, approach.item()
 
     def _painleve(self, mode: Mode, t: float, z: Array, data: Array) -> float:
         return float(self._system.margins(mode)(t, z, self._p, data)[PAINLEVE])

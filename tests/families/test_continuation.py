@@ -13,6 +13,7 @@ import gaitopt as go
 from gaitopt import continuation
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.families.continuer import Continuer
+from gaitopt.families.family import follow_family
 from gaitopt.families.limits import Limits
 from gaitopt.families.position import Position
 from gaitopt.families.request import Request
@@ -67,6 +68,14 @@ def test_both_directions_meet_the_same_special_points() -> None:
     upwards = continuation(passive(0.171), "friction", 0.18)
     assert changes(upwards) == pytest.approx(changes(downwards()), rel=0, abs=AGREEMENT)
     assert upwards[-1].gait.state == pytest.approx(passive(0.18).state, rel=0, abs=1e-9)
+
+
+def test_a_family_begins_on_the_mesh_of_its_gait() -> None:
+    gait = passive(0.18)
+    finer = replace(gait, shooting=replace(gait.shooting, intervals=(30,)))
+    first = next(iter(follow_family(finer, Request(parameter="friction", to=(0.171,), verify_every=0))))
+    assert first.gait.shooting.intervals == (30,)
+    assert first.gait.state == pytest.approx(gait.state, rel=0, abs=1e-12)
 
 
 @pytest.mark.parametrize("intervals", [30, pytest.param(60, marks=pytest.mark.slow)])

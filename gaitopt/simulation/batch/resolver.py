@@ -54,7 +54,6 @@ class BatchResolver:
         self._one_by_one = ContactResolver(dynamics)
         self._units = units(dynamics)
         self._modes = system.walker.modes()
-        self._approach = HeyokaRowMap(system.approach, {1: p})
         self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
         self._contacts = system.walker.contacts()
         self._ground = tuple(mode for mode in self._contacts if not mode.flies)
@@ -107,7 +106,8 @@ class BatchResolver:
     def land(self, states: Array) -> Landing:
         """Impacts at touchdown in the given states, shape (n, n_z)."""
         n, n_z = states.shape
-        candidates = self._impacts(states)[0].reshape(n, len(self._ground), -1)
+        columns, approach = self._impacts(states)
+        candidates = columns.reshape(n, len(self._ground), -1)
         consistent = np.column_stack(
             [self._consistent(mode, *candidates[:, k, n_z : n_z + 3].T) for k, mode in enumerate(self._ground)]
         )
@@ -118,7 +118,7 @@ class BatchResolver:
         after, lift_velocities = chosen[:, :n_z], chosen[:, n_z + 3]
         step_lengths, endings = after[:, self._n_x].copy(), np.zeros_like(modes)
         after[:, self._n_x] = 0.0
-        comes_down = self._approach(states)[0][:, 0] < -EDGE * self._units.speed
+        comes_down = approach[:, 0] < -EDGE * self._units.speed
         lifts = lift_velocities > 0 if self._lifts else True
         plain = comes_down & (consistent.sum(axis=1) == 1) & lifts & ~self._at_edge(*candidates[:, 0, n_z : n_z + 2].T)
         if self._push is not None:

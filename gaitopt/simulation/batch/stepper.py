@@ -34,7 +34,7 @@ from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals, Indices
 
 Flags = NDArray[np.bool_]
 
-TIME_LIMIT, INFINITE = int(hy.taylor_outcome.time_limit), int(hy.taylor_outcome.err_nf_state)
+TIME_LIMIT = int(hy.taylor_outcome.time_limit)
 GOES_ON = int(hy.taylor_outcome.success), int(hy.taylor_outcome.step_limit)
 """Outcomes of lanes that stop only because another one does."""
 
@@ -74,7 +74,8 @@ class HeyokaBatch:
         constants = np.column_stack([self._runtime(mode)[segments], *lifts])
         if moved.size:
             taylor = batch_integrator(self._system, mode).taylor
-            _Lanes(taylor, constants, limits / unit.time, ends, moved).run()
+            speeds = np.nan_to_num(np.abs(start[0][moved]).max(axis=1), nan=np.inf)
+            _Lanes(taylor, constants, limits / unit.time, ends, moved, moved[np.argmin(speeds)]).run()
         self._land_at_limits(mode, segments, ends, moved)
         far = self._locate(mode, segments, ends, moved, taus, margins)
         arrivals = Arrivals(times=times.copy(), states=states.copy(), events=ends.events)
@@ -156,11 +157,13 @@ class HeyokaBatch:
 class _Lanes:
     """One pass of arcs through the lanes of a batch integrator.
 
-    Behind the arcs of all rows, as row -1, is one without length, where lanes rest that have nothing left to do.
+    Behind the arcs of all rows, as row -1, is that of the row ``idle`` without its length, where lanes rest that have
+    nothing left to do. It should be a harmless one: what becomes infinite in a lane stops all of them.
     """
 
-    def __init__(self, taylor: Any, constants: Array, limits: Array, arrivals: Arrivals, waiting: Indices) -> None:
-        idle = waiting[0]
+    def __init__(
+        self, taylor: Any, constants: Array, limits: Array, arrivals: Arrivals, waiting: Indices, idle: int
+    ) -> None:
         self._times, self._limits = ([*each.tolist(), arrivals.times[idle]] for each in (arrivals.times, limits))
         self._states, self._constants = (np.vstack([each, each[idle]]) for each in (arrivals.states, constants))
         self._taylor, self._state, self._pars = taylor, taylor.state.T, taylor.pars.T
@@ -177,10 +180,9 @@ class _Lanes:
             for lane, (outcome, _, _, steps) in enumerate(taylor.propagate_res):
                 counts[lane] += steps
                 code = int(outcome)
-                if rows[lane] < 0:
-                    ended += [lane] if code == INFINITE else []
-                elif code not in GOES_ON or counts[lane] >= MAX_TAYLOR_STEPS:
-                    self._record(lane, code)
+                if code not in GOES_ON or counts[lane] >= MAX_TAYLOR_STEPS:
+                    if rows[lane] >= 0:
+                        self._record(lane, code)
                     ended.append(lane)
             if ended:
                 self._load(ended, queue)
