@@ -12,9 +12,8 @@ Friction complementarity: the mode sets one factor of each pair to zero (the for
 by eq. (5)); the other factor stays an inequality at every node, except where an event already makes it zero.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
 
 import numpy as np
 from casadi import MX, Function, horzcat, repmat, vec, vertcat
@@ -28,27 +27,10 @@ from gaitopt.nlp.inequalities import inequalities
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.shooting_jacobian import shooting_jacobian
+from gaitopt.nlp.shooting_steps import defects, joints, stepped
 from gaitopt.nlp.sparse import SparseMatrix
 from gaitopt.nlp.transcription import Unknowns
 from gaitopt.nlp.units import Label, Units
-
-
-class Intervals(NamedTuple):
-    """What the steps of one arc begin with, as arguments of ``shooting_step``.
-
-    Attributes
-    ----------
-    nodes : ndarray, shape (m, n_z).
-    times : ndarray, shape (m, 1) - at which they start [s].
-    length : of each [s].
-    p, data : all parameters, as the leg stands, and the segment data of the control.
-    """
-
-    nodes: Array
-    times: Array
-    length: float
-    p: Array
-    data: Array
 
 
 class MultipleShooting:
@@ -98,20 +80,15 @@ class MultipleShooting:
 
     def dynamics(self, p: Array, freed: Array, phase: int = 0) -> Dynamics:
         """The system at its parameters with the freed ones put in, in the step of a phase."""
-        return _dynamics(self.system, self._standing(self._full(p, freed), phase).tobytes())
+        return _dynamics(self.system, self.values(p, freed, phase).tobytes())
 
-    def _full(self, p: Array, freed: Array) -> Array:
-        """All parameters, the freed ones put in."""
-        if not self.free:
-            return p
-        full = p.copy()
-        full[[self.system.parameters.index(name) for name in self.free]] = freed
-        return full
-
-    def _standing(self, p: Any, phase: int) -> Any:
-        """Parameters, as numbers or symbols, as the leg of a phase stands."""
+    def values(self, p: Array, freed: Array, phase: int) -> Array:
+        """All parameters, the freed ones put in, as the leg of a phase stands."""
+        if self.free:
+            p = p.copy()
+            p[[self.system.parameters.index(name) for name in self.free]] = freed
         walker = self.system.walker
-        return walker.standing(p, walker.side(self.layout.cycle.step_of(phase)))
+        return np.asarray(walker.standing(p, walker.side(self.layout.cycle.step_of(phase))))
 
     def standing_names(self, phase: int) -> tuple[str, ...]:
         """Dotted keys under which the freed parameters stand in the parameter vector of a phase."""
@@ -166,7 +143,7 @@ class MultipleShooting:
 
     def violation(self, w: Array, p: Array) -> Array:
         """Values of the equalities, shape (n_z n_nodes + n_phases,)."""
-        return np.concatenate([self._gaps(w, p, 1), *self._conditions(*self.joints(w), p)])
+        return np.concatenate([defects(self, w, stepped(self, w, p, 1)), *self._conditions(*joints(self, w), p)])
 
     @cached_property
     def _conditions(self) -> BufferedFunction:
@@ -178,42 +155,7 @@ class MultipleShooting:
 
     def halved_defects(self, w: Array, p: Array) -> Array:
         """The defects when every interval is integrated in two halves."""
-        return self._gaps(w, p, 2)
-
-    def _gaps(self, w: Array, p: Array, parts: int) -> Array:
-        """Between the nodes and the steps that lead there, each in some equal parts; shape (n_z intervals,)."""
-        ends = []
-        for step, (state, times, length, own, data) in zip(self._steps, self.intervals(w, p), strict=True):
-            for k in range(parts):
-                (state,) = step(state, times + k * length / parts, length / parts, own, data)
-            ends.append(state.copy())
-        return self.gaps(w, np.concatenate(ends))
-
-    @cached_property
-    def _steps(self) -> list[BufferedMap]:
-        """Those of every arc."""
-        return [buffered_map(shooting_step(self.system, arc.mode), arc.intervals) for arc in self.layout.arcs]
-
-    def gaps(self, w: Array, ends: Array) -> Array:
-        """By how much the nodes differ from the states (intervals, n_z) that the steps lead to."""
-        nodes = w[: ends.shape[1] * self.n_nodes].reshape(self.n_nodes, -1)
-        return np.asarray((nodes[self.layout.end_nodes] - ends).ravel())
-
-    def joints(self, w: Array) -> tuple[Array, Array, Array, Array]:
-        """States at the end of every phase and after every reset, durations and freed parameters."""
-        nodes, durations, freed = self.unpack(w)
-        ends, starts = (nodes.T[at].ravel() for at in self.layout.joints)
-        return ends, starts, durations, freed
-
-    def intervals(self, w: Array, p: Array) -> Iterator[Intervals]:
-        """What the steps of every arc begin with."""
-        nodes, durations, freed = self.unpack(w)
-        layout, full = self.layout, self._full(p, freed)
-        for arc, first, (start, end) in zip(layout.arcs, layout.first_nodes, layout.arc_times(durations), strict=True):
-            length = (end - start) / arc.intervals
-            times = start + length * np.arange(arc.intervals, dtype=float)[:, None]
-            own = self._standing(full, arc.phase)
-            yield Intervals(nodes.T[first : first + arc.intervals], times, length, own, self.system.data(arc.segment))
+        return defects(self, w, stepped(self, w, p, 2))
 
     def margin_values(self, w: Array, p: Array) -> Array:
         """Values of the inequalities."""
@@ -222,6 +164,11 @@ class MultipleShooting:
     @cached_property
     def _margin_values(self) -> BufferedFunction:
         return BufferedFunction(Function("margins", [self.w, self.parameters], [self.inequalities[0]]))
+
+    @cached_property
+    def steps(self) -> list[BufferedMap]:
+        """The steps of all intervals of every arc."""
+        return [buffered_map(shooting_step(self.system, arc.mode), arc.intervals) for arc in self.layout.arcs]
 
     def node_times(self, w: Array) -> Array:
         """Time since impact of every node; shape (K + 1,) [s]."""
@@ -253,7 +200,7 @@ class MultipleShooting:
         h, places = (end - start) / arc.intervals, fractions * arc.intervals
         k = np.minimum(places.astype(int), arc.intervals - 1)
         step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
-        own, data = self._standing(self._full(p, freed), arc.phase), self.system.data(arc.segment)
+        own, data = self.values(p, freed, arc.phase), self.system.data(arc.segment)
         (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], own, data)
         return states.copy()
 
@@ -281,7 +228,8 @@ class MultipleShooting:
 
     def standing(self, phase: int) -> MX:
         """The parameters in a phase, as its leg stands."""
-        return self._standing(self.p, phase)
+        walker = self.system.walker
+        return walker.standing(self.p, walker.side(self.layout.cycle.step_of(phase)))
 
     def constants(self, arc: ArcLayout, width: int) -> list[MX]:
         """Parameters and segment data of an arc, repeated."""

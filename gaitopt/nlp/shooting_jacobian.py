@@ -19,6 +19,7 @@ from gaitopt.integration.tableau import N_STAGES, A, B, C
 from gaitopt.mechanics import HybridSystem, Mode
 from gaitopt.mechanics.buffered import BufferedFunction, BufferedMap, buffered_map
 from gaitopt.nlp.conditions import differentiated
+from gaitopt.nlp.shooting_steps import defects, intervals, joints
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
 
 if TYPE_CHECKING:
@@ -64,9 +65,9 @@ class ShootingJacobian:
     def linearised(self, w: Array, p: Array) -> tuple[Array, SparseMatrix]:
         """Values of the equalities, and d equalities / d w."""
         ends, *steps = self._steps(w, p)
-        last, joints = self._joints(*self._t.joints(w), p)
-        data = np.concatenate([np.ones(self._n * self._n_z), *steps, joints])
-        residual = np.concatenate([self._t.gaps(w, ends), last])
+        last, by_joints = self._joints(*joints(self._t, w), p)
+        data = np.concatenate([np.ones(self._n * self._n_z), *steps, by_joints])
+        residual = np.concatenate([defects(self._t, w, ends), last])
         return residual, SparseMatrix(pattern=self._pattern, data=data[self._order])
 
     @cached_property
@@ -127,7 +128,7 @@ class ShootingJacobian:
         stages = np.empty((N_STAGES, self._n, n_z, n_z + 2 + len(t.free)))
         starts, lengths = np.empty((self._n, n_z)), np.empty(self._n)
         for at, values, (nodes, times, length, own, data) in zip(
-            self._intervals, self._stages, t.intervals(w, p), strict=True
+            self._intervals, self._stages, intervals(t, w, p), strict=True
         ):
             starts[at], lengths[at] = nodes, length
             stages[:, at] = _by_stage(values(nodes, times, length, own, data)[0], n_z)

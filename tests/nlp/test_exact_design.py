@@ -205,6 +205,14 @@ def test_three_moduli_meet_at_the_optimum_of_the_stable_slip(stable_slip):
     assert stable_slip.spectral_radius <= 0.5 + 1e-9
 
 
+def test_least_radius_lies_where_multipliers_coalesce():
+    gait = solve(load_problem("compass-torque-stable-slip").replace({"objective": "spectral_radius"}))
+    assert gait.converged, gait.message
+    assert gait.solver["kkt"] < 1e-9
+    assert gait.solver["objective"] == pytest.approx(0.397744938962, rel=1e-9)
+    assert gait.spectral_radius == pytest.approx(gait.solver["objective"], abs=1e-4)  # the root of rounding
+
+
 def test_no_feasible_neighbour_of_an_optimum_is_better(stable_slip):
     searched = neighbourhood(stable_slip, directions=5, radii=(1e-3,))
     assert searched.feasible > 0

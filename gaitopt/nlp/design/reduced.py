@@ -32,7 +32,7 @@ class Point:
 
     Attributes
     ----------
-    u : ndarray, shape (n_u,) - freed parameters, and levels at the extrema that they stand for.
+    u : ndarray, shape (n_u,) - freed parameters, and levels.
     objective, gradient : of what is minimised, shape (n_u,).
     by_work : derivative of the objective in the absolute work of the motors.
     rows : all constraints.
@@ -68,41 +68,44 @@ class Reduced:
         )
         self._slopes: dict[MultipleShooting, ResponseSlope] = {}
 
-    def first(self, transcription: MultipleShooting, w: Array, p: Array) -> Point | None:
-        """The point at nodes, durations and freed parameters ``w``; None where there is no gait."""
+    def first(self, transcription: MultipleShooting, w: Array, p: Array, heights: Array | None = None) -> Point | None:
+        """The point at nodes, durations and freed parameters ``w``; None where there is no gait.
+
+        ``heights`` are the levels, at their extrema unless given.
+        """
         at = polish(transcription, w, p).at
         if not at.size < SOLVED or not (transcription.unpack(at.w).durations > 0).all():
             return None
         if not self._in_order(transcription, at.w):
-            return self._recut(transcription, at.w, p)
-        return self._point(transcription, at)
+            return self._recut(transcription, at.w, p, heights)
+        return self._point(transcription, at, heights)
 
     def moved(self, point: Point, step: Array) -> Point | None:
         """The point a step (n_u,) away; None where Newton's method finds no gait from here."""
         s, n = point.sensitivity, len(self.free)
         w = s.at.w + s.slopes @ step[:n]
         w[-n:] = np.clip(w[-n:], *self.bounds)  # to which the step keeps up to rounding
-        return self.first(s.transcription, w, s.at.p)
+        return self.first(s.transcription, w, s.at.p, point.u[n:] + step[n:])
 
     def _in_order(self, t: MultipleShooting, w: Array) -> bool:
         return t.layout.in_order(t.unpack(w).durations, t.system.control.breakpoints)
 
-    def _recut(self, t: MultipleShooting, w: Array, p: Array) -> Point | None:
+    def _recut(self, t: MultipleShooting, w: Array, p: Array, heights: Array | None) -> Point | None:
         """The same gait on the arcs that it has after a switch has passed a breakpoint of the control."""
         nodes, durations, freed = t.unpack(w)
         rolled = roll_out(t.dynamics(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
         plan = layout(t.layout.cycle, durations, t.system.control.breakpoints)
         cut = MultipleShooting(t.system, plan, t.free)
         at = polish(cut, cut.pack(rolled.nodes(plan), durations, freed), p).at
-        return self._point(cut, at) if at.size < SOLVED and self._in_order(cut, at.w) else None
+        return self._point(cut, at, heights) if at.size < SOLVED and self._in_order(cut, at.w) else None
 
-    def _point(self, t: MultipleShooting, at: Linearisation) -> Point | None:
+    def _point(self, t: MultipleShooting, at: Linearisation, heights: Array | None) -> Point | None:
         try:
             s = sensitivity(t, at)
         except RuntimeError:  # singular
             return None
         freed = s.transcription.unpack(s.at.w).freed
-        values = Values(Scalars(s), self._radius(s), self.levels)
+        values = Values(Scalars(s), self._radius(s), self.levels, heights)
         if values.escaped(self._problem):
             return None
         objective, by_work, gradient = 0.0, 0.0, np.zeros(freed.size + len(self.levels))
@@ -115,8 +118,7 @@ class Reduced:
             rows += values.beyond(name, *values.level(name), EXTREMA[name])
         for name, span in self._problem.constraints.items():
             rows += span_rows(values, name, span)
-        levels = np.array([values.level(name)[0] for name in self.levels])
-        u = np.concatenate([freed, levels])
+        u = np.concatenate([freed, values.heights])
         return Point(
             u=u, objective=float(objective), gradient=gradient, by_work=by_work, rows=tuple(rows), sensitivity=s
         )

@@ -71,10 +71,19 @@ class Radius:
 
 
 class Values:
-    """Scalars with derivatives in u = (freed parameters, levels)."""
+    """Scalars with derivatives in u = (freed parameters, levels).
 
-    def __init__(self, scalars: Scalars, radius: Radius | None, levels: tuple[str, ...]) -> None:
+    Parameters
+    ----------
+    levels : names of the extrema that have a level.
+    heights : the levels, shape (n_levels,); at their extrema unless given.
+    """
+
+    def __init__(
+        self, scalars: Scalars, radius: Radius | None, levels: tuple[str, ...], heights: Array | None = None
+    ) -> None:
         self.scalars, self._radius, self._levels = scalars, radius, levels
+        self.heights = np.array([self._height(name) for name in levels]) if heights is None else heights
 
     def extended(self, gradient: Array, level: Array | float = 0.0) -> Array:
         """A derivative in the freed parameters with that in the levels; shape (n_u,)."""
@@ -92,10 +101,9 @@ class Values:
         return piece.value, self.extended(piece.gradient)
 
     def level(self, name: str) -> Valued:
-        """A level at its extremum, and its derivative as an unknown."""
-        value = self._radius.value if self._radius is not None and name == RADIUS else self._extreme(name).value
-        n_free = self.scalars.n_free
-        return value, np.append(np.zeros(n_free), [float(name == other) for other in self._levels])
+        """A level, and its derivative as an unknown."""
+        k = self._levels.index(name)
+        return float(self.heights[k]), self.extended(np.zeros(self.scalars.n_free), np.eye(len(self._levels))[k])
 
     def beyond(self, name: str, bound: float, slope: Array, sense: int) -> Iterator[Row]:
         """No value of an extremum exceeds a bound, which is a level or a number; undercuts it where ``sense`` is -1."""
@@ -115,9 +123,14 @@ class Values:
     def escaped(self, problem: Problem) -> bool:
         """Whether multipliers have left the circle of a bound two at a time."""
         bound = problem.constraints.get(RADIUS, Range(minimum=-np.inf, maximum=np.inf)).maximum
+        if RADIUS in self._levels:
+            bound = min(bound, self.level(RADIUS)[0])
         if self._radius is None or self._radius.value <= bound + LEFT:
             return False
         return all(row.value > 0 for row in circle_rows(self._radius.M, bound))
+
+    def _height(self, name: str) -> float:
+        return self._radius.value if self._radius is not None and name == RADIUS else self._extreme(name).value
 
     def _extreme(self, name: str) -> Piece:
         return max(self.scalars.pieces(name), key=lambda piece: EXTREMA[name] * piece.value)

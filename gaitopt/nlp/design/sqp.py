@@ -24,6 +24,10 @@ FAST = 0.1
 """Ratio of KKT residuals of a search that still does."""
 FIRST_REACH = 0.3
 """Longest first step, relative to the sizes of the unknowns; twice as far after one that went as the model promised."""
+LEAST_REACH = 1e-3
+"""Shorter steps are left to the line search."""
+SHRUNK, HOPELESS = 0.1, 1e-5
+"""Ratio of reaches after a step of which no part is better, and a reach at which the search is given up."""
 EDGE = 0.99
 """Part of the reach from where a step counts as kept by it."""
 PROMISED = 0.7
@@ -84,7 +88,7 @@ def optimise(
     """
     point, penalty, reach = start, 0.0, FIRST_REACH
     rest: Array | None = None
-    before = np.inf
+    before, learnt = np.inf, False
     for iteration in range(MAX_ITERATIONS + 1):
         kkt, multipliers = kkt_residual(point, sizes)
         if progress is not None:
@@ -95,34 +99,34 @@ def optimise(
         before = kkt
         model = Model(point, sizes, reach)
         weights = model.weights(multipliers)
-        fresh = rest is None
         if rest is None:
-            rest = _by_differences(problem, model, weights)
+            rest, learnt = _by_differences(problem, model, weights), False
         d, weights = model.solve(rest, weights)
         penalty = raised(penalty, weights)
         after, part = _line_search(problem, model, rest, d, weights, penalty)
         if after is not None:
             reach = _reach(model, rest, d, part, penalty, after)
-            rest, point = _updated(rest, *model.secant(after, weights)), after
-        elif fresh or (kkt < OPTIMAL and point.violation < FEASIBLE):
+            rest, learnt, point = _updated(rest, *model.secant(after, weights)), True, after
+        elif (kkt < OPTIMAL and point.violation < FEASIBLE) or reach < HOPELESS:
             break
-        else:
+        elif learnt:
             rest, reach = None, FIRST_REACH
+        else:
+            reach *= SHRUNK
     return Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted)
 
 
 def _by_differences(problem: Reduced, model: Model, weights: Array) -> Array:
     """Hessian of the Lagrangian without what the absolute work adds, (n_u, n_u); zero where no gait is near."""
-    n, n_free = model.sizes.size, len(problem.free)
-    hessian = np.zeros((n, n))
-    for k, step in enumerate(np.diag(DIFFERENCE * model.sizes)[:n_free]):
+    hessian = np.zeros((model.sizes.size, model.sizes.size))
+    for k, step in enumerate(np.diag(DIFFERENCE * model.sizes)):
         for sign in (1, -1):
             neighbour = problem.moved(model.point, sign * step)
             if neighbour is None:
                 continue
             s, y = model.secant(neighbour, weights)
             if s[k] != 0.0:  # not at a bound
-                hessian[k, :n_free] = y[:n_free] / s[k]
+                hessian[k] = y / s[k]
                 break
     return (hessian + hessian.T) / 2
 
@@ -152,10 +156,10 @@ def _reach(model: Model, rest: Array, d: Array, part: float, penalty: float, aft
     """How far the next step may go."""
     longest = float(np.abs(d).max())
     if part < 1.0:
-        return 2 * part * longest
+        return max(2 * part * longest, LEAST_REACH)
     promised = model.merit(np.zeros(d.size), rest, penalty) - model.merit(d, rest, penalty)
     gain = _merit(model.point, model.scale, penalty) - _merit(after, model.scale, penalty)
-    return model.reach * (2 if longest > EDGE * model.reach and gain > PROMISED * promised else 1)
+    return model.reach * (2 if longest > EDGE * model.reach and gain > PROMISED * promised - ROUNDING else 1)
 
 
 def _updated(rest: Array, s: Array, y: Array) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait import ImpactRecord
-from gaitopt.mechanics import CONTACTS, ONSETS, Dynamics, ImpactLaw, Mode
+from gaitopt.mechanics import CONTACTS, Dynamics, ImpactLaw, Mode
 from gaitopt.simulation.batch.steps import ENDINGS, NONE
 from gaitopt.simulation.contact_resolver import CONE, NORMAL_FORCE, ContactResolver, Termination
 from gaitopt.simulation.events import EDGE, INSTANT
@@ -77,12 +77,14 @@ class BatchResolver:
         taus, zetas = times / self._units.time, states / self._units.state
         first = stops * len(self._contacts)
         _, margins, rates, *slips = self._at_rest[stops](taus[:, None], zetas, data)
-        clear = [np.abs(margins[:, k]) > EDGE + INSTANT * np.abs(rates[:, k]) for k in CONE.values()]
-        carries = [own[:, NORMAL_FORCE] > 0 for own in (margins, *slips)]
-        unique = [own[:, PAINLEVE] > 0 for own in slips]
-        plain = np.all([*carries, *unique, *clear], axis=0) & (len(self._ground) > 1)
-        beyond = [margins[:, k] < 0 for k in CONE.values()]
-        modes = first + np.select(beyond, _SLIPS, default=CONTACTS.index(Mode.STICK))
+        stick, cone = margins[:, NORMAL_FORCE], [margins[:, k] for k in CONE.values()]
+        clear = [np.abs(own) > EDGE + INSTANT * np.abs(rates[:, k]) for own, k in zip(cone, CONE.values(), strict=True)]
+        forces = [(own[:, NORMAL_FORCE], own[:, PAINLEVE]) for own in slips]
+        possible = [(stick > EDGE) & (cone[0] > 0) & (cone[1] > 0)]
+        possible += [(own < 0) & (mass > 0) & (force > 0) for own, (force, mass) in zip(cone, forces, strict=False)]
+        lifts = np.any([force * mass < 0 for force, mass in forces], axis=0)
+        plain = np.all([*clear, np.abs(stick) > EDGE], axis=0) & (np.sum(possible, axis=0) == 1) & ~lifts
+        modes = first + np.argmax(possible, axis=0)
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.mode_at_rest(self._modes[first], float(times[k]), states[k], data[k])
@@ -150,6 +152,3 @@ class BatchResolver:
 
     def _at_edge(self, f_t: Array, f_n: Array) -> Flags:
         return np.abs(np.abs(f_t) - self._friction * f_n) <= CONE_EDGE * np.abs(self._friction * f_n)
-
-
-_SLIPS = [CONTACTS.index(slip) for slip in ONSETS.values()]
