@@ -88,15 +88,18 @@ def optimise(
     """
     point, penalty, reach = start, 0.0, FIRST_REACH
     rest: Array | None = None
-    before, learnt = np.inf, False
+    before, learnt = None, False
     for iteration in range(MAX_ITERATIONS + 1):
         kkt, multipliers = kkt_residual(point, sizes)
         if progress is not None:
             progress(iteration, point.violation)
         interrupted = should_stop is not None and should_stop()
-        if interrupted or (before < OPTIMAL and kkt >= FAST * before and point.violation < FEASIBLE):
+        here = Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted)
+        if interrupted:
             break
-        before = kkt
+        if before is not None and before.kkt < OPTIMAL and kkt >= FAST * before.kkt and point.violation < FEASIBLE:
+            return min(before, here, key=lambda optimum: (optimum.point.violation >= FEASIBLE, optimum.kkt))
+        before = here
         model = Model(point, sizes, reach)
         weights = model.weights(multipliers)
         if rest is None:
@@ -113,7 +116,7 @@ def optimise(
             rest, reach = None, FIRST_REACH
         else:
             reach *= SHRUNK
-    return Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted)
+    return here
 
 
 def _by_differences(problem: Reduced, model: Model, weights: Array) -> Array:
