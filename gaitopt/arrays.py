@@ -18,7 +18,7 @@ class ReadOnlyArrays:
     def __post_init__(self) -> None:
         for name in _arrays(type(self)):  # type: ignore[arg-type]  # a class has a hash
             value = getattr(self, name)
-            if value is not None:
+            if isinstance(value, np.ndarray):
                 object.__setattr__(self, name, read_only(value))
 
 
