@@ -63,6 +63,7 @@ def test_the_pushes_of_the_readme_die_out(monkeypatch, tmp_path):
     assert record["status"] == "completed"
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize("text", blocks("yaml"))
 def test_a_problem_file_that_is_shown_has_a_verified_gait(text):
     gait = solve(parse_problem(text))

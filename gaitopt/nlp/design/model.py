@@ -28,8 +28,9 @@ ARMIJO = 1e-4
 """Part of the gain that the slope promises which a step must reach."""
 ROUNDING = 1e-14
 """Of the merit of a model."""
-FLATTEST = 1e-6
-"""Least curvature of a quadratic program."""
+FLATTEST, STIFFEST = 1e-6, 1e7
+"""Least and largest curvature of a quadratic program. That of r grows like the inverse root of the distance from where
+the power touches zero, and there Newton's step would have no length."""
 RELAXED = 1e4
 """Curvature of the slack of a quadratic program whose constraints contradict each other."""
 PENALTY = 2.0
@@ -153,6 +154,6 @@ def _better_part(merit: Callable[[Array], float], d: Array, step: Array, slope: 
 
 
 def _definite(H: Array) -> Array:
-    """The nearest matrix that is positive definite enough."""
+    """The nearest matrix whose curvatures are neither too flat nor too stiff."""
     values, vectors = np.linalg.eigh(H)
-    return np.asarray((vectors * np.maximum(values, FLATTEST)) @ vectors.T)
+    return np.asarray((vectors * np.clip(values, FLATTEST, STIFFEST)) @ vectors.T)
