@@ -121,7 +121,7 @@ class Ipopt:
         everything does not make those of the others dense to compute.
     scale, objective_size : typical sizes of the unknowns, shape (n_w,), and of the objective; secants learn best where
         all are one. Sizes that depend on the parameters are given to ``solve``.
-    optimality, violation : KKT residual and violation of the constraints at which the search ends.
+    optimality : KKT residual at which the search for an optimum ends.
     progress, should_stop : called at every iteration.
     """
 
@@ -135,7 +135,6 @@ class Ipopt:
         objective: MX | None = None,
         objective_size: float = 1.0,
         optimality: float = NEAR_OPTIMUM,
-        violation: float = TOLERANCE,
         progress: Progress | None = None,
         should_stop: Stop = None,
     ) -> None:
@@ -162,7 +161,7 @@ class Ipopt:
                 "print_level": 0,
                 "sb": "yes",
                 "tol": TOLERANCE if objective is None else optimality,
-                "constr_viol_tol": violation,
+                "constr_viol_tol": TOLERANCE,
                 "acceptable_iter": 0,
                 "bound_relax_factor": 0.0,
                 "obj_scaling_factor": 1 / objective_size,

@@ -204,3 +204,22 @@ def test_designed_reference_slides_as_fast_with_longer_steps():
     assert gait.state[-1] >= 0.257 - 1e-8
     assert gait.measures["absolute_cost_of_transport"] <= 0.01475 + 1e-8
     assert gait.spectral_radius <= 0.6 + 1e-7
+
+
+@pytest.mark.parametrize(
+    ("objective", "numbers", "least"),
+    [
+        ("peak_torque", (0.442, 0.152, 0.0066), 0.477464872643),
+        pytest.param("required_friction", (0.351, 0.268, 0.0034), 0.0926491062422, marks=pytest.mark.slow),
+        pytest.param("torque_squared", (0.488, 0.598, 0.0063), 0.379408927456, marks=pytest.mark.slow),
+        pytest.param("required_friction", (0.44, 0.419, 0.0005), 0.112401970918, marks=pytest.mark.slow),
+    ],
+)
+def test_an_optimum_is_reached_although_gaits_end_on_the_way(objective, numbers, least):
+    """From these guesses the smoothed problem is solved next to a fold, where the gaits of the family end."""
+    speed, friction, clearance = numbers
+    guesses = {"control.ankle": {"free": [-2, 3], "guess": 0.76}, "control.hip": {"free": [-2, 3], "guess": 0.2}}
+    constraints = {"speed": speed, "foot_clearance": {"min": clearance}}
+    gait = solve(sticking({"objective": objective, "constraints": constraints}, friction=friction, **guesses))
+    assert gait.converged, gait.message
+    assert gait.measures[objective] == pytest.approx(least, rel=1e-10)

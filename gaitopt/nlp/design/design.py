@@ -93,12 +93,17 @@ class _Design:
             if not program.hits_trust_region(result.w) and self._layout(durations).same_arcs(
                 program.transcription.layout
             ):
-                return self._optimum(program.transcription, program.motion(result.w), iterations)
+                w = program.motion(result.w)
+                gait = self._optimum(program.transcription, w, iterations)
+                if gait.status is not Status.NOT_CONVERGED:
+                    return gait
+                iterations = int(gait.solver.get("iterations", iterations))
+                return self._optimum(program.transcription, w, iterations, cautious=True)
             start = self._moved(program, result.w)
         return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
 
-    def _optimum(self, transcription: MultipleShooting, w: Array, iterations: int) -> Gait:
-        """The optimum of the exact problem next to a solution of the smoothed one."""
+    def _optimum(self, transcription: MultipleShooting, w: Array, iterations: int, *, cautious: bool = False) -> Gait:
+        """The optimum of the exact problem next to a solution of the smoothed one; see ``optimise``."""
         reduced = Reduced(self._problem, self.free, self._bounds)
         refined = refine(transcription, polish(transcription, w, self._dynamics.p).at)
         for _ in range(MAX_MESHES):
@@ -109,7 +114,9 @@ class _Design:
                 return self._failed(Status.NOT_CONVERGED, message, {}, lost)
             freed, levels = np.split(point.u, [len(self.free)])
             sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
-            optimum = optimise(reduced, point, sizes, progress=self._progress, should_stop=self._should_stop)
+            optimum = optimise(
+                reduced, point, sizes, cautious=cautious, progress=self._progress, should_stop=self._should_stop
+            )
             iterations += optimum.iterations
             s = optimum.point.sensitivity
             refined = refine(s.transcription, s.at)

@@ -21,13 +21,13 @@ from gaitopt.nlp.design.outcome import EXTREMA, RADIUS, Outcome
 from gaitopt.nlp.design.rows import CLEARANCE
 from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.design.trust_region import SMALL, search
-from gaitopt.nlp.ipopt import NEAR_OPTIMUM, TOLERANCE, Ipopt, IpoptResult, Progress
+from gaitopt.nlp.ipopt import NEAR_OPTIMUM, Ipopt, IpoptResult, Progress
 from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.problem import Problem, Range
 
-ROUGH, MET = 0.2, 1e-6
-"""KKT residual, in the sizes of objective and unknowns, and violation, in natural units, from where ``sqp`` goes on: it
-takes an iteration for what costs IPOPT, which learns all curvature by secants, twenty."""
+ROUGH = 0.2
+"""KKT residual, in the sizes of objective and unknowns, from where ``sqp`` goes on: it takes one iteration where IPOPT,
+which learns all curvature by secants, takes twenty."""
 SMOOTHING = 3e-5
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 
@@ -86,7 +86,6 @@ class Program:
             scale=self._search.sizes,
             objective=objective,
             optimality=NEAR_OPTIMUM if elastic else ROUGH,
-            violation=TOLERANCE if elastic else MET,
             objective_size=1.0 if objective is None else self._size_at_start(objective, unknowns, parameters),
             progress=progress,
             should_stop=should_stop,

@@ -15,7 +15,10 @@ from gaitopt.nlp.design.optimality import kkt_residual
 from gaitopt.nlp.design.reduced import Point, Reduced
 from gaitopt.nlp.ipopt import Progress
 
-MAX_ITERATIONS = 200
+MAX_SWIFT, MAX_ITERATIONS = 40, 200
+"""Of a search with the curvature as it is, and of a cautious one."""
+DAMPING = 0.2
+"""Part of the curvature so far that an update must leave, Powell (1978)."""
 OPTIMALITY, MET = 1e-6, 1e-9
 """KKT residual, and violation of constraints in their natural units, of a design that is called converged."""
 OPTIMAL, FEASIBLE = 1e-7, 1e-11
@@ -75,6 +78,7 @@ def optimise(
     start: Point,
     sizes: Array,
     *,
+    cautious: bool = False,
     progress: Progress | None = None,
     should_stop: Stop = None,
 ) -> Optimum:
@@ -83,13 +87,15 @@ def optimise(
     Parameters
     ----------
     sizes : typical sizes of the unknowns, shape (n_u,).
+    cautious : learn the curvature from one on and keep it positive. This takes more iterations, but goes round where
+        gaits end, while the curvature as it is leads there.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search.
     """
     point, penalty, reach = start, 0.0, FIRST_REACH
-    rest: Array | None = None
+    rest: Array | None = np.eye(sizes.size) if cautious else None
     before, learnt = None, False
-    for iteration in range(MAX_ITERATIONS + 1):
+    for iteration in range((MAX_ITERATIONS if cautious else MAX_SWIFT) + 1):
         kkt, multipliers = kkt_residual(point, sizes)
         if progress is not None:
             progress(iteration, point.violation)
@@ -108,12 +114,13 @@ def optimise(
         penalty = raised(penalty, weights)
         after, part = _line_search(problem, model, rest, d, weights, penalty)
         if after is not None:
-            reach = _reach(model, rest, d, part, penalty, after)
-            rest, learnt, point = _updated(rest, *model.secant(after, weights)), True, after
+            reach = FIRST_REACH if cautious else _reach(model, rest, d, part, penalty, after)
+            rest = (_damped if cautious else _updated)(rest, *model.secant(after, weights))
+            point, learnt = after, True
         elif (kkt < OPTIMAL and point.violation < FEASIBLE) or reach < HOPELESS:
             break
         elif learnt:
-            rest, reach = None, FIRST_REACH
+            rest, reach, learnt = np.eye(sizes.size) if cautious else None, FIRST_REACH, False
         else:
             reach *= SHRUNK
     return here
@@ -173,6 +180,18 @@ def _updated(rest: Array, s: Array, y: Array) -> Array:
     z = y - rest @ s
     both = np.outer(z, s)
     return np.asarray(rest + (both + both.T) / length - (z @ s) * np.outer(s, s) / length**2)
+
+
+def _damped(rest: Array, s: Array, y: Array) -> Array:
+    """Powell's damped BFGS update, which stays positive definite."""
+    Bs = rest @ s
+    curvature = float(s @ Bs)
+    if curvature <= 0:
+        return rest
+    if s @ y < DAMPING * curvature:
+        part = (1 - DAMPING) * curvature / (curvature - s @ y)
+        y = part * y + (1 - part) * Bs
+    return np.asarray(rest - np.outer(Bs, Bs) / curvature + np.outer(y, y) / (s @ y))
 
 
 def _merit(point: Point, scale: float, penalty: float) -> float:
