@@ -236,7 +236,7 @@ def test_a_point_beside_the_optimum_has_a_better_neighbour(stable_slip):
     ("name", "optimum"),
     [
         ("compass-torque-efficient", 0.003998052944),
-        ("compass-minimum-friction", 0.111776031585),
+        ("compass-minimum-friction", 0.111776031413),
         ("compass-torque-stable-slip", 0.019785783188),
         ("compass-torque-stable-slip-cheap", 0.0012905983475),
         ("compass-pd-designed", 0.005467319941),
