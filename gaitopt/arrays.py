@@ -1,7 +1,5 @@
 """Arrays of real numbers, and results whose arrays cannot be written to."""
 
-from dataclasses import fields
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,16 +14,10 @@ class ReadOnlyArrays:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for name in _arrays(type(self)):  # type: ignore[arg-type]  # a class has a hash
+        for name in self.__dataclass_fields__:  # type: ignore[attr-defined]  # of every subclass
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, name, read_only(value))
-
-
-@lru_cache(maxsize=64)
-def _arrays(cls: type) -> tuple[str, ...]:
-    """Names of the fields of a dataclass that are declared as arrays."""
-    return tuple(field.name for field in fields(cls) if np.ndarray.__name__ in str(field.type))
 
 
 def read_only(values: NDArray[Any]) -> NDArray[Any]:
