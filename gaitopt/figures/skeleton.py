@@ -17,6 +17,7 @@ from casadi import SX, Function, horzcat, vertcat
 from gaitopt.arrays import Array
 from gaitopt.figures.motion import Motion
 from gaitopt.mechanics import Walker
+from gaitopt.mechanics.declaration import state_mechanism, state_picture
 from gaitopt.mechanics.lagrangian import parameter_namespace
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
@@ -130,10 +131,10 @@ def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tupl
     q = SX.sym("q", len(names))
     coordinates = {"y": SX(0)} | {name: q[k] for k, name in enumerate(names)}
     named = SimpleNamespace(**coordinates), parameter_namespace(walker, p)
-    mechanism, lines = walker.mechanism(*named), walker.outline(*named)
+    mechanism, (lines, contact) = state_mechanism(walker, *named), state_picture(walker, *named)
     drawn = [*(body.position for body in mechanism.bodies), *(point for line in lines for point in line)]
     foot = vertcat(coordinates["x"], coordinates["y"])
-    places = horzcat(foot, mechanism.swing_foot, *drawn, walker.contact(*named))
+    places = horzcat(foot, mechanism.swing_foot, *drawn, contact)
     masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
     return (
         Function("positions", [q, p], [places]),

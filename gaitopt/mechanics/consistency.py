@@ -1,4 +1,4 @@
-"""Whether a walker is the same body just before and just after its feet swap roles.
+"""Whether a walker is made of numbers, and is the same body just before and just after its feet swap roles.
 
 An impact changes velocities by impulses at the feet and renames the coordinates; it moves no mass and stores no energy.
 With s_plus = relabel(s_minus) and the stance foot at the former swing foot, at every touchdown
@@ -19,12 +19,20 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics.posture import Posture, posture, section_posture
+from gaitopt.mechanics.declaration import calling, check_class, shown
+from gaitopt.mechanics.posture import Posture, not_a_number, posture, posture_words, section_posture
 from gaitopt.mechanics.scales import Scales
+from gaitopt.mechanics.units import LARGEST
 from gaitopt.mechanics.walker import Walker
 
 SAMPLES = 4
 """Random touchdowns; what holds at one of them by chance does not hold at all."""
+TOUCHDOWNS = 32
+"""Random touchdowns at which only numbers are looked for, which is quick."""
+SWING = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Parts of the way from the posture after an impact to that before the next one."""
+FALLEN = -1e-9
+"""A margin of being upright below this is a fall; a wheel on two spokes is at zero, up to rounding."""
 SPREAD = 0.3
 """Of the free coordinates [rad]: the half-angles of walking legs."""
 AGREEMENT = 1e-9
@@ -36,7 +44,7 @@ NEWTON_STEPS = 20
 
 
 def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] | None = None) -> None:
-    """Refuse a walker that contradicts itself where its feet swap roles.
+    """Refuse a walker whose class is not well formed, or that contradicts itself where its feet swap roles.
 
     Parameters
     ----------
@@ -47,13 +55,29 @@ def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] 
     ------
     ProblemError
         If masses jump, springs gain or lose energy, ``relabel`` cannot be inverted, ``after_impact`` is no posture in
-        which a step begins, or a coordinate has no inertia. The message names the walker and the reason.
+        which a step begins, a coordinate has no inertia, something is not a number, or the class is not that of a
+        walker (see ``declaration``). The message names the walker and the reason.
     """
-    values = dict(parameters or {}) if isinstance(walker, type) else walker.model_dump()
+    check_class(walker if isinstance(walker, type) else type(walker))
     model = walker if isinstance(walker, type) else type(walker)
-    reason = _contradiction(model, tuple(float(values[name]) for name in model.model_fields))
+    values = dict(parameters or {}) if isinstance(walker, type) else {k: getattr(walker, k) for k in model.model_fields}
+    reason = _parameter_fault(model, values)
+    if reason is None:
+        with calling(model, "its equations"):
+            reason = _contradiction(model, tuple(float(values[name]) for name in model.model_fields))
     if reason is not None:
         raise ProblemError(f"{model.__name__}: {reason}")
+
+
+def _parameter_fault(model: type[Walker], values: Mapping[str, object]) -> str | None:
+    """Which parameter is not a finite number, if one is not."""
+    for name in model.model_fields:
+        value = values.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return f"the parameter {name} is {shown(value)}, but must be a number"
+        if not -LARGEST <= value <= LARGEST:
+            return f"the parameter {name} is {shown(value)}, but must be a number of at most {LARGEST:g} in size"
+    return None
 
 
 @lru_cache(maxsize=64)
@@ -66,20 +90,37 @@ def _contradiction(walker: type[Walker], parameters: tuple[float, ...]) -> str |
         return "a body has a mass or inertia that is negative or no number"
     scales = _scales(straight)
     if scales is None:
-        return "it has no length, no mass or no gravity to stand against"
+        undefined = not_a_number(walker, np.zeros(n), p)
+        return undefined or "it has no length, no mass or no gravity to stand against"
     random = np.random.default_rng(0)
-    for k in range(SAMPLES):
+    spread = min(SPREAD, walker.largest_angle)
+    for k in range(TOUCHDOWNS):
         legs = walker.standing(p, walker.side(k)), walker.standing(p, walker.side(k + 1))
-        free = SPREAD * random.uniform(-1, 1, len(walker.section))
-        rates = random.standard_normal(n) / scales.time
-        reason = _contradiction_at(walker, legs, free, rates, scales)
+        free = dict(zip(walker.section, spread * random.uniform(-1, 1, len(walker.section)), strict=True))
+        reason = _not_a_number_after(walker, free, legs[1])
+        if reason is None and k < SAMPLES:
+            rates = random.standard_normal(n) / scales.time
+            reason = _contradiction_at(walker, legs, free, rates, scales)
         if reason is not None:
             return reason
     return None
 
 
+def _not_a_number_after(walker: type[Walker], free: Mapping[str, float], p: Array) -> str | None:
+    """What is not a number just after the touchdown that leads to the section coordinates ``free``."""
+    shape, rates = section_posture(walker, free, p)
+    given = ", ".join(f"{name} = {value:.4g}" for name, value in free.items())
+    at = f"at {given}" if given else "whatever the posture"
+    for method, prefix, values in (("after_impact", "", shape), ("rates_after_impact", "d", rates)):
+        for name, value in zip(walker.shape, values, strict=True):
+            if not np.isfinite(value):
+                rest = " and rates of zero" if prefix else ""
+                return f"{method} gives {prefix}{name} = {value:g} {at}{rest}, but must give a number"
+    return not_a_number(walker, shape, p)
+
+
 def _contradiction_at(
-    walker: type[Walker], legs: tuple[Array, Array], free: Array, rates: Array, scales: Scales
+    walker: type[Walker], legs: tuple[Array, Array], free: Mapping[str, float], rates: Array, scales: Scales
 ) -> str | None:
     """What is wrong at the touchdown that leads to the section coordinates ``free``.
 
@@ -88,29 +129,25 @@ def _contradiction_at(
     legs : parameters before and after it; they differ where the legs do.
     """
     p, p_plus = legs
-    s_plus = section_posture(walker, free, p_plus)
+    s_plus, _ = section_posture(walker, free, p_plus)
     if walker.massless_feet:
         at_rest = posture(walker, np.array([*s_plus, 0, 0]), np.zeros(s_plus.size + 2), p)
         return _landing_jump(at_rest, walker, p, scales) or _without_inertia(walker, at_rest.mass_matrix)
     s_minus = _before_relabelling(walker, s_plus, p)
     if s_minus is None:
         return "relabel cannot be inverted: after the swap of the feet the posture before it is no longer known"
+    swing = (not_a_number(walker, s_plus + part * (s_minus - s_plus), p) for part in SWING)
+    undefined = next((reason for reason in swing if reason is not None), None)
+    if undefined is not None:
+        return undefined
     J = posture(walker, np.array([*s_minus, 0, 0]), np.zeros(rates.size + 2), p).gap_jacobian
     locked = rates - np.linalg.pinv(J) @ J @ rates  # all stops are locked at touchdown
     before = posture(walker, np.array([*s_minus, 0, 0]), np.array([*locked, 0, 0]), p)
     q_plus = np.array([*s_plus, *before.foot[0]])
     after = posture(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p_plus)
-    if abs(before.guard) > AGREEMENT * before.guard_slope or after.guard > AGREEMENT * after.guard_slope:
-        posture_words = ", ".join(f"{name} = {value:.4g}" for name, value in zip(walker.shape, s_plus, strict=True))
-        return (
-            "after_impact and touchdown contradict each other: a step would begin in the posture "
-            f"{posture_words}, which is not that just after a touchdown "
-            f"(guard {before.guard:.3g} before relabelling, {after.guard:.3g} after it)"
-        )
-    if np.abs([*before.gaps, *after.gaps]).max(initial=0.0) > AGREEMENT:
-        return "a stop is not at its end at touchdown, or not just after it: its gap must be zero in both postures"
-    if abs(before.foot[0, 1]) > AGREEMENT * scales.length:
-        return f"the swing foot is {before.foot[0, 1]:.3g} m above the ground where touchdown is zero"
+    wrong = _posture_fault(walker, before, after, s_plus, scales)
+    if wrong is not None:
+        return wrong
     jump = _jump(before.bodies, after.bodies, scales)
     if jump is not None:
         return jump
@@ -122,6 +159,24 @@ def _contradiction_at(
         power = f"{-before.dissipation:.3g} W at a touchdown"
         return f"its dampers give energy, {power}: their coefficients must not be negative"
     return _without_inertia(walker, after.mass_matrix)
+
+
+def _posture_fault(walker: type[Walker], before: Posture, after: Posture, s_plus: Array, scales: Scales) -> str | None:
+    """What is wrong with the postures just before and just after a touchdown, apart from masses and springs."""
+    if abs(before.guard) > AGREEMENT * before.guard_slope or after.guard > AGREEMENT * after.guard_slope:
+        return (
+            "after_impact and touchdown contradict each other: a step would begin in the posture "
+            f"{posture_words(walker, s_plus)}, which is not that just after a touchdown "
+            f"(guard {before.guard:.3g} before relabelling, {after.guard:.3g} after it)"
+        )
+    if np.abs([*before.gaps, *after.gaps]).max(initial=0.0) > AGREEMENT:
+        return "a stop is not at its end at touchdown, or not just after it: its gap must be zero in both postures"
+    if abs(before.foot[0, 1]) > AGREEMENT * scales.length:
+        return f"the swing foot is {before.foot[0, 1]:.3g} m above the ground where touchdown is zero"
+    if after.upright < FALLEN:
+        where = posture_words(walker, s_plus)
+        return f"upright is {after.upright:.3g} just after a touchdown, at {where}: it must be positive while it walks"
+    return None
 
 
 def _landing_jump(before: Posture, walker: type[Walker], p: Array, scales: Scales) -> str | None:

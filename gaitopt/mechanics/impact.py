@@ -28,6 +28,7 @@ from types import SimpleNamespace
 from casadi import SX, dot, horzcat, jacobian, jtimes, vertcat, vertsplit
 
 from gaitopt.mechanics.contact import solve_locked
+from gaitopt.mechanics.declaration import state_landing
 from gaitopt.mechanics.lagrangian import EquationsOfMotion, parameter_namespace
 from gaitopt.mechanics.modes import ImpactLaw
 
@@ -120,9 +121,9 @@ def landing(eom: EquationsOfMotion) -> Impact:
     """The landing of a massless foot, which sticks; see ``Walker.landing``."""
     names = (*eom.walker.shape, "x", "y")
     q, dq = (SimpleNamespace(**dict(zip(names, vertsplit(values), strict=True))) for values in (eom.q, eom.dq))
-    shape, rates = eom.walker.landing(q, dq, parameter_namespace(eom.walker, eom.p))
+    shape, rates = state_landing(eom.walker, q, dq, parameter_namespace(eom.walker, eom.p))
     return Impact(
-        z_plus=vertcat(eom.state(vertcat(*shape), eom.mechanism.swing_foot[0]), eom.state(vertcat(*rates), SX(0))),
+        z_plus=vertcat(eom.state(shape, eom.mechanism.swing_foot[0]), eom.state(rates, SX(0))),
         impulse=SX.zeros(2),
         slip_velocity=SX(0),
         lift_velocity=SX.nan(),

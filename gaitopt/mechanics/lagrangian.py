@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import SimpleNamespace
 
-from casadi import DM, SX, dot, gradient, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
+from casadi import SX, dot, gradient, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
 
-from gaitopt.errors import ProblemError
+from gaitopt.mechanics.declaration import check_class, state_mechanism
 from gaitopt.mechanics.mechanism import Mechanism
 from gaitopt.mechanics.walker import Walker
 
@@ -88,13 +88,13 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     ProblemError
         If the walker contradicts itself; the message says where.
     """
+    check_class(walker)
     p = SX.sym("p", len(walker.model_fields))
     names = (*walker.shape, "x", "y")
     q = vertcat(*(SX.sym(name) for name in names))
     dq = vertcat(*(SX.sym(f"d{name}") for name in names))
     coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate(names)})
-    mechanism = walker.mechanism(coordinates, parameter_namespace(walker, p))
-    check_structure(walker, mechanism, q[-2:])
+    mechanism = state_mechanism(walker, coordinates, parameter_namespace(walker, p))
 
     M, velocity_terms, kinetic = _inertia(mechanism, q, dq)
     weights = (body.mass * dot(mechanism.gravity, body.position) for body in mechanism.bodies)
@@ -158,41 +158,3 @@ def _mapped(mechanism: Mechanism, function: Callable[[SX], SX]) -> Mechanism:
         potential_while={state: function(SX(energy)) for state, energy in mechanism.potential_while.items()},
         push=None if mechanism.push is None else function(mechanism.push),
     )
-
-
-def check_structure(walker: type[Walker], mechanism: Mechanism, foot: SX) -> None:
-    """Refuse a mechanism whose parts do not fit together; ``foot`` are the symbols of the stance foot.
-
-    Raises
-    ------
-    ProblemError
-        If counts differ, a name is no shape coordinate, or a body does not move along with the stance foot.
-    """
-    counts = {
-        "Mechanism.motors": (len(mechanism.motors), "actuators", len(walker.actuators)),
-        "tracked": (len(walker.tracked), "actuators", len(walker.actuators)),
-        "Mechanism.relabel": (SX(mechanism.relabel).numel(), "shape", len(walker.shape)),
-    }
-    for name, (count, other, needed) in counts.items():
-        if count != needed:
-            raise ProblemError(f"{walker.__name__}: {name} has {count} entries, but {other} has {needed}")
-    for name, stated, declared in (
-        ("stops", mechanism.stops, walker.stops),
-        ("switches", mechanism.switches, walker.switches),
-    ):
-        if (*stated,) != declared:
-            words = ", ".join(stated) or "none"
-            raise ProblemError(f"{walker.__name__}: Mechanism.{name} has {words}, but {name} are {declared}")
-    if walker.pushes is (mechanism.push is None):
-        raise ProblemError(f"{walker.__name__}: pushes is {walker.pushes}, which Mechanism.push contradicts")
-    unknown = {*walker.exchanged, *walker.exchanged.values()} - {*walker.model_fields}
-    if unknown:
-        raise ProblemError(f"{walker.__name__}: exchanged names {', '.join(sorted(unknown))}, which is no parameter")
-    foreign = {*walker.section, *walker.tracked, *walker.lengths} - {*walker.shape}
-    if foreign:
-        raise ProblemError(f"{walker.__name__}: {', '.join(sorted(foreign))} is no shape coordinate")
-    points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
-    for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
-        with_foot = jacobian(point, foot)
-        if not with_foot.is_constant() or not DM(with_foot - SX.eye(2)).is_zero():
-            raise ProblemError(f"{walker.__name__}: {name} does not move along with the stance foot (q.x, q.y)")

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.mechanics.control.law import Control
+from gaitopt.mechanics.declaration import state_after_impact
 from gaitopt.mechanics.expressions import Expressions
 from gaitopt.mechanics.friction import CoulombFriction, Friction
 from gaitopt.mechanics.lagrangian import parameter_namespace
@@ -229,8 +230,8 @@ class HybridSystem:
         xi = SX.sym("xi", len(names))
         free = SimpleNamespace(**{name: xi[i] for i, name in enumerate(names)})
         p = parameter_namespace(self.walker, self._eom.p)
-        shape, rates = self.walker.after_impact(free, p), self.walker.rates_after_impact(free, p)
-        z = vertcat(self._eom.state(vertcat(*shape), SX(0)), self._eom.state(vertcat(*rates), xi[-1]))
+        shape, rates = state_after_impact(self.walker, free, p)
+        z = vertcat(self._eom.state(shape, SX(0)), self._eom.state(rates, xi[-1]))
         return Function("lift", [xi, self._p], [z])
 
     @cached_property

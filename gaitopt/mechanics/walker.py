@@ -46,7 +46,7 @@ class Walker(BaseModel, ABC):
     largest_angle : size of the shape coordinates beyond which the walker does not walk [rad].
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
     model: ClassVar[str]
     shape: ClassVar[tuple[str, ...]]

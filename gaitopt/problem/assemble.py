@@ -14,6 +14,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.mechanics.consistency import check_walker
 from gaitopt.mechanics.control.reference import BeyondEnd
 from gaitopt.mechanics.cycle import Cycle
+from gaitopt.mechanics.declaration import calling
 from gaitopt.mechanics.registry import refused_walkers
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.control_sections import (
@@ -112,10 +113,11 @@ class _Reader:
 
     def _walker(self, model: type[Walker]) -> Walker | None:
         parameters = {key: value for key, value in self._data["walker"].items() if key != "model"}
-        walker = self._parameters(model, parameters, ("walker",))
-        if walker is None:
-            return None
         try:
+            with calling(model, "reading its parameters"):
+                walker = self._parameters(model, parameters, ("walker",))
+            if walker is None:
+                return None
             check_walker(walker)
         except ProblemError as error:
             self._fault(("walker",), str(error))

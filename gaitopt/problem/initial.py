@@ -7,11 +7,13 @@ file gives besides must agree with it.
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any
+
+import numpy as np
 
 from gaitopt.mechanics.cycle import Cycle, ModeSequence
 from gaitopt.mechanics.modes import NEXT_STATE, Mode
+from gaitopt.mechanics.posture import section_posture
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.faults import Fault, Key, read_section, shown
 from gaitopt.problem.parts import Guess, OpenSequence
@@ -161,6 +163,11 @@ def _read_state(
         | _after_impact(given, walker)
         | {k: given[k] for k in needed if k in given}
     )
+    undefined = [name for name, value in state.items() if not math.isfinite(value)]
+    if undefined:
+        words = ", ".join(f"{name} = {value:g}" for name, value in given.items())
+        faults.append(Fault(path, f"with {words} the walker would start with {undefined[0]} = {state[undefined[0]]}"))
+        return None
     for name, value in given.items():
         if name not in (*needed, "x", "dx") and not math.isclose(value, state[name], rel_tol=SAME_STATE):
             message = f"{value:g} contradicts the section, just after the impact it is {state[name]:.9g}: leave it out"
@@ -171,11 +178,11 @@ def _read_state(
 
 def _after_impact(given: Mapping[str, float], walker: Walker) -> dict[str, float]:
     """Shape coordinates and rates that follow from those of the section."""
-    free = SimpleNamespace(**{name: given[name] for name in walker.section_names(slipping=False)})
-    p = SimpleNamespace(**walker.model_dump())
-    values = (*walker.after_impact(free, p), *walker.rates_after_impact(free, p))
+    model = type(walker)
+    p = np.array([float(getattr(walker, name)) for name in model.model_fields])
+    shape, rates = section_posture(model, given, p)
     names = (*walker.shape, *(f"d{name}" for name in walker.shape))
-    return {name: float(value) for name, value in zip(names, values, strict=True)}
+    return dict(zip(names, map(float, (*shape, *rates)), strict=True))
 
 
 def _slip_faults(dx: float, impact: Mode, path: Key) -> list[Fault]:

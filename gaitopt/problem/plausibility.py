@@ -16,6 +16,8 @@ from pydantic import BaseModel
 
 from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, Scales, Walker
 from gaitopt.mechanics.buffered import buffered
+from gaitopt.mechanics.consistency import FALLEN
+from gaitopt.mechanics.declaration import state_mechanism
 from gaitopt.mechanics.lagrangian import parameter_namespace
 from gaitopt.mechanics.ranges import Within, symmetric
 from gaitopt.problem.control_sections import ConstantTorqueSpec, CurveReference, NoControlSpec, PDSpec, torques_section
@@ -27,8 +29,6 @@ from gaitopt.problem.statement import ProblemStatement
 
 FEET_APART = 1e-6
 """Least distance of the feet at the start of a step, in leg lengths."""
-FALLEN = -1e-9
-"""A margin of being upright below this is a fall; a wheel on two spokes is at zero, up to rounding."""
 LIGHT = 1e-6
 """A mass below this part of the whole is more likely a mistake than meant."""
 MANY_PHASES = 10
@@ -181,5 +181,5 @@ def _geometry(walker: type[Walker]) -> Function:
     """(shape, p) -> swing foot from the stance foot, upright, gravity."""
     shape, p = SX.sym("shape", len(walker.shape)), SX.sym("p", len(walker.model_fields))
     names = {name: shape[k] for k, name in enumerate(walker.shape)}
-    m = walker.mechanism(SimpleNamespace(**names, x=SX(0), y=SX(0)), parameter_namespace(walker, p))
+    m = state_mechanism(walker, SimpleNamespace(**names, x=SX(0), y=SX(0)), parameter_namespace(walker, p))
     return Function("geometry", [shape, p], [m.swing_foot, m.upright, m.gravity])

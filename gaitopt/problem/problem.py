@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.mechanics.declaration import check_class
 from gaitopt.mechanics.registry import registered_walkers
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.assemble import assemble
@@ -120,7 +121,7 @@ def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = 
     ProblemError
         If the file or what it says is wrong: one line ``file:line:column key: ...`` per fault.
     """
-    return _load(name_or_path, _Origin(walkers=tuple(walkers)))
+    return _load(name_or_path, _Origin(walkers=_listed(walkers)))
 
 
 def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -131,7 +132,7 @@ def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type
     ProblemError
         As ``load_problem``.
     """
-    return _parse(text, _Origin(walkers=tuple(walkers), path=path))
+    return _parse(text, _Origin(walkers=_listed(walkers), path=path))
 
 
 def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -152,7 +153,7 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
         if isinstance(holder, dict) and isinstance(holder.get(key), Mapping):
             nested = restore_problem(holder[key], walkers=walkers)
             known, holder[key] = {nested.name: nested}, nested.name
-    return _build(data, place, [], _Origin(walkers=tuple(walkers)), known=known)
+    return _build(data, place, [], _Origin(walkers=_listed(walkers)), known=known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,6 +163,39 @@ class _Origin:
     walkers: tuple[type[Walker], ...]
     path: Path | None = None
     chain: tuple[Path, ...] = ()
+
+
+def _listed(walkers: Sequence[type[Walker]]) -> tuple[type[Walker], ...]:
+    """Classes that a caller passes.
+
+    Raises
+    ------
+    ProblemError
+        If they are not in a list or tuple.
+    """
+    if not isinstance(walkers, list | tuple):
+        raise ProblemError(f"walkers is {shown(walkers)}, but must be a list of classes: walkers=[MyWalker]")
+    return tuple(walkers)
+
+
+def _by_model(walkers: Sequence[type[Walker]]) -> dict[str, type[Walker]]:
+    """Classes that a caller passes, by the names of their models.
+
+    Raises
+    ------
+    ProblemError
+        If one of them is no well-formed class of a walker, or two have one name.
+    """
+    named: dict[str, type[Walker]] = {}
+    for walker in walkers:
+        try:
+            check_class(walker)
+        except ProblemError as error:
+            raise ProblemError(f"walkers: {error}") from error
+        if named.setdefault(walker.model, walker) is not walker:
+            both = f"{named[walker.model].__name__} and {walker.__name__}"
+            raise ProblemError(f"walkers: {both} are both called {walker.model!r}: give each model a name of its own")
+    return named
 
 
 def _load(name_or_path: str | Path, origin: _Origin) -> Problem:
@@ -194,7 +228,7 @@ def _build(
     known: Mapping[str, Problem] | None = None,
 ) -> Problem:
     """A problem from data, or all that is wrong with them; ``known`` are references that need no loading, by name."""
-    walkers = {**registered_walkers(), **{walker.model: walker for walker in origin.walkers}}
+    walkers = {**registered_walkers(), **_by_model(origin.walkers)}
     fields = assemble(data, walkers, faults)
     name, key = reference_name(fields["control"])
     reference = None

@@ -10,6 +10,7 @@ from gaitopt.cli.main import main
 from gaitopt.errors import GaitoptWarning, ProblemError
 from gaitopt.mechanics import Walker, registry
 from gaitopt.mechanics.registry import registered_walkers
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.problem import load_problem
 
@@ -60,6 +61,33 @@ def test_a_broken_plugin_is_named_and_the_others_work(plugins, value, words):
     with pytest.raises(ProblemError, match=r"walker.model: the plugin other_walkers:broken") as refused:
         load_problem("rimless-wheel-stick").replace({"walker.model": "broken"})
     assert words in str(refused.value)
+
+
+def test_a_plugin_that_ends_the_process_at_import_is_named(plugins, monkeypatch, tmp_path):
+    (tmp_path / "leaving_walkers.py").write_text("raise SystemExit(3)")
+    monkeypatch.syspath_prepend(tmp_path)
+    plugins()
+    point = EntryPoint("leaving", "leaving_walkers:Leaving", registry.ENTRY_POINT_GROUP)
+    monkeypatch.setattr(registry, "entry_points", lambda group: [*OWN, point])
+    with pytest.warns(GaitoptWarning, match="plugin leaving_walkers:Leaving cannot be imported: SystemExit: 3"):
+        assert list(registered_walkers()) == ["compass_biped", "rimless_wheel"]
+
+
+def test_a_name_that_is_registered_twice_is_refused_and_never_replaces_one_of_ours(plugins, monkeypatch):
+    class Twin(RimlessWheel):
+        model = "twin"
+
+    plugins(twin=Twin)
+    group = registry.ENTRY_POINT_GROUP
+    twins = [EntryPoint("twin", f"{module}:twin", group) for module in ("other_walkers", "second")]
+    ours = EntryPoint("compass_biped", "other_walkers:twin", group)
+    monkeypatch.setattr(registry, "entry_points", lambda group: [*OWN, *OWN, *twins, ours])
+    with pytest.warns(GaitoptWarning) as caught:
+        assert registered_walkers()["compass_biped"] is CompassBiped
+    assert list(registered_walkers()) == ["compass_biped", "rimless_wheel"]
+    words = str(caught[0].message)
+    assert "walker twin: several plugins have this name, other_walkers:twin and second:twin: uninstall" in words
+    assert "walker compass_biped of other_walkers:twin: gaitopt has a walker of this name" in words
 
 
 def test_commands_name_broken_plugins_on_stderr_alone(plugins, capsys):

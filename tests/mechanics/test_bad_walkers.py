@@ -1,0 +1,452 @@
+"""Classes of walkers that are wrong in some way, made by machine and by hand: each is refused with one sentence."""
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+import numpy as np
+import pytest
+from casadi import DM, MX, SX, cos, fabs, if_else, sqrt, vertcat
+from pydantic import Field, field_validator, model_validator
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.mechanics import HybridSystem, NoControl, Walker
+from gaitopt.mechanics.consistency import check_walker
+from gaitopt.mechanics.mechanism import Body, Damper, Mechanism
+from gaitopt.mechanics.units import Positive
+from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.mechanics.walkers.hopper import Hopper
+from gaitopt.mechanics.walkers.kneed import KneedWalker
+from gaitopt.mechanics.walkers.push_off import PushOffCompass
+from gaitopt.mechanics.walkers.slip_runner import SlipRunner
+from gaitopt.mechanics.walkers.unequal_compass import UnequalCompass
+from gaitopt.problem import parse_problem
+
+PROBLEMS = {
+    CompassBiped: "compass-torque-stick",
+    Hopper: "hopper",
+    KneedWalker: "kneed-passive",
+    PushOffCompass: "compass-push-off",
+    SlipRunner: "slip-run",
+    UnequalCompass: "compass-unequal",
+}
+NAN = float("nan")
+LIAR = SX.sym("liar")
+
+
+class Unprintable:
+    def __repr__(self) -> str:
+        raise RuntimeError("no text")
+
+
+def altered(base: type[Walker], attributes: dict[str, Any]) -> type[Walker]:
+    """A class that differs from ``base`` by some attributes, annotated ones included."""
+    return type("Bad", (base,), {"__module__": __name__, "__qualname__": "Bad", **attributes})
+
+
+def returning(value: Any) -> classmethod:
+    return classmethod(lambda cls, *arguments: value)
+
+
+def with_parts(base: type[Walker], **parts: Any) -> type[Walker]:
+    """A class whose mechanism has other entries; those that can be called are functions of mechanism, q and p."""
+
+    def mechanism(cls: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        good = base.__dict__["mechanism"].__func__(cls, q, p)
+        return replace(good, **{name: part(good, q, p) if callable(part) else part for name, part in parts.items()})
+
+    return altered(base, {"mechanism": classmethod(mechanism)})
+
+
+def body_with(**parts: Any) -> Callable[[Mechanism, Any, Any], tuple[Body, ...]]:
+    return lambda m, q, p: (replace(m.bodies[0], **parts), *m.bodies[1:])
+
+
+def refusal(walker: Any, base: type[Walker] = CompassBiped) -> str:
+    """What is said where a problem with this walker is loaded; the line that is about it."""
+    text = go.load_problem(PROBLEMS[base]).text or ""
+    with pytest.raises(ProblemError) as caught:
+        parse_problem(text, walkers=[walker])
+    assert caught.value.exit_code == 3
+    return next(line for line in str(caught.value).splitlines() if "Bad" in line or "walker." in line)
+
+
+# ---------------------------------------------------------------------------------------------------------- by machine
+SCALARS = ("touchdown", "upright", "potential")
+VECTORS = ("gravity", "swing_foot", "relabel")
+STRANGE = {
+    "none": None,
+    "text": "1.0",
+    "true": True,
+    "list": [1.0, 2.0],
+    "tuple": (SX(1), SX(2)),
+    "complex": 1j,
+    "3-vector": SX([1, 2, 3]),
+    "row": SX([[1, 2]]),
+    "matrix": SX.eye(2),
+    "empty": SX(0, 1),
+    "foreign": vertcat(LIAR, LIAR),
+    "mx": MX.sym("mx", 2),
+    "function": np.sin,
+    "object": Unprintable(),
+    "texts": np.array(["a", "b"]),
+    "nan": SX([NAN, NAN]),
+}
+BAD_PARTS = [(part, kind) for part in (*SCALARS, *VECTORS) for kind in STRANGE]
+
+
+@pytest.mark.parametrize(("part", "kind"), BAD_PARTS)
+def test_an_entry_of_a_mechanism_that_is_no_expression_of_its_shape_is_named(part: str, kind: str) -> None:
+    value = STRANGE[kind]
+    if part in SCALARS and kind in ("foreign", "nan"):
+        value = value[0]
+    line = refusal(with_parts(CompassBiped, **{part: lambda m, q, p: value}))
+    assert "Bad: " in line
+    assert f"Mechanism.{part}" in line or "the swing foot does not move along" in line
+
+
+@pytest.mark.parametrize("kind", sorted({*STRANGE} - {"matrix"}))
+@pytest.mark.parametrize("part", ["mass", "position", "inertia", "angle"])
+def test_an_entry_of_a_body_that_is_no_expression_of_its_shape_is_named(part: str, kind: str) -> None:
+    value = STRANGE[kind]
+    if part != "position" and kind in ("foreign", "nan"):
+        value = value[0]
+    line = refusal(with_parts(CompassBiped, bodies=body_with(**{part: value})))
+    assert "Bad: " in line
+    assert f"Mechanism.bodies[0].{part}" in line or "body 0 does not move along" in line or "inertia that is" in line
+
+
+RETURNS = {
+    "none": None,
+    "text": "ab",
+    "number": 3,
+    "expression": SX(2, 1),
+    "of texts": ("a", "b"),
+    "of none": (None, None),
+    "of vectors": (SX(3, 1), SX(3, 1)),
+    "of foreign symbols": (LIAR, LIAR),
+    "too long": (0.0,) * 7,
+    "empty": (),
+    "of not numbers": (NAN, NAN),
+    "infinite": (float("inf"), 0.0),
+}
+METHODS = ("after_impact", "rates_after_impact", "landing", "outline", "contact", "mechanism")
+
+
+ALLOWED = {("outline", "empty"), ("contact", "expression"), ("section_rates", "none"), ("tracked", "twice")}
+"""What is strange only for other methods and attributes."""
+
+
+@pytest.mark.parametrize(("method", "kind"), sorted({(m, k) for m in METHODS for k in RETURNS} - ALLOWED))
+def test_a_method_that_returns_something_else_is_named(method: str, kind: str) -> None:
+    base = SlipRunner if method == "landing" else CompassBiped
+    line = refusal(altered(base, {method: returning(RETURNS[kind])}), base)
+    assert "Bad: " in line
+    assert method in line
+
+
+RAISES = {
+    "exit": lambda: sys.exit(3),
+    "error": lambda: 1 / 0,
+    "assertion": lambda: [][0],
+    "casadi": lambda: SX.sym("a", 2) + SX.sym("b", 3),
+    "recursion": lambda: (f := lambda g: g(g))(f),
+    "textless": lambda: (_ for _ in ()).throw(type("Textless", (Exception,), {"__str__": lambda self: 1 / 0})()),
+}
+
+
+@pytest.mark.parametrize("kind", RAISES)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_that_raises_or_ends_the_process_is_named(method: str, kind: str) -> None:
+    base = SlipRunner if method == "landing" else CompassBiped
+    line = refusal(altered(base, {method: classmethod(lambda cls, *arguments: RAISES[kind]())}), base)
+    assert f"Bad: {method} raises " in line
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_without_classmethod_or_with_other_arguments_is_named(method: str) -> None:
+    base = SlipRunner if method == "landing" else CompassBiped
+    line = refusal(altered(base, {method: lambda cls, *arguments: None}), base)
+    assert f"{method} must be a class method" in line
+    line = refusal(altered(base, {method: classmethod(lambda cls: None)}), base)
+    assert f"{method} raises TypeError" in line
+
+
+LISTS = ("shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "tracked")
+BAD_LISTS = {
+    "none": None,
+    "text": "theta1",
+    "list": ["theta1"],
+    "number": 2,
+    "of numbers": (1, 2),
+    "of none": (None,),
+    "twice": ("theta1", "theta1"),
+    "unknown": ("theta9",),
+    "spaced": ("the ta",),
+    "empty name": ("",),
+    "not ascii": ("θ",),
+    "underscores": ("a__b",),
+}
+
+
+@pytest.mark.parametrize(("name", "kind"), sorted({(n, k) for n in LISTS for k in BAD_LISTS} - ALLOWED))
+def test_a_class_attribute_that_is_no_tuple_of_known_names_is_named(name: str, kind: str) -> None:
+    line = refusal(altered(CompassBiped, {name: BAD_LISTS[kind]}))
+    assert "Bad: " in line
+    assert name in line or "no shape coordinate" in line
+
+
+# ------------------------------------------------------------------------------------------------------------- by hand
+def fields(**annotations: Any) -> dict[str, Any]:
+    """Further parameters; a pair is an annotation and a default."""
+    pairs = {name: value if isinstance(value, tuple) else (value,) for name, value in annotations.items()}
+    values = {name: pair[1] for name, pair in pairs.items() if len(pair) > 1}
+    return {"__annotations__": {name: pair[0] for name, pair in pairs.items()}, **values}
+
+
+def raising_validator() -> dict[str, Any]:
+    def check(cls: type[Walker], value: float) -> float:
+        sys.exit(7)
+
+    return {"leave": field_validator("leg_mass")(classmethod(check))}
+
+
+def bad_model_validator() -> dict[str, Any]:
+    return {"spoil": model_validator(mode="after")(lambda self: self.nothing)}
+
+
+def undefined_beyond(m: Mechanism, q: SimpleNamespace, p: SimpleNamespace) -> SX:
+    return m.upright + 1e-9 * sqrt(0.1 - q.theta1)
+
+
+BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
+    "model none": (CompassBiped, {"model": None}, "model is None"),
+    "model spaced": (CompassBiped, {"model": "a b"}, "model is 'a b'"),
+    "model empty": (CompassBiped, {"model": ""}, "model is ''"),
+    "model annotated": (CompassBiped, fields(shape=(tuple, ("theta1", "theta2"))), "shape has an annotation of a type"),
+    "largest angle negative": (
+        CompassBiped,
+        {"largest_angle": -1},
+        "largest_angle is -1, but must be a number above 0",
+    ),
+    "largest angle zero": (CompassBiped, {"largest_angle": 0}, "largest_angle is 0,"),
+    "largest angle nan": (CompassBiped, {"largest_angle": NAN}, "largest_angle is nan,"),
+    "largest angle large": (CompassBiped, {"largest_angle": 4.0}, "at most pi"),
+    "largest angle text": (CompassBiped, {"largest_angle": "1"}, "largest_angle is '1'"),
+    "largest angle none": (CompassBiped, {"largest_angle": None}, "largest_angle is None"),
+    "flies a word": (CompassBiped, {"flies": "no"}, "flies is 'no', but must be True or False"),
+    "pushes a number": (CompassBiped, {"pushes": 1}, "pushes is 1, but must be True or False"),
+    "pushes without push": (CompassBiped, {"pushes": True}, "pushes is True, which Mechanism.push contradicts"),
+    "push without pushes": (PushOffCompass, {"pushes": False}, "pushes is False, which"),
+    "massless feet": (CompassBiped, {"massless_feet": True}, "has massless feet, but does not say how they land"),
+    "foot as shape": (CompassBiped, {"shape": ("theta1", "x")}, "shape names x or y"),
+    "rate as shape": (CompassBiped, {"shape": ("theta", "dtheta"), "section": ("theta",)}, "dtheta would be both"),
+    "no shape": (CompassBiped, {"shape": (), "section": ()}, "shape is empty"),
+    "tracked too short": (CompassBiped, {"tracked": ("theta1",)}, "tracked has 1 entries, but actuators has 2"),
+    "one more actuator": (CompassBiped, {"actuators": ("a", "b", "c"), "tracked": ("theta1",) * 3}, "motors has 2"),
+    "actuator called type": (CompassBiped, {"actuators": ("type", "hip")}, "type has another meaning"),
+    "stop called touchdown": (KneedWalker, {"stops": ("touchdown",)}, "touchdown has another meaning"),
+    "stop and switch": (KneedWalker, {"switches": ("knee",)}, "knee is named by both stops and switches"),
+    "unknown stop opens": (KneedWalker, {"open_in_impact": ("hip",)}, "open_in_impact names hip, which is no stop"),
+    "stops not declared": (KneedWalker, {"stops": ()}, "Mechanism.stops has knee, but stops are ()"),
+    "state names": (CompassBiped, {"state_names": returning(("a",))}, "state_names must not be overridden"),
+    "coordinates": (CompassBiped, {"coordinates": returning(None)}, "coordinates must not be overridden"),
+    "exchanged list": (UnequalCompass, {"exchanged": ["leg_mass"]}, "exchanged is ['leg_mass'], but must be a mapping"),
+    "exchanged unknown": (UnequalCompass, {"exchanged": {"leg_mass": "arm"}}, "exchanged names arm"),
+    "exchanged with itself": (
+        UnequalCompass,
+        {"exchanged": {"leg_mass": "leg_mass"}},
+        "exchanged names leg_mass twice",
+    ),
+    "exchanged numbers": (UnequalCompass, {"exchanged": {1: 2}}, "exchanged is {1: 2}"),
+    "field text": (CompassBiped, fields(name=(str, "a")), "the parameter name is of type str"),
+    "field list": (CompassBiped, fields(numbers=(list[float], [1.0])), "the parameter numbers is of type"),
+    "field optional": (CompassBiped, fields(extra_mass=(float | None, None)), "the parameter extra_mass is of type"),
+    "field bool": (CompassBiped, fields(heavy=(bool, True)), "the parameter heavy is of type bool"),
+    "field complex": (CompassBiped, fields(z=(complex, 1j)), "the parameter z is of type complex"),
+    "field any": (CompassBiped, fields(thing=(Any, 1.0)), "the parameter thing is of type Any"),
+    "field array": (
+        CompassBiped,
+        {**fields(a=(np.ndarray, np.ones(2))), "model_config": {"arbitrary_types_allowed": True}},
+        "of type ndarray",
+    ),
+    "field default nan": (CompassBiped, fields(extra=(float, NAN)), "the parameter extra is nan"),
+    "field default infinite": (CompassBiped, fields(extra=(float, float("inf"))), "the parameter extra is inf"),
+    "field default huge": (CompassBiped, fields(extra=(int, 10**400)), "the parameter extra is"),
+    "field default negative": (CompassBiped, fields(extra=(Positive, -1.0)), "must be greater than 0"),
+    "field default text": (CompassBiped, fields(extra=(float, "a")), "extra"),
+    "field alias": (CompassBiped, fields(extra=(float, Field(1.0, alias="other"))), "the parameter extra has an alias"),
+    "field excluded": (CompassBiped, fields(extra=(float, Field(1.0, exclude=True))), "extra is excluded"),
+    "field called section": (CompassBiped, fields(section=(float, 1.0)), "section has an annotation of a type"),
+    "extra keys": (CompassBiped, {"model_config": {"extra": "allow"}}, "model_config must keep"),
+    "not frozen": (CompassBiped, {"model_config": {"frozen": False}}, "model_config must keep"),
+    "validator exits": (CompassBiped, raising_validator(), "reading its parameters raises SystemExit: 7"),
+    "validator fails": (CompassBiped, bad_model_validator(), "reading its parameters raises AttributeError"),
+    "bodies none": (CompassBiped, with_parts(CompassBiped, bodies=None), "Mechanism.bodies is None"),
+    "bodies empty": (CompassBiped, with_parts(CompassBiped, bodies=()), "Mechanism.bodies is empty"),
+    "bodies of numbers": (CompassBiped, with_parts(CompassBiped, bodies=(1, 2)), "must be a tuple of Body(...)"),
+    "one body": (CompassBiped, with_parts(CompassBiped, bodies=lambda m, q, p: m.bodies[0]), "a tuple of Body(...)"),
+    "dampers of springs": (CompassBiped, with_parts(CompassBiped, dampers=("soft",)), "a tuple of Damper(...)"),
+    "damper across none": (
+        CompassBiped,
+        with_parts(CompassBiped, dampers=(Damper(coefficient=1.0, across=None),)),
+        "Mechanism.dampers[0].across is None",
+    ),
+    "damper of nan": (
+        CompassBiped,
+        with_parts(CompassBiped, dampers=lambda m, q, p: (Damper(coefficient=NAN, across=q.theta1),)),
+        "Mechanism.dampers[0].coefficient is nan",
+    ),
+    "motors none": (CompassBiped, with_parts(CompassBiped, motors=None), "Mechanism.motors is None"),
+    "motors of texts": (CompassBiped, with_parts(CompassBiped, motors=("a", "b")), "Mechanism.motors[0] is 'a'"),
+    "stops a tuple": (KneedWalker, with_parts(KneedWalker, stops=("knee",)), "must be a mapping from names"),
+    "gap none": (KneedWalker, with_parts(KneedWalker, stops={"knee": None}), "Mechanism.stops['knee'] is None"),
+    "gap not affine": (
+        KneedWalker,
+        with_parts(KneedWalker, stops=lambda m, q, p: {"knee": q.theta2**2}),
+        "must be affine",
+    ),
+    "switch no function": (Hopper, with_parts(Hopper, switches={"thrust": SX(1)}), "must be a function of the rates"),
+    "switch raises": (
+        Hopper,
+        with_parts(Hopper, switches=lambda m, q, p: {"thrust": lambda dq: dq.nothing}),
+        "Mechanism.switches['thrust'] raises AttributeError",
+    ),
+    "switch a vector": (
+        Hopper,
+        with_parts(Hopper, switches=lambda m, q, p: {"thrust": lambda dq: SX(2, 1)}),
+        "Mechanism.switches['thrust'] has shape (2, 1)",
+    ),
+    "switch foreign": (
+        Hopper,
+        with_parts(Hopper, switches=lambda m, q, p: {"thrust": lambda dq: LIAR}),
+        "Mechanism.switches['thrust'] holds liar",
+    ),
+    "energy in no state": (
+        Hopper,
+        with_parts(Hopper, potential_while=lambda m, q, p: {"knee free": SX(1)}),
+        "allowed: contact, leg free, leg locked, thrust off, thrust on",
+    ),
+    "push a number": (PushOffCompass, with_parts(PushOffCompass, push=1.0), "Mechanism.push has shape (1, 1)"),
+    "mass of the posture": (
+        CompassBiped,
+        with_parts(CompassBiped, bodies=lambda m, q, p: (replace(m.bodies[0], mass=1 + q.theta1**2), *m.bodies[1:])),
+        "Mechanism.bodies[0].mass must be a function of the parameters alone",
+    ),
+    "gravity of the posture": (
+        CompassBiped,
+        with_parts(CompassBiped, gravity=lambda m, q, p: vertcat(q.theta1, -9.8)),
+        "Mechanism.gravity must be a function of the parameters",
+    ),
+    "spring to the ground": (
+        CompassBiped,
+        with_parts(CompassBiped, potential=lambda m, q, p: q.x**2),
+        "Mechanism.potential must be a function of the shape",
+    ),
+    "guard of the place": (CompassBiped, with_parts(CompassBiped, touchdown=lambda m, q, p: q.x - 1), "but not of x"),
+    "guard constant": (
+        CompassBiped,
+        with_parts(CompassBiped, touchdown=0.0),
+        "Mechanism.touchdown is the same in every posture",
+    ),
+    "upright nan somewhere": (
+        CompassBiped,
+        with_parts(CompassBiped, upright=undefined_beyond),
+        "Mechanism.upright is nan at theta1 = ",
+    ),
+    "upright negative": (
+        CompassBiped,
+        with_parts(CompassBiped, upright=lambda m, q, p: -cos(q.theta1)),
+        "upright is -0.9",
+    ),
+    "upright infinite slope": (
+        CompassBiped,
+        with_parts(CompassBiped, upright=lambda m, q, p: 1 + sqrt(fabs(q.theta1 - q.theta2))),
+        "the derivative of Mechanism.upright is",
+    ),
+    "no gravity": (
+        CompassBiped,
+        with_parts(CompassBiped, gravity=DM([0, 0])),
+        "it has no length, no mass or no gravity",
+    ),
+    "after impact nan somewhere": (
+        CompassBiped,
+        {"after_impact": classmethod(lambda cls, free, p: (free.theta1, if_else(free.theta1 > 0.2, NAN, free.theta1)))},
+        "after_impact gives theta2 = nan at theta1 = 0.2",
+    ),
+    "outline nan": (
+        CompassBiped,
+        {"outline": classmethod(lambda cls, q, p: ((vertcat(q.x, q.y), vertcat(NAN, q.y)),))},
+        "line 0 of outline is nan",
+    ),
+    "outline of one point": (
+        CompassBiped,
+        {"outline": classmethod(lambda cls, q, p: ((vertcat(q.x, q.y),),))},
+        "at least two points",
+    ),
+    "outline of 3-vectors": (
+        CompassBiped,
+        {"outline": returning(((SX(3, 1), SX(3, 1)),))},
+        "outline, line 0, point 0 has shape (3, 1)",
+    ),
+    "contact nan": (CompassBiped, {"contact": returning(SX([NAN, 0]))}, "contact is nan"),
+}
+
+
+@pytest.mark.filterwarnings("ignore:Field name:UserWarning")  # of pydantic, as the class is made
+@pytest.mark.parametrize("case", BY_HAND)
+def test_a_class_that_is_wrong_in_another_way_is_refused(case: str) -> None:
+    base, change, words = BY_HAND[case]
+    line = refusal(change if isinstance(change, type) else altered(base, change), base)
+    assert words in line
+
+
+def test_there_are_hundreds_of_bad_classes() -> None:
+    machine = (
+        len(BAD_PARTS) + 4 * len(STRANGE) + len(METHODS) * (len(RETURNS) + len(RAISES)) + len(LISTS) * len(BAD_LISTS)
+    )
+    assert machine + len(BY_HAND) > 400
+
+
+@pytest.mark.parametrize("walkers", [None, CompassBiped, "compass", [None], [3], [CompassBiped, "x"], [Walker]])
+def test_what_is_no_list_of_classes_is_refused(walkers: Any) -> None:
+    with pytest.raises(ProblemError, match=r"walker"):
+        go.load_problem("compass-passive-a", walkers=walkers)
+
+
+def test_two_classes_with_one_name_are_refused() -> None:
+    pair = [altered(CompassBiped, {"model": "twin"}) for _ in range(2)]
+    with pytest.raises(ProblemError, match="Bad and Bad are both called 'twin'"):
+        go.load_problem("compass-passive-a", walkers=pair)
+
+
+def test_a_class_that_is_used_without_a_problem_is_refused_as_well() -> None:
+    walker = with_parts(CompassBiped, relabel=[1, 2])
+    with pytest.raises(ProblemError, match=r"Mechanism\.relabel is \[1, 2\]"):
+        HybridSystem(walker, NoControl())
+    with pytest.raises(ProblemError, match="largest_angle"):
+        check_walker(altered(CompassBiped, {"largest_angle": -1}), {})
+
+
+def good_classes() -> Iterator[type[Walker]]:
+    yield altered(CompassBiped, {})
+    yield with_parts(CompassBiped, potential=0, bodies=lambda m, q, p: [*m.bodies], motors=lambda m, q, p: [*m.motors])
+    yield with_parts(CompassBiped, gravity=lambda m, q, p: DM([0.2, -9.8]))
+    yield with_parts(CompassBiped, gravity=np.array([0.2, -9.8]))
+    yield altered(CompassBiped, {"outline": returning([]), "largest_angle": 1})
+    yield altered(CompassBiped, fields(extra=(Annotated[float, Field(ge=0)], 1.0), count=(int, 3)))
+
+
+@pytest.mark.parametrize("walker", [*good_classes()])
+def test_numbers_arrays_and_lists_are_as_good_as_expressions_and_tuples(walker: type[Walker]) -> None:
+    problem = parse_problem(go.load_problem("compass-passive-a").text or "", walkers=[walker])
+    assert isinstance(problem.walker, walker)
+
+
+def test_a_start_that_is_not_a_number_is_refused_with_its_name() -> None:
+    problem = go.load_problem("slip-run")
+    with pytest.raises(ProblemError, match=r"would start with dshortening = nan"):
+        problem.replace({"gait.guess.state": {"dtheta": -30.0}})
