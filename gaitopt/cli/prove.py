@@ -109,15 +109,14 @@ def _keep(proof: "Proof", file: Path, terminal: Terminal) -> int:
 
 def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, str]]:
     """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
-    from flint import ctx
-
+    from gaitopt.proof.outward import precision
     from gaitopt.proof.parameters import INTERVAL, ball
     from gaitopt.proof.taylor import PRECISION
 
     pairs = [key_value(text, "--set") for text in changes or ()]
     intervals = {key: text for key, text in pairs if INTERVAL in text}
     try:
-        with ctx.workprec(PRECISION):
+        with precision(PRECISION):
             middles = {key: repr(float(ball(text).mid())) for key, text in intervals.items()}
     except ValueError as error:
         raise ProblemError(f"--set {', '.join(intervals)}: {error}") from error

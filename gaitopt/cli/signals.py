@@ -62,9 +62,12 @@ def interruptible() -> Iterator[Callable[[], bool]]:
     """Remember a Ctrl-C, give a function that says whether there was one, and end the block with it.
 
     CasADi swallows the KeyboardInterrupt and returns as if nothing had happened, or turns it into an error of its own,
-    so a flag is kept beside it.
+    so a flag is kept beside it. Python delivers signals to the main thread: in any other, the flag stays down.
     """
     pressed = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield pressed.is_set
+        return
 
     def remember(signum: int, frame: FrameType | None) -> None:
         pressed.set()

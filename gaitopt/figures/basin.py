@@ -1,6 +1,5 @@
 """Basins of attraction: which state goes to which gait, and how the others fail."""
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -8,7 +7,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from gaitopt.figures.labels import symbol
-from gaitopt.figures.style import COLOURS, STYLE, entry, legend_below, panels
+from gaitopt.figures.style import COLOURS, entry, legend_below, panels, styled
 from gaitopt.figures.sweep import shown
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.basin import UNDECIDED
@@ -39,7 +38,7 @@ def basin(result: Basin) -> Figure:
     figure, (axes,) = panels(height=4.6 if second else LINE_HEIGHT)
     rows = shown(second[0]) if second else np.array([-1.0, 1.0])
     cells = classes.T if second else np.vstack([classes, classes])
-    with mpl.rc_context(STYLE):
+    with styled():
         axes.pcolormesh(
             shown(first), rows, cells, shading="nearest", rasterized=True,
             cmap=ListedColormap(colours), norm=BoundaryNorm(np.arange(len(colours) + 1) - 0.5, len(colours)),

@@ -4,7 +4,9 @@ The colours are those of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/.
 that no window system and no global state is involved.
 """
 
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from textwrap import fill
@@ -56,14 +58,23 @@ STYLE: Any = {
     "svg.hashsalt": "gaitopt",
     "pdf.fonttype": 42,
 }
+_STYLING = threading.RLock()
+"""Held while matplotlib's settings are those of ``STYLE``: they hold for the whole process."""
 _NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw in the style of this package within the block; one thread at a time."""
+    with _STYLING, mpl.rc_context(STYLE):
+        yield
 
 
 def panels(
     rows: int = 1, *, heights: Sequence[float] | None = None, height: float = HEIGHT
 ) -> tuple[Figure, list[Axes]]:
     """A figure with panels one above the other that share their horizontal axis."""
-    with mpl.rc_context(STYLE):
+    with styled():
         figure = Figure(figsize=(WIDTH, height))
         FigureCanvasAgg(figure)
         ratios = list(heights) if heights else [1.0] * rows
@@ -82,7 +93,7 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) ->
 def drawn(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -> bytes:
     """A figure as a file of some format."""
     content = BytesIO()
-    with mpl.rc_context(STYLE):
+    with styled():
         figure.savefig(content, format=extension, metadata=_NO_DATE[extension], dpi=dpi)
     return content.getvalue()
 
@@ -118,5 +129,5 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     columns = max(1, min(len(handles), LEGEND_CHARACTERS // (longest + LEGEND_LINE)))
     rows = -(-sum(map(len, lines)) // columns)
     figure.set_figheight(figure.get_figheight() + LEGEND_ROW * max(0, rows - LEGEND_ROWS))
-    with mpl.rc_context(STYLE):
+    with styled():
         figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from gaitopt.arrays import Array
 from gaitopt.figures.labels import Parameter, label
-from gaitopt.figures.style import COLOURS, NEUTRAL, STYLE, entry, legend_below, panels
+from gaitopt.figures.style import COLOURS, NEUTRAL, entry, legend_below, panels, styled
 from gaitopt.gait import Status
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.sweep_table import Sweep
@@ -44,7 +43,7 @@ def sweep(result: Sweep, scalar: str) -> Figure:
     if len(grid.axes) > 2:
         raise ValueError(f"a picture needs one or two axes, not {len(grid.axes)}")
     figure, (axes,) = panels(height=4.6 if len(grid.axes) == 2 else 4.0)
-    with mpl.rc_context(STYLE):
+    with styled():
         handles = []
         if len(grid.axes) == 1:
             _curve(axes, shown(grid.axes[0]), values, scalar)

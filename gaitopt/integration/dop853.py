@@ -14,7 +14,7 @@ from casadi import DM, SX, Function, fabs, fmax, horzcat, sparsify, sumsqr, vert
 
 from gaitopt.arrays import Array
 from gaitopt.integration.tableau import E3, E5, A, B, C
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import Buffers
 
 SAFETY, LEAST_FACTOR, LARGEST_FACTOR = 0.9, 0.2, 10.0
 """Of the step size control, as in scipy."""
@@ -45,7 +45,7 @@ class CompiledStep:
     def __init__(
         self, rate: Function, point: Function, *, rtol: float, atol: float | Array, compare: Function | None = None
     ) -> None:
-        self._step = BufferedFunction(_step(rate, point, compare))
+        self._step = Buffers(_step(rate, point, compare))
         self._step.inputs[6][:] = rtol
         self._step.inputs[7][:] = atol
         self.compared = self._step.inputs[8:]

@@ -1,5 +1,10 @@
-"""A CasADi function called through its buffers: one call costs little more than its arithmetic (1 us, not 20)."""
+"""A CasADi function called through its buffers: one call costs little more than its arithmetic (1 us, not 20).
 
+A call overwrites its buffers, and CasADi lets other threads run during a call. Functions that are kept and shared
+therefore have buffers per thread.
+"""
+
+import threading
 from functools import lru_cache
 from typing import Any
 
@@ -9,10 +14,11 @@ from casadi import Function, densify
 from gaitopt.arrays import Array
 
 
-class BufferedFunction:
-    """A function of vectors with fixed memory: the outputs of one call are overwritten by the next.
+class Buffers:
+    """A function of vectors with fixed memory, for one user at a time: a call overwrites the outputs of the last one.
 
     In a hot loop write ``inputs``, call ``evaluate`` and read ``outputs``; elsewhere call it with all its arguments.
+    Whatever is kept for several users needs a ``BufferedFunction`` instead.
 
     Parameters
     ----------
@@ -52,8 +58,33 @@ class BufferedFunction:
         return self.outputs
 
 
-class BufferedMap:
-    """A function of vectors, evaluated at a fixed number of points in one call.
+class BufferedFunction(threading.local):
+    """A function of vectors that several threads may call at once: every thread has buffers of its own.
+
+    Parameters
+    ----------
+    function, nonzeros : as for ``Buffers``.
+    """
+
+    def __init__(self, function: Function, *, nonzeros: bool = False) -> None:  # once in every thread
+        self._buffers = Buffers(function, nonzeros=nonzeros)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the last call of this thread had no result."""
+        return self._buffers.failed
+
+    def __call__(self, *values: Any) -> tuple[Array, ...]:
+        """The outputs, each of shape (n,), at ``values``; valid until the next call of this thread."""
+        buffers = self._buffers
+        for vector, value in zip(buffers.inputs, values, strict=True):
+            vector[:] = value
+        buffers.evaluate()
+        return buffers.outputs
+
+
+class BufferedMap(threading.local):
+    """A function of vectors, evaluated at a fixed number of points in one call; every thread has its own buffers.
 
     Parameters
     ----------
@@ -61,10 +92,8 @@ class BufferedMap:
     count : how many points.
     """
 
-    __slots__ = ("_inputs", "_mapped", "_outputs")
-
-    def __init__(self, function: Function, count: int) -> None:
-        self._mapped = BufferedFunction(_dense(function).map(count))
+    def __init__(self, function: Function, count: int) -> None:  # once in every thread
+        self._mapped = Buffers(_dense(function).map(count))
         self._inputs = [memory.reshape(count, -1) if memory.size else None for memory in self._mapped.inputs]
         self._outputs = tuple(
             memory.reshape(count, *function.size_out(k)[::-1]) for k, memory in enumerate(self._mapped.outputs)
@@ -73,8 +102,8 @@ class BufferedMap:
     def __call__(self, *values: Any) -> tuple[Array, ...]:
         """The transposed outputs, of shape (count, columns, rows), or (count, rows) for a vector.
 
-        They are valid until the next call. ``values`` have the shape (count, size), or (size,) where they are the same
-        at all points.
+        They are valid until the next call of this thread. ``values`` have the shape (count, size), or (size,) where
+        they are the same at all points.
         """
         for memory, value in zip(self._inputs, values, strict=True):
             if memory is not None:

@@ -68,8 +68,12 @@ class Mode(str):
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == own) for own in STATES
             )
-            _MODES[text] = mode
+            _MODES.setdefault(text, mode)  # unless another thread has just made it
         return _MODES[text]
+
+    def __reduce__(self) -> tuple[type["Mode"], tuple[str]]:
+        """Copies and pickles are the same object."""
+        return Mode, (str(self),)
 
     @classmethod
     def of(cls, contact: str, stops: Mapping[str, str]) -> "Mode":

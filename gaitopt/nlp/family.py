@@ -5,6 +5,7 @@ violated margins afterwards; where that does not converge, or finds no gait, IPO
 along a line, the chords start from the polynomial through the last solutions on it.
 """
 
+import threading
 import time
 from collections import deque
 from functools import cached_property
@@ -40,7 +41,7 @@ SETTLED = 1e-12
 
 
 class Family:
-    """The NLP on the layout of a gait; every solution starts from the last one.
+    """The NLP on the layout of a gait; every solution starts from the last one, so that threads take turns.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ class Family:
         durations = [duration for _, duration in gait.phases]
         plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
         self._transcription = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)))
-        self._should_stop = should_stop
+        self._should_stop, self._solving = should_stop, threading.RLock()
         self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
         self._jacobian = linearise(self._transcription, self._w, gait.p).scaled
         self._solved = deque([(gait.p, self._w)], maxlen=REMEMBERED)
@@ -83,6 +84,10 @@ class Family:
         )  # fmt: skip
         if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
             raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: use solve")
+        with self._solving:
+            return self._solved_from_last(problem)
+
+    def _solved_from_last(self, problem: Problem) -> Gait:
         began = time.perf_counter()
         dynamics = Dynamics(self._system, self._system.values(problem.parameters))
         p = dynamics.p

@@ -1,8 +1,10 @@
 """IPOPT through CasADi, with every way it can end mapped to a status in words.
 
-CasADi returns a vector without an exception when IPOPT fails, and swallows Ctrl-C; both are undone here.
+CasADi returns a vector without an exception when IPOPT fails, and swallows Ctrl-C; both are undone here. MUMPS, which
+solves IPOPT's linear systems, has global variables: one thread at a time runs IPOPT.
 """
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +23,8 @@ TOLERANCE = 1e-10
 """In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
 NEAR_OPTIMUM = 1e-4
 """KKT residual of a smoothed problem, in the sizes of its objective and unknowns."""
+RUNNING = threading.RLock()
+"""Held while IPOPT runs."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
 MAX_ITERATIONS, MAX_DESIGN_ITERATIONS = 300, 600
@@ -195,8 +199,9 @@ class Ipopt:
         least, greatest = (values / rows for values in bounds_g)
         self._watch.begin(least, greatest)
         parameters = np.concatenate([p, scale, rows])
-        solution = self._solver(x0=x, p=parameters, lbx=lower, ubx=upper, lbg=least, ubg=greatest)
-        stats = self._solver.stats()
+        with RUNNING:
+            solution = self._solver(x0=x, p=parameters, lbx=lower, ubx=upper, lbg=least, ubg=greatest)
+            stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
         status, words = ENDINGS[stats["return_status"]]

@@ -119,9 +119,10 @@ class MultipleShooting:
     def units(self, p: Array) -> Units:
         """Natural units of unknowns, equalities and margins for the walker at parameters ``p``, shape (n_p,)."""
         known = p.tobytes()
-        if self._units is None or self._units[0] != known:
-            self._units = known, self._units_at(_dynamics(self.system, known))
-        return self._units[1]
+        last = self._units  # read once: another thread may replace it
+        if last is None or last[0] != known:
+            last = self._units = known, self._units_at(_dynamics(self.system, known))
+        return last[1]
 
     def _units_at(self, dynamics: Dynamics) -> Units:
         scales, state = dynamics.scales, dynamics.state_units
@@ -180,9 +181,10 @@ class MultipleShooting:
         Those of the last solution are kept: what examines it and what assembles its gait read the same ones.
         """
         solution = w.tobytes() + p.tobytes()
-        if self._sampled[0] != solution:
-            self._sampled = (solution, {})
-        samples = self._sampled[1]
+        last = self._sampled  # read once: another thread may replace it
+        if last[0] != solution:
+            last = self._sampled = (solution, {})
+        samples = last[1]
         if (index, count) not in samples:
             start, end = self.layout.arc_times(self.unpack(w).durations)[index]
             fractions = (points(count) + 1) / 2

@@ -17,7 +17,7 @@ from gaitopt.arrays import Array
 from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
 from gaitopt.iteration import bracketed_root
 from gaitopt.mechanics import Cycle, Dynamics, HybridSystem, Mode, ending_margin, margin_names, margin_unit
-from gaitopt.mechanics.buffered import BufferedFunction, buffered, buffered_map
+from gaitopt.mechanics.buffered import Buffers, buffered, buffered_map
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import Layout
 from gaitopt.nlp.trial import overflow_allowed
@@ -192,7 +192,7 @@ class _ModeFlow:
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
         self._within, self._margins = shooting_step(system, mode), buffered(system.margins(mode))
         point = _rate_and_margins(system, mode)
-        self._point = BufferedFunction(point)
+        self._point = Buffers(point)
         self._step = CompiledStep(system.flow(mode), point, rtol=RTOL, atol=ATOL * dynamics.state_units)
 
     def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> Motion:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from flint import acb, acb_mat, arb, arb_mat, ctx
+from flint import acb, acb_mat, arb, arb_mat
 
 from gaitopt.proof.branch import MARGIN_CHANGES, connection_claim, sign_change_claim
 from gaitopt.proof.claims import Claim, mode_sequence_claims
@@ -13,6 +13,7 @@ from gaitopt.proof.graph import NotProved
 from gaitopt.proof.krawczyk import deviations, krawczyk, preconditioned, require_contraction, return_map
 from gaitopt.proof.measures import measures
 from gaitopt.proof.orbit import Box
+from gaitopt.proof.outward import precision
 from gaitopt.proof.statement import Statement, restore_box, restore_statement
 from gaitopt.proof.taylor import PRECISION
 from gaitopt.proof.theorem import Piece, Proof, merged_claims, union, union_of_multipliers
@@ -39,12 +40,8 @@ def check(certificate: Mapping[str, Any], progress: Callable[[str], None] = sile
     KeyError, TypeError, AttributeError
         If it is no certificate at all.
     """
-    before = ctx.cap
-    try:
-        with ctx.workprec(PRECISION):
-            return _check(certificate, progress)
-    finally:
-        ctx.cap = before
+    with precision(PRECISION):
+        return _check(certificate, progress)
 
 
 def _check(certificate: Mapping[str, Any], progress: Callable[[str], None]) -> Proof:

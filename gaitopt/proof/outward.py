@@ -1,5 +1,8 @@
-"""Balls as decimal strings rounded outward, so that what is printed encloses what is proved."""
+"""The precision of ball arithmetic, and balls as decimal strings rounded outward, which enclose what is proved."""
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 
 from flint import acb, arb, ctx
@@ -9,11 +12,24 @@ EXTRA_DIGITS = 2
 MOST_DIGITS = 30
 BITS = 128
 """Of the bounds, before they become decimals."""
+_COMPUTING = threading.RLock()
+"""Held while balls are computed: FLINT's precision and length of series hold for the whole process."""
+
+
+@contextmanager
+def precision(bits: int) -> Iterator[None]:
+    """Compute with balls of this precision within the block; other threads that do so wait for its end."""
+    with _COMPUTING, ctx.workprec(bits):
+        length = ctx.cap
+        try:
+            yield
+        finally:
+            ctx.cap = length
 
 
 def interval(ball: arb) -> list[str]:
     """[lo, hi] as decimals."""
-    with ctx.workprec(BITS):
+    with precision(BITS):
         lower, upper = _fraction(ball.lower()), _fraction(ball.upper())
     places = _places(upper - lower)
     scale = 10**places

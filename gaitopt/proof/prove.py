@@ -7,8 +7,6 @@ from importlib.metadata import version
 from math import floor, log10
 from typing import Any
 
-from flint import ctx
-
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import Gait
 from gaitopt.proof.check import EXISTENCE, STATEMENT, silent, theorem
@@ -17,6 +15,7 @@ from gaitopt.proof.control import control_record
 from gaitopt.proof.cover import cover
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.orbit import Arc
+from gaitopt.proof.outward import precision
 from gaitopt.proof.parameters import INTERVAL, exact_texts
 from gaitopt.proof.search import arcs_of
 from gaitopt.proof.statement import SCHEMA, refuse_what_is_not_modelled, restore_statement
@@ -82,7 +81,7 @@ def _prove(
     except NotProved as failure:
         return Proof(gait.problem.name, (Claim(STATEMENT, proved=False, words=str(failure)),), {})
     header = _header(gait, texts, varied, special)
-    with ctx.workprec(PRECISION):
+    with precision(PRECISION):
         statement = restore_statement({**header, "arcs": _arcs(arcs_of(gait))})
         try:
             arcs, boxes = cover(statement, gait, progress)

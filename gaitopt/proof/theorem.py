@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
 
-from flint import acb, arb, arb_mat, ctx
+from flint import acb, arb, arb_mat
 
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.orbit import Box
-from gaitopt.proof.outward import complex_interval, interval
+from gaitopt.proof.outward import complex_interval, interval, precision
 from gaitopt.proof.taylor import PRECISION
 
 
@@ -96,7 +96,7 @@ class Proof:
         """Largest modulus of a multiplier."""
         if not self.multipliers:
             return None
-        with ctx.workprec(PRECISION):
+        with precision(PRECISION):
             moduli = [abs(multiplier) for multiplier in self.multipliers]
             return max(modulus.lower() for modulus in moduli).union(max(modulus.upper() for modulus in moduli))
 

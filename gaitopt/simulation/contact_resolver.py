@@ -26,7 +26,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import Ending, ImpactRecord
 from gaitopt.mechanics import ONSETS, Dynamics, ImpactLaw, Mode, margin_names
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import Buffers
 from gaitopt.simulation.events import EDGE, LOOK, Point, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import PAINLEVE, PointFunctions, units
 
@@ -87,10 +87,10 @@ class ContactResolver:
         self._contacts = tuple(contact for contact in system.walker.contacts() if contact is not Mode.FLIGHT)
         self._units = units(dynamics)
         self._points = PointFunctions(dynamics, self._units)
-        self._push = BufferedFunction(system.push)
+        self._push = Buffers(system.push)
         self._released = system.walker.released(Mode.STICK)
         self._ground: dict[Mode, tuple[Mode, ...]] = {}
-        self._impacts: dict[tuple[Mode, ...], BufferedFunction] = {}
+        self._impacts: dict[tuple[Mode, ...], Buffers] = {}
 
     def mode_at_rest(self, mode: Mode, t: float, z: Array, data: Array) -> Mode | Termination:
         """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on the segment with ``data``.
@@ -218,7 +218,7 @@ class ContactResolver:
     def _candidates(self, modes: tuple[Mode, ...], z_minus: Array) -> tuple[list[_Candidate], float]:
         """Impacts of all of ``modes``, and the approach."""
         if modes not in self._impacts:
-            self._impacts[modes] = BufferedFunction(self._system.impacts(modes))
+            self._impacts[modes] = Buffers(self._system.impacts(modes))
         impacts, approach = self._impacts[modes](z_minus, self._p)
         columns, n = impacts.reshape(len(modes), -1).copy(), self._system.n_z
         candidates = [_Candidate(mode, own[:n], *own[n:].tolist()) for mode, own in zip(modes, columns, strict=True)]

@@ -15,7 +15,7 @@ from casadi import SX, Function, cse, repmat, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names, margin_scales
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import Buffers
 from gaitopt.simulation.events import Point
 
 PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")
@@ -165,13 +165,13 @@ class PointFunctions:
 
     def __init__(self, dynamics: Dynamics, units: Units) -> None:
         self._natural, self._units = natural_system(dynamics.system), units
-        self._functions: dict[Mode, BufferedFunction] = {}
-        self._at_rest: dict[Mode, BufferedFunction] = {}
+        self._functions: dict[Mode, Buffers] = {}
+        self._at_rest: dict[Mode, Buffers] = {}
 
     def __call__(self, mode: Mode, tau: float, zeta: Array, data: Array) -> Point:
         """The point of a motion in one mode."""
         if mode not in self._functions:
-            self._functions[mode] = function = BufferedFunction(self._natural.point(mode))
+            self._functions[mode] = function = Buffers(self._natural.point(mode))
             function.inputs[2][:] = self._units.parameters[mode]
         flow, margins, rates = _evaluated(self._functions[mode], tau, zeta, data)
         return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
@@ -181,7 +181,7 @@ class PointFunctions:
     ) -> tuple[Point, list[list[float]]]:
         """The point of a motion with the foot at rest, and the margins of the ``slips`` there."""
         if mode not in self._at_rest:
-            self._at_rest[mode] = function = BufferedFunction(self._natural.rest(mode, slips))
+            self._at_rest[mode] = function = Buffers(self._natural.rest(mode, slips))
             function.inputs[2][:] = self._units.parameters[mode]
             for slip in slips[:1]:
                 function.inputs[4][:] = self._units.margins[slip]
@@ -190,7 +190,7 @@ class PointFunctions:
         return point, [values.tolist() for values in slipping]
 
 
-def _evaluated(function: BufferedFunction, tau: float, zeta: Array, data: Array) -> tuple[Array, ...]:
+def _evaluated(function: Buffers, tau: float, zeta: Array, data: Array) -> tuple[Array, ...]:
     """Outputs at a point with the parameters as they are, valid until the next call."""
     time, state, _, segment, *_ = function.inputs
     time[0], state[:], segment[:] = tau, zeta, data

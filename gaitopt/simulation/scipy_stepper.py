@@ -8,7 +8,7 @@ from casadi import SX, Function, if_else, logic_and, logic_or, sum1
 from gaitopt.arrays import Array
 from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
 from gaitopt.mechanics import Dynamics, Mode, margin_names
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import Buffers
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival
@@ -48,7 +48,7 @@ class ScipyStepper:
         self._natural, self._units = natural_system(dynamics.system), units(dynamics)
         self._tolerances = rtol, atol
         self._fields: dict[Mode, _Field] = {}
-        self._variations: dict[tuple[Mode, int], tuple[CompiledStep, BufferedFunction]] = {}
+        self._variations: dict[tuple[Mode, int], tuple[CompiledStep, Buffers]] = {}
 
     def at(self, dynamics: Dynamics) -> "ScipyStepper":
         """The same tolerances at other parameters; see ``Stepper``."""
@@ -95,11 +95,11 @@ class ScipyStepper:
             integration.advance()
         return unit.unpack(integration.y, sizes)
 
-    def _variational(self, mode: Mode, columns: int) -> tuple[CompiledStep, BufferedFunction]:
+    def _variational(self, mode: Mode, columns: int) -> tuple[CompiledStep, Buffers]:
         if (mode, columns) not in self._variations:
             rate = self._natural.variational(mode, columns)
             step = CompiledStep(rate, rate, rtol=RTOL, atol=VARIATIONAL_ATOL)
-            self._variations[mode, columns] = step, BufferedFunction(rate)
+            self._variations[mode, columns] = step, Buffers(rate)
         return self._variations[mode, columns]
 
     def _first_event(self, field: "_Field", start: Point, limit: float) -> tuple[str | None, float, Array, str]:
@@ -159,7 +159,7 @@ class _Field:
     def __init__(self, system: NaturalSystem, mode: Mode, p: Array, rtol: float, atol: float) -> None:
         self.names = margin_names(mode)
         self._p = p
-        self._point = BufferedFunction(system.point(mode))
+        self._point = Buffers(system.point(mode))
         watch = _watch(len(self.names))
         self._step = CompiledStep(system.flow(mode), system.point(mode), rtol=rtol, atol=atol, compare=watch)
 

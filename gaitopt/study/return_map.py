@@ -1,7 +1,7 @@
 """The return map of thousands of states at once: arrays in, arrays and named outcomes out."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from gaitopt.simulation import Engine, Simulator, choose_engine
 from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, followed_by, phase_names, stack_outcomes
 from gaitopt.study.system import problem_dynamics
+from gaitopt.threads import per_thread
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 if TYPE_CHECKING:
@@ -168,9 +169,9 @@ class StepMap:
         return stack_outcomes([simulator.step(state) for state in states], states, self.dynamics.system.walker.modes())
 
 
-@lru_cache(maxsize=8)
+@per_thread(maxsize=8)
 def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
-    """The map of a problem, built once in every process; ``p`` if the parameters are not those of the problem."""
+    """The map of a problem, built once in every thread; ``p`` if the parameters are not those of the problem."""
     dynamics = problem_dynamics(problem)
     return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine)
 

@@ -34,6 +34,9 @@ SETTINGS = {
     "distributed.scheduler.http.routes": [],  # pages about the run would be open to every user of the machine
     "distributed.worker.http.routes": [],
 }
+METHOD = "distributed.worker.multiprocessing-method"
+_CLUSTER = threading.RLock()
+"""Held while workers of this machine run: Dask's settings and the module ``__main__`` belong to the whole process."""
 ADDRESS = re.compile(r"(?:(?P<scheme>tcp|tls)://)?(?:\[[0-9A-Fa-f:]+\]|[\w.-]+):(?P<port>\d{1,5})")
 
 
@@ -68,6 +71,8 @@ def _check_certificates(scheduler: str) -> None:
 def connected(count: int, scheduler: str | None) -> Iterator[Any]:
     """A Dask client of ``count`` workers of this machine, started now and ended with the block, or of a scheduler.
 
+    One thread at a time has workers of this machine; others wait for the end of its block.
+
     Raises
     ------
     UnknownNameError
@@ -89,8 +94,11 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
             yield client
         return
     with ExitStack() as stack:
+        stack.enter_context(_CLUSTER)
         scratch = stack.enter_context(TemporaryDirectory(prefix="gaitopt-", ignore_cleanup_errors=True))
-        stack.enter_context(dask.config.set({**SETTINGS, "temporary-directory": scratch}))
+        method = dask.config.get(METHOD, "spawn")
+        method = "spawn" if method == "fork" else method  # a forked process would inherit locks that threads hold
+        stack.enter_context(dask.config.set({**SETTINGS, METHOD: method, "temporary-directory": scratch}))
         stack.enter_context(script_not_repeated())
         with uninterrupted():
             cluster = _local_cluster(count)

@@ -12,7 +12,7 @@ from casadi import MX, nlpsol, vertcat
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait import Status
-from gaitopt.nlp.ipopt import ENDINGS, Progress, Watch
+from gaitopt.nlp.ipopt import ENDINGS, RUNNING, Progress, Watch
 
 Bounds = tuple[Array, Array]
 
@@ -80,10 +80,11 @@ class Homotopy:
         (lower, upper), status = self._bounds_w, Status.CONVERGED
         for sigma in SIGMAS:
             self._watch.begin(*self._bounds_g)
-            solution = self._solver(
-                x0=w, p=np.append(p, sigma), lbx=lower, ubx=upper, lbg=self._bounds_g[0], ubg=self._bounds_g[1]
-            )
-            ending = self._solver.stats()["return_status"]
+            with RUNNING:
+                solution = self._solver(
+                    x0=w, p=np.append(p, sigma), lbx=lower, ubx=upper, lbg=self._bounds_g[0], ubg=self._bounds_g[1]
+                )
+                ending = self._solver.stats()["return_status"]
             if ending not in ENDINGS:
                 raise RuntimeError(f"IPOPT ended with {ending}")
             w, (status, _) = np.asarray(solution["x"]).ravel(), ENDINGS[ending]

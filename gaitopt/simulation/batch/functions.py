@@ -6,7 +6,7 @@ import numpy as np
 from casadi import Function
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.mechanics.buffered import Buffers
 
 WIDTH = 256
 """Rows of one call: a call costs less than two of them."""
@@ -23,7 +23,7 @@ class RowMap:
     def __init__(self, function: Function) -> None:
         self._sizes_in = [function.numel_in(k) for k in range(function.n_in())]
         self._sizes_out = [function.numel_out(k) for k in range(function.n_out())]
-        self._mapped = BufferedFunction(function.map(WIDTH))
+        self._mapped = Buffers(function.map(WIDTH))
 
     def __call__(self, *values: Any) -> list[Array]:
         """Outputs of shape (n, size) from inputs of shape (n, size), or (size,) for the same in all rows."""

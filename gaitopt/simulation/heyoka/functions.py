@@ -1,5 +1,6 @@
 """Functions of many states at once, compiled by heyoka: the lanes of a register instead of one row after the other."""
 
+from copy import copy
 from functools import lru_cache
 from typing import Any
 
@@ -9,6 +10,8 @@ from casadi import Function
 
 from gaitopt.arrays import Array
 from gaitopt.simulation.heyoka.convert import convert
+from gaitopt.simulation.heyoka.integrators import COMPILING
+from gaitopt.threads import per_thread
 
 BLOCK = 256
 """Rows of one call. Every call has so many, so that a row is rounded the same wherever it stands: what is left over of
@@ -27,7 +30,7 @@ class HeyokaRowMap:
     def __init__(self, function: Function, fixed: dict[int, Array]) -> None:
         self._sizes = [function.numel_out(k) for k in range(function.n_out())]
         free = tuple(k for k in range(function.n_in()) if k not in fixed)
-        self._compiled, constants = _compiled(_Key(function), free)
+        self._compiled, constants = _row_function(_Key(function), free)
         values = np.asarray(constants(*fixed.values()), dtype=float).ravel() if fixed else np.zeros(0)
         self._pars = np.repeat(values[:, None], BLOCK, axis=1)
         self._inputs = np.zeros((sum(function.numel_in(k) for k in free), BLOCK))
@@ -59,6 +62,14 @@ class _Key:
 
     def __hash__(self) -> int:
         return hash(self._text)
+
+
+@per_thread(maxsize=32)
+def _row_function(key: _Key, free: tuple[int, ...]) -> tuple[Any, Function]:
+    """The function of this thread: its calls use memory of its own."""
+    with COMPILING:
+        compiled, constants = _compiled(key, free)
+        return copy(compiled), constants
 
 
 @lru_cache(maxsize=32)

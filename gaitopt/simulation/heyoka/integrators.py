@@ -4,11 +4,14 @@ The order of the series follows from the tolerance (20 in double precision), the
 coefficients; events are roots of the margins' own series, each lifted by a runtime parameter of its own. All is in
 natural units. Biscani & Izzo (2021), doi:10.1093/mnras/stab1032.
 
-Compiled code goes to heyoka's cache on disk, so that only the first run on a machine waits for the compiler.
+Compiled code goes to heyoka's cache on disk, so that only the first run on a machine waits for the compiler. Every
+thread has its own copy of an integrator, whose state is overwritten by use.
 """
 
+import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -21,6 +24,7 @@ from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.simulation.events import INSTANT
 from gaitopt.simulation.heyoka.convert import convert
 from gaitopt.simulation.natural import natural_system
+from gaitopt.threads import per_thread
 
 LANES = 8
 """States that a batch integrator advances at once: the doubles of one AVX-512 register, or of two of AVX2. It is the
@@ -31,6 +35,9 @@ their number (four seconds for 250, six for 420); beyond it heyoka's compact mod
 VARIATIONAL_TOLERANCE = 1e-12
 """Of a step with deviations: order 15 instead of 20 takes two thirds of the time, and they are still right to 1e-14,
 because heyoka's choice of the step length leaves two digits."""
+
+COMPILING = threading.RLock()
+"""Held while heyoka compiles, so that threads that need the same code compile it once."""
 
 hy.set_logger_level_error()  # of a motion that becomes infinite it also warns on stderr
 
@@ -55,22 +62,22 @@ class Integrator:
 
 def event_integrator(system: HybridSystem, mode: Mode, *, precision: type = float) -> Integrator:
     """Motion in one mode that stops where a margin falls through zero."""
-    return _compiled(_with_margins(system, mode), precision=precision)
+    return _integrator(_with_margins(system, mode), precision=precision)
 
 
 def batch_integrator(system: HybridSystem, mode: Mode) -> Integrator:
     """The same for ``LANES`` states at once."""
-    return _compiled(_with_margins(system, mode), lanes=LANES)
+    return _integrator(_with_margins(system, mode), lanes=LANES)
 
 
 def flow_integrator(system: HybridSystem, mode: Mode, *, precision: type = float) -> Integrator:
     """Motion in one mode without events."""
-    return _compiled(_Equations(natural_system(system).flow(mode)), precision=precision, unrolled=False)
+    return _integrator(_Equations(natural_system(system).flow(mode)), precision=precision, unrolled=False)
 
 
 def variational_integrator(system: HybridSystem, mode: Mode, columns: int) -> Integrator:
     """Motion in one mode with ``columns`` deviations; see ``NaturalSystem.variational``."""
-    return _compiled(
+    return _integrator(
         _Equations(natural_system(system).variational(mode, columns)), unrolled=False, tolerance=VARIATIONAL_TOLERANCE
     )
 
@@ -91,6 +98,14 @@ class _Equations:
 
 def _with_margins(system: HybridSystem, mode: Mode) -> _Equations:
     return _Equations(natural_system(system).arc(mode), len(margin_names(mode)))
+
+
+@per_thread(maxsize=32)
+def _integrator(equations: _Equations, **options: Any) -> Integrator:
+    """The integrator of this thread, with the options of ``_compiled``."""
+    with COMPILING:
+        compiled = _compiled(equations, **options)
+        return replace(compiled, taylor=copy(compiled.taylor))
 
 
 @lru_cache(maxsize=32)

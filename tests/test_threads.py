@@ -1,0 +1,155 @@
+"""Threads: what several threads solve, walk, prove or look up at once is what one thread gets, to the last bit."""
+
+import random
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import dask
+import numpy as np
+import pytest
+from casadi import SX, Function, sin
+from named import named
+
+import gaitopt
+from gaitopt import Mode, load_problem, prove, return_map, simulate, solve, verify
+from gaitopt.cli.signals import interruptible, listening
+from gaitopt.mechanics.buffered import buffered, buffered_map
+from gaitopt.nlp.family import Family
+from gaitopt.threads import per_thread
+from gaitopt.workers.cluster import METHOD, connected
+
+THREADS = 8
+PROBLEMS = (
+    "compass-passive-a", "compass-torque-stick", "compass-torque-slip", "compass-pd-impact-slip", "compass-push-off",
+    "kneed-passive", "rimless-wheel-stick", "slip-run",
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def hasty():
+    """Threads take turns so often that what they share is caught half-written."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    yield
+    sys.setswitchinterval(interval)
+
+
+def in_threads(work, arguments):
+    """The results of ``work`` in order, from eight threads that start at once."""
+    start = threading.Barrier(THREADS)
+    with ThreadPoolExecutor(THREADS, initializer=start.wait) as threads:
+        return list(threads.map(work, arguments))
+
+
+def digits(gait):
+    """Every number of a gait, bit by bit."""
+    assert gait.converged, gait.message
+    arrays = [gait.shooting.times, gait.shooting.states, gait.shooting.errors, gait.multipliers, gait.p]
+    arrays += [values for arc in gait.arcs for values in (arc.times, arc.states)]
+    return [values.tobytes() for values in arrays], repr(gait.measures), repr(gait.freed)
+
+
+def solved_digits(name):
+    return digits(solve(load_problem(name), progress=False))
+
+
+@pytest.mark.parametrize(
+    ("names", "times"), [(PROBLEMS, 4), pytest.param(PROBLEMS, 125, marks=pytest.mark.slow)], ids=["32", "1000"]
+)
+def test_solves_of_eight_threads_equal_those_of_one_to_the_last_bit(names, times):
+    jobs = list(names) * times
+    random.Random(0).shuffle(jobs)
+    solved = in_threads(solved_digits, jobs)
+    expected = {name: solved_digits(name) for name in names}
+    assert all(values == expected[name] for name, values in zip(jobs, solved, strict=True))
+
+
+def test_ipopt_in_several_threads_ends_as_in_one():
+    problem = load_problem("compass-minimum-friction")
+
+    def design(_):
+        return digits(solve(problem, progress=False))
+
+    assert in_threads(design, range(THREADS)) == [design(0)] * THREADS
+
+
+@pytest.mark.parametrize("engine", ["scipy", "heyoka"])
+def test_walks_and_returns_of_several_threads_are_those_of_one(engine):
+    if engine == "heyoka":
+        pytest.importorskip("heyoka")
+
+    def walked(name):
+        gait = named(name)
+        states = gait.state[gait.system.section(Mode.SLIP_FORWARD)] * np.linspace(1, 1.001, 20)[:, None]
+        walk = simulate(gait, steps=3, engine=engine).trajectory.section_states
+        return walk.tobytes(), return_map(gait, states, engine=engine).states.tobytes()
+
+    names = ["compass-passive-a", "rimless-wheel-stick"] * 8
+    assert in_threads(walked, names) == [walked(name) for name in names]
+
+
+def test_verifications_and_proofs_of_several_threads_are_those_of_one():
+    pytest.importorskip("flint")
+
+    def proved(k):
+        gait = named("rimless-wheel-stick")
+        return repr(verify(gait).claims), repr(prove(gait, progress=False).to_record() if k % 4 == 0 else None)
+
+    assert in_threads(proved, range(THREADS)) == [proved(k) for k in range(THREADS)]
+
+
+def test_a_family_may_be_used_by_several_threads_in_turn():
+    family = Family(named("compass-passive-a"))
+    problems = [family.gait.problem.replace({"friction": 0.14 + 1e-4 * k}) for k in range(24)]
+    for problem, gait in zip(problems, in_threads(family.solve, problems), strict=True):
+        assert gait.converged
+        assert np.allclose(gait.state, solve(problem, progress=False).state, rtol=1e-9, atol=1e-9)
+
+
+def test_buffers_of_one_function_are_not_shared_by_threads():
+    x = SX.sym("x", 3)
+    function = Function("f", [x], [sin(x), 2 * x])
+
+    def called(k):
+        point = np.array([k, k + 1.0, k + 2.0])
+        return all(
+            np.array_equal(buffered(function)(point), [np.sin(point), 2 * point])
+            and np.array_equal(buffered_map(function, 2)(point)[1], [2 * point] * 2)
+            for _ in range(300)
+        )
+
+    assert all(in_threads(called, range(THREADS)))
+
+
+def test_values_per_thread_are_kept_in_the_thread_and_made_anew_in_others():
+    @per_thread(maxsize=4)
+    def made(key):
+        return [key]
+
+    assert made("a") is made("a")
+    others = in_threads(lambda _: made("a"), range(THREADS))
+    assert all(other is not made("a") for other in others)
+
+
+def test_equal_modes_are_one_object_in_all_threads():
+    for k in range(50):
+        modes = in_threads(Mode, [f"stick, thread{k} free"] * THREADS)
+        assert len({id(mode) for mode in modes}) == 1
+
+
+def test_signals_are_left_to_the_main_thread():
+    def worked(_):
+        with listening() as ending, interruptible() as pressed:
+            return bool(ending), pressed()
+
+    assert in_threads(worked, range(THREADS)) == [(False, False)] * THREADS
+
+
+def test_workers_are_never_forked(monkeypatch):
+    monkeypatch.setattr(gaitopt, "inherited", True, raising=False)
+    with dask.config.set({METHOD: "fork"}), connected(1, None) as client:
+        assert dask.config.get(METHOD) == "spawn"
+        assert not client.submit(hasattr, gaitopt, "inherited").result()
+    with dask.config.set({METHOD: "forkserver"}), connected(1, None):
+        assert dask.config.get(METHOD) == "forkserver"
