@@ -14,6 +14,13 @@ SetOption = Annotated[
         "--set", metavar="KEY=VALUE", help="Change a value of the problem: friction=0.2, walker.slope='2 deg'."
     ),
 ]
+GuessOption = Annotated[
+    bool,
+    typer.Option(
+        "--from-guess",
+        help="Solve changed problems from the guess of the file; by default the file's gait is followed to them.",
+    ),
+]
 OutOption = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Run folder; by default results/NAME-HASH.", show_default=False),

@@ -102,10 +102,10 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
 
 def solve_verified(problem: "Problem", terminal: Terminal) -> "Gait":
     """The gait of a problem with its verification, or the failed attempt."""
-    from gaitopt.search import own
+    from gaitopt.search import solve as solving
 
     with terminal.solving(problem.name) as (progress, interrupted):
-        gait = own.solve_as_own(problem, progress=progress, should_stop=interrupted)
+        gait = solving.solve(problem, progress=progress, should_stop=interrupted)
     return verified(gait, terminal)
 
 

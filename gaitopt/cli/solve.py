@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli.branches import stored_branch
-from gaitopt.cli.options import OutOption, SchedulerOption, SeedOption, SetOption, WorkersOption
+from gaitopt.cli.options import GuessOption, OutOption, SchedulerOption, SeedOption, SetOption, WorkersOption
 from gaitopt.cli.runs import gait_of, load, report, solve_verified, verified
 from gaitopt.cli.terminal import Terminal
 from gaitopt.errors import ProblemError, SolveError, StorageError
@@ -59,9 +59,13 @@ def solve(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
+    from_guess: GuessOption = False,
     output: OutOption = None,
 ) -> int:
     """Solve for a gait, verify it and store it.
+
+    With --set KEY=VALUE the file's own gait is followed to the new values; if its family ends on the way, the message
+    says where and why. --from-guess looks for a gait near the guess of the file instead.
 
     With --starts the distinct solutions are listed and the best one is kept; what each start has found stays in the
     run folder, so that the same command resumes where it stopped.
@@ -70,10 +74,13 @@ def solve(
     from gaitopt.workers.jobs import make_workers
 
     if ATTRACTOR in problem:
-        if changes or start or starts > 1:
-            raise typer.BadParameter(f"{problem} is a gait as it is: --set, --start and --starts change a problem")
+        if changes or start or starts > 1 or from_guess:
+            raise typer.BadParameter(
+                f"{problem} is a gait as it is: --set, --start, --starts and --from-guess change a problem"
+            )
         return _solve_attractor(problem, output, terminal)
     loaded = load(problem, changes, terminal)
+    loaded = loaded.from_guess() if from_guess else loaded
     loaded = _started(loaded, start, terminal) if start else loaded
     folder = output or run_folder(loaded)
     jobs_at = make_workers(workers, scheduler)

@@ -5,14 +5,25 @@ from typing import Annotated
 import typer
 
 from gaitopt.cli.figures import save_figures
-from gaitopt.cli.options import OutOption, OverOption, ProblemArgument, SchedulerOption, SetOption, WorkersOption
+from gaitopt.cli.options import (
+    GuessOption,
+    OutOption,
+    OverOption,
+    ProblemArgument,
+    SchedulerOption,
+    SetOption,
+    WorkersOption,
+)
 from gaitopt.cli.runs import load
 from gaitopt.cli.terminal import Terminal
 from gaitopt.cli.values import grid
 from gaitopt.errors import UnknownNameError
 
 WarmOption = Annotated[
-    bool, typer.Option("--warm", help="Start from the neighbour's gait; from the guess where that fails.")
+    bool,
+    typer.Option(
+        "--warm", help="Start each point from the gait of its neighbour; the result may then depend on the grid."
+    ),
 ]
 WhatOption = Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar of the result that is drawn.")]
 
@@ -26,9 +37,10 @@ def sweep(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
+    from_guess: GuessOption = False,
     output: OutOption = None,
 ) -> int:
-    """Solve and verify a problem over a grid of its parameters.
+    """Solve and verify a problem over a grid of its parameters; each point as `solve` does with --set.
 
     What is done is kept and never done again; the same command resumes where it stopped. A point without a gait is a
     result.
@@ -46,7 +58,7 @@ def sweep(
     points, loaded = grid(over), load(problem, changes, terminal)
     folder = output or run_folder(loaded)
     check_folder(folder, loaded)
-    plan = SweepPlan(problem=loaded, grid=points, warm=warm, folder=folder)
+    plan = SweepPlan(problem=loaded, grid=points, warm=warm, folder=folder, from_guess=from_guess)
     check_sweep(plan)
     jobs_at = make_workers(workers, scheduler)
     with writing(folder, loaded):

@@ -23,6 +23,12 @@ def solve(
 ) -> Gait:
     """Solve a problem for its gait; the reference of a PD law is solved first.
 
+    A problem whose continuous parameters were changed by ``replace`` keeps the gait of its file: that gait is followed
+    along the straight line from the file's values to the new ones. If its family ends on the way, the status is
+    ``infeasible``, and message and causes say where and why. The command line, sweeps and ``explain`` do the same.
+    ``solve(problem.from_guess())`` looks for a gait near the guess instead. So does ``solve`` itself where another
+    guess, mode sequence or structure was given, for designs, and where the file's problem has no gait.
+
     Where the mode sequence is open, the gait is the stable one of those that ``find`` lists (the one nearest to the
     guess if there is one), else the least unstable; of a design the one with the best objective.
 

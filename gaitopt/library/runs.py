@@ -30,18 +30,21 @@ def sweep(
     over: Over,
     *,
     warm: bool = False,
+    from_guess: bool = False,
     workers: int | None = None,
     output: str | Path | None = None,
     progress: Counter = True,
 ) -> Sweep:
-    """Solve and verify a problem over a grid of its parameters.
+    """Solve and verify a problem over a grid of its parameters; the result at a point is that of ``solve``.
 
     What is solved is kept in the run folder and never solved again; an interrupted call resumes where it stopped.
 
     Parameters
     ----------
     over : lower end, upper end and number of values by dotted key: ``{"friction": (0.1, 0.3, 20)}``.
-    warm : start from the neighbour's gait, and from the guess where that fails.
+    warm : start each point from the gait of its neighbour instead, and solve it as ``solve`` where that fails. The
+        result may then depend on the grid.
+    from_guess : solve each point from the problem's guess instead, as ``solve(problem.from_guess())``.
     workers : processes; by default one per core.
     output : the run folder, by default ``results/NAME-HASH``.
     progress : whether to show it, or a function of the number of points done and their total.
@@ -55,7 +58,9 @@ def sweep(
     StorageError
         If the folder cannot be written, or the grid does not fit.
     """
-    plan = SweepPlan(problem=problem, grid=_grid(over), warm=warm, folder=_folder(problem, output))
+    plan = SweepPlan(
+        problem=problem, grid=_grid(over), warm=warm, folder=_folder(problem, output), from_guess=from_guess
+    )
     check_sweep(plan)
     with shown(progress, job_progress, "jobs") as show:
         return run_sweep(plan, make_workers(workers, None), progress=show)

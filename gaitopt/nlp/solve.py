@@ -185,13 +185,13 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
             solver=solver,
             causes=wrong,
         )
+    return assembled(problem, refined, message=attempt.words, solver=solver)
+
+
+def assembled(problem: Problem, refined: Refined[Transcription], *, message: str, solver: dict[str, float]) -> Gait:
+    """The gait at a solution; its message says if the cycle is a shorter one walked several times."""
     gait = assemble_gait(
-        problem,
-        refined.transcription,
-        refined.at,
-        errors=refined.errors,
-        message=attempt.words,
-        solver=solver,
+        problem, refined.transcription, refined.at, errors=refined.errors, message=message, solver=solver
     )
     repetition = _repetition(gait)
     return replace(gait, message=f"{gait.message}; {repetition}") if repetition else gait

@@ -18,10 +18,13 @@ from gaitopt.problem.catalogue import find_problem
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.overrides import apply_overrides
 from gaitopt.problem.plausibility import impossible, remarks
-from gaitopt.problem.record import digest_of, problem_data
+from gaitopt.problem.record import changed_values, digest_of, problem_data
 from gaitopt.problem.reference import reference_name, unsuitable
 from gaitopt.problem.source import parse_source, read_text
 from gaitopt.problem.statement import ProblemStatement
+
+FOLLOWED_FROM = "followed_from"
+"""Key of a resolved problem: the file's values of the parameters that were changed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -33,6 +36,7 @@ class Problem(ProblemStatement):
     reference : the problem whose gait the control tracks or its curve starts from.
     path, text : where it came from, verbatim; overrides are not in the text.
     origin : the problem with an open sequence that this one answers, under whose name and digest it is kept.
+    file : the problem that the file states, before ``replace`` changed it; None for that problem itself.
     place : where each of its values was given: a line of the file, or an override.
     """
 
@@ -41,6 +45,7 @@ class Problem(ProblemStatement):
     text: str = ""
     place: Place = field(compare=False, repr=False)
     origin: "Problem | None" = None
+    file: "Problem | None" = None
 
     def __hash__(self) -> int:
         return hash(self.digest)
@@ -54,8 +59,29 @@ class Problem(ProblemStatement):
         """The problem whose gait the control tracks or its curve starts from; never touched by ``replace``."""
         return self.reference
 
+    @property
+    def followed_from(self) -> "Problem | None":
+        """The file's problem, where only values of continuous parameters differ from it; otherwise None.
+
+        The gait of this problem is then the file's own gait, followed from the file's values to these.
+        """
+        if self.file is None or self.is_open or self.is_design or self.origin is not None:
+            return None
+        if self.reference != self.file.reference or type(self.walker) is not type(self.file.walker):
+            return None
+        values, changed = self.parameters, changed_values(problem_data(self.file), problem_data(self))
+        continuous = [key for key in changed if type(values.get(key)) is float]
+        return self.file if changed and len(continuous) == len(changed) else None
+
+    def from_guess(self) -> "Problem":
+        """The same problem, to be solved from its guess: ``solve`` then does not follow the gait of the file."""
+        return replace(self, file=None)
+
     def replace(self, overrides: Mapping[str, object], *, label: str = "") -> "Problem":
         """The problem with some values changed, validated as a whole.
+
+        Where only values of continuous parameters change, ``solve`` follows the gait of the unchanged problem to the
+        new values. With another guess, mode sequence or structure it starts from the guess.
 
         Parameters
         ----------
@@ -73,7 +99,9 @@ class Problem(ProblemStatement):
         known = {} if self.reference is None else {reference_name(self.control)[0]: self.reference}
         origin = _Origin(walkers=(type(self.walker),), path=self.path)
         changed = _build(data, place, faults, origin, text=self.text, known=known)
-        return replace(changed, place=ChangedPlace(self.place, place))
+        file = self if self.file is None else self.file
+        same = problem_data(changed) == problem_data(file) and changed.reference == file.reference
+        return replace(changed, place=ChangedPlace(self.place, place), file=None if same else file)
 
     def objection(self, key: str, value: float) -> str | None:
         """Why a parameter cannot have a value, independently of all others; None if it can."""
@@ -83,7 +111,10 @@ class Problem(ProblemStatement):
         return next((fault.message for fault in faults if fault.path == place.keys[key]), None)
 
     def resolved(self) -> dict[str, Any]:
-        """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name."""
+        """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name.
+
+        Where the gait of the file is followed, ``followed_from`` has the file's values of the changed parameters.
+        """
         if self.origin is not None:
             return self.origin.resolved()
         data = problem_data(self)
@@ -93,11 +124,19 @@ class Problem(ProblemStatement):
             reference = data["control"]["reference"]
             holder, key = (reference["curve"], "start") if "curve" in reference else (reference, "gait")
             holder[key] = self.reference.resolved()
+        if self.followed_from is not None:
+            before = self.followed_from.parameters
+            changed = {key: before[key] for key, value in self.parameters.items() if value != before[key]}
+            data[FOLLOWED_FROM] = changed
         return data
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything that determines the gait, and of the name; the texts ``about`` do not count."""
+        """SHA-256 of everything that determines the gait, and of the name; the texts ``about`` do not count.
+
+        That is the resolved problem: all values, modes and guess, the reference with its own, and the file's values of
+        the parameters that were changed, where the gait is followed from there.
+        """
         return digest_of(self.resolved())
 
     @property
@@ -144,6 +183,7 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
         If the record is wrong.
     """
     data = deepcopy(dict(record))
+    before = data.pop(FOLLOWED_FROM, None)
     place = FilePlace(f"record of {shown(data.get('name'))}", {(): (1, 1)})
     known: dict[str, Problem] = {}
     control = data.get("control")
@@ -153,7 +193,8 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
         if isinstance(holder, dict) and isinstance(holder.get(key), Mapping):
             nested = restore_problem(holder[key], walkers=walkers)
             known, holder[key] = {nested.name: nested}, nested.name
-    return _build(data, place, [], _Origin(walkers=_listed(walkers)), known=known)
+    problem = _build(data, place, [], _Origin(walkers=_listed(walkers)), known=known)
+    return problem if before is None else replace(problem, file=problem.replace(before).from_guess())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,6 +40,18 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
     return data
 
 
+def changed_values(before: Mapping[str, Any], after: Mapping[str, Any], above: str = "") -> list[str]:
+    """Dotted keys of what differs between the data of two problems; their names and texts ``about`` do not count."""
+    changed = []
+    for key in dict.fromkeys([*before, *after]):
+        one, other = before.get(key), after.get(key)
+        if isinstance(one, Mapping) and isinstance(other, Mapping):
+            changed += changed_values(one, other, f"{above}{key}.")
+        elif one != other and (above or key not in ("name", "about")):
+            changed.append(f"{above}{key}")
+    return changed
+
+
 def digest_of(resolved: Mapping[str, Any]) -> str:
     """SHA-256 of resolved data without the texts ``about``."""
     canonical = json.dumps(_without_about(resolved), sort_keys=True, separators=(",", ":"), allow_nan=False)

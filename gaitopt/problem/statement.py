@@ -8,7 +8,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.mechanics.cycle import Cycle
 from gaitopt.mechanics.modes import ImpactLaw
 from gaitopt.mechanics.walker import Walker
-from gaitopt.problem.control_sections import ControlSpec
+from gaitopt.problem.control_sections import ControlSpec, CurveReference, PDSpec
 from gaitopt.problem.parts import Free, Guess, OpenSequence, Range
 from gaitopt.problem.sections import FrictionCoefficients
 
@@ -51,6 +51,12 @@ class ProblemStatement(Tabulated):
     def is_open(self) -> bool:
         """Whether the mode sequence is to be found."""
         return isinstance(self.modes, OpenSequence)
+
+    @property
+    def is_design(self) -> bool:
+        """Whether some of its numbers, or the control points of a reference, are unknowns."""
+        reference = self.control.reference if isinstance(self.control, PDSpec) else None
+        return bool(self.free) or isinstance(reference, CurveReference)
 
     @property
     def cycle(self) -> Cycle:

@@ -25,15 +25,17 @@ class SweepPlan:
     ----------
     problem : the problem of which the grid changes some numbers.
     grid : over dotted keys of parameters.
-    warm : whether a job starts from the gait of its neighbour towards the grid's first point; else, and where that
-        fails, from the problem's guess.
+    warm : whether a job starts from the gait of its neighbour towards the grid's first point; otherwise, and where that
+        fails, the result at a point is that of ``solve``.
     folder : of the problem's run.
+    from_guess : whether every point is solved from the problem's guess instead.
     """
 
     problem: Problem
     grid: Grid
     warm: bool
     folder: Path
+    from_guess: bool = False
 
     @cached_property
     def jobs(self) -> list[Job]:
@@ -41,6 +43,7 @@ class SweepPlan:
         jobs: list[Job] = []
         for number in range(self.grid.size):
             problem = at_point(self.problem, self.point(number))
+            problem = problem.from_guess() if self.from_guess else problem
             neighbour = self._neighbour(number) if self.warm else None
             jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key))
         return jobs
@@ -48,7 +51,8 @@ class SweepPlan:
     @cached_property
     def place(self) -> Path:
         """Folder of the sweep's table and figures."""
-        return self.folder / f"sweep-{key_of([*map(str, self.grid.axes), self.warm])[:8]}"
+        way = [self.warm, *(["from_guess"] if self.from_guess else [])]
+        return self.folder / f"sweep-{key_of([*map(str, self.grid.axes), *way])[:8]}"
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""

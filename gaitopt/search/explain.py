@@ -13,8 +13,8 @@ from gaitopt.nlp import free_parameters
 from gaitopt.problem import Problem
 from gaitopt.search.distinct import Gaits
 from gaitopt.search.find import STARTS, SearchPlan, in_memory, opened, search
-from gaitopt.search.nearest import Nearest, changed_parameters, nearest_values, own_gait
-from gaitopt.search.solve import solve
+from gaitopt.search.nearest import Nearest, changed_parameters, nearest_values
+from gaitopt.search.solve import file_gait, solve
 from gaitopt.study.simulate import Walk, simulate
 from gaitopt.study.verify import verify
 from gaitopt.workers.jobs import Workers
@@ -118,7 +118,7 @@ def _begins(
     if given is None:
         return None, []
     say("following families of gaits to where the mode sequence begins")
-    own = own_gait(problem, should_stop)
+    own = file_gait(problem, should_stop=should_stop)
     others: Sequence[Gait] = instead
     if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
         others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)

@@ -18,8 +18,6 @@ from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.mechanics import Cycle
 from gaitopt.problem import Problem
 from gaitopt.problem.parts import Free
-from gaitopt.search.own import own_problem
-from gaitopt.study.system import solve_sequence
 
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
 """Special points beyond which a mode sequence does not continue, or not in the same direction."""
@@ -51,13 +49,6 @@ class Nearest:
         """One JSON object with the keys of the command line."""
         record = {"parameter": self.parameter, "value": self.value, "type": self.type, "reason": self.reason}
         return record | {"gait": None if self.gait is None else self.gait.to_record()}
-
-
-def own_gait(problem: Problem, should_stop: Stop = None) -> Gait | None:
-    """The gait of the problem's own file, from which overrides have changed parameter values; None if there is none."""
-    own = own_problem(problem)
-    gait = None if own is None else solve_sequence(own, should_stop=should_stop)
-    return gait if gait is not None and gait.converged else None
 
 
 def changed_parameters(problem: Problem, gait: Gait) -> list[str]:

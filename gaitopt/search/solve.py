@@ -1,16 +1,30 @@
-"""The gait of a problem, whether its mode sequence is given or open, or that of an attractor of the simulator."""
+"""The gait of a problem: the one meaning of ``solve``, whoever calls it.
+
+A named gait stays itself: with other values of its parameters it is followed from those of its file,
+
+    p(s) = (1 - s) p_file + s p,        s from 0 to 1
+
+A problem that is not a file's problem with other values of continuous parameters is solved from its guess.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait import Gait
+from gaitopt.gait import Gait, Status
 from gaitopt.gait.attractor import Attractor
+from gaitopt.nlp import follow
 from gaitopt.orbit import ReturnMap
-from gaitopt.problem import Problem
+from gaitopt.problem import Problem, lacks_energy
 from gaitopt.search.candidates import cycle_record
 from gaitopt.search.distinct import closed
 from gaitopt.search.find import find_best
 from gaitopt.simulation import Simulator
 from gaitopt.study.system import problem_dynamics, solve_sequence
+
+KEPT = 16
+"""Gaits of files that a process keeps, for the points of a sweep follow the same one."""
 
 
 def solve(
@@ -21,7 +35,43 @@ def solve(
         return solve_attractor(problem, progress=progress, should_stop=should_stop)
     if problem.is_open:
         return find_best(problem, progress=progress, should_stop=should_stop)
-    return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)
+    try:
+        own = None if lacks_energy(problem) else file_gait(problem, should_stop=should_stop)
+    except KeyboardInterrupt:
+        dynamics = problem_dynamics(problem)
+        return Gait(problem=problem, dynamics=dynamics, status=Status.INTERRUPTED, message="interrupted")
+    if own is None:
+        return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)
+    return follow(own, problem, progress=progress, should_stop=should_stop)
+
+
+def file_gait(problem: Problem, *, should_stop: Stop = None) -> Gait | None:
+    """The gait that is followed to the values of the problem: that of its file; None where there is none.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` ends its solution.
+    """
+    file = problem.followed_from
+    gait = None if file is None else _solved(_File(problem=file, should_stop=should_stop))
+    return gait if gait is not None and gait.converged else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _File:
+    """The problem of a file; ``should_stop`` serves to solve it the first time."""
+
+    problem: Problem
+    should_stop: Stop = field(compare=False)
+
+
+@lru_cache(maxsize=KEPT)
+def _solved(file: _File) -> Gait:
+    gait = solve_sequence(file.problem, should_stop=file.should_stop)
+    if gait.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt  # and nothing is kept
+    return gait
 
 
 def solve_attractor(attractor: Attractor, *, progress: Valued = None, should_stop: Stop = None) -> Gait:

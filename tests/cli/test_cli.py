@@ -12,7 +12,7 @@ import pytest
 
 from gaitopt import cli, study
 from gaitopt.library import progress as cli_progress
-from gaitopt.search import own
+from gaitopt.search import solve as solving
 from gaitopt.store.manifest import seal
 from gaitopt.study import Verification
 from gaitopt.study.claims import Claim
@@ -114,7 +114,7 @@ def test_output_names_the_run_folder(run):
 def test_a_finished_run_is_verified_from_its_files_alone(run, monkeypatch):
     _, out, _ = run("solve", PROBLEM, "--json")
     solved = json.loads(out)
-    monkeypatch.setattr(own, "solve_as_own", None)
+    monkeypatch.setattr(solving, "solve", None)
     for name in (PROBLEM, solved["run"]):
         code, out, _ = run("verify", name, "--json")
         verified = json.loads(out)
@@ -227,7 +227,7 @@ def test_a_wrong_override_is_3_and_named(run, changes, words):
 
 def test_a_foreign_folder_is_6_before_anything_is_solved(run, monkeypatch):
     Path("thesis.tex").write_text("precious")
-    monkeypatch.setattr(own, "solve_as_own", None)
+    monkeypatch.setattr(solving, "solve", None)
     code, _, err = run("solve", PROBLEM, "-o", ".")
     assert code == 6
     assert "not a run of gaitopt" in err
@@ -280,7 +280,7 @@ def test_an_unexpected_error_is_one_line_and_a_traceback_only_on_request(run, mo
     def broken(*_, **__):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr(own, "solve_as_own", broken)
+    monkeypatch.setattr(solving, "solve", broken)
     code, _, err = run("solve", PROBLEM, "--quiet")
     assert code == 1
     (line,) = err.splitlines()
