@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from gaitopt.cli.printable import printable
 from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError
 
 INTERNAL_ERROR, USAGE, NOT_A_GAIT, NOT_VERIFIED, STORAGE = 1, 2, 4, 5, 6
@@ -34,7 +35,7 @@ def shown_warnings() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *place: Any, **details: Any) -> None:
             if issubclass(category, GaitoptWarning):
-                sys.stderr.write(f"gaitopt: warning: {message}\n")
+                sys.stderr.write(printable(f"gaitopt: warning: {message}\n"))
             else:
                 elsewhere(message, category, *place, **details)
 

@@ -28,7 +28,7 @@ from gaitopt.cli.explain import explain
 from gaitopt.cli.find import find
 from gaitopt.cli.front import front
 from gaitopt.cli.plot import plot
-from gaitopt.cli.printable import printable
+from gaitopt.cli.printable import allow_any_encoding, printable
 from gaitopt.cli.prove import prove
 from gaitopt.cli.report import report
 from gaitopt.cli.reproduce import reproduce
@@ -105,6 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not arguments:
         main(["--help"])
         return USAGE
+    allow_any_encoding()
     with listening() as ending:
         try:
             check_working_folder()

@@ -2,6 +2,8 @@
 
 import io
 import json
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
 
 import pytest
 from named import named, verification
@@ -140,3 +142,42 @@ def test_a_walk_of_a_problem_is_compared_with_its_gait_where_that_is_known(run, 
     gait.save()
     (state,) = json.loads(run(*command)[1])["gait_states"]
     assert state["dtheta"] == pytest.approx(gait.to_record()["state"]["dtheta"])
+
+
+UNICODE = """name: walk
+about: "Gåit für µ → 走る 🦿"
+walker: {model: rimless_wheel, spokes: 6, radius: 1, mass: 1, inertia_ratio: 0.5, gravity: 9.81, slope: 13 deg}
+friction: 1.0  # größer
+control: {type: none}
+gait:
+  phases: [stick]
+  impact: stick
+  guess: {state: {dtheta: 0.9}}
+"""
+COMMANDS = (
+    ("list",), ("schema",), ("show", "ä.yaml"), ("show", "ä.yaml", "--json"), ("validate", "ä.yaml"), ("show", "é"),
+    ("solve", "ä.yaml", "-o", "ü"), ("verify", "ü"), ("simulate", "ü", "-o", "ö"), ("plot", "ü", "--what", "ß"),
+    ("report", "ü"), ("report", "ö"), ("plot", "ö", "--what", "portrait"), ("solve", "ä.yaml", "--set", "ñ=1"),
+    ("sweep", "ä.yaml", "--over", "friction=0.9:1:2", "--workers", "1"), ("--ü",), ("verify", "é/ü"),
+    ("continue", "ü", "--param", "friction", "--to", "0.99", "-o", "ê"), ("report", "ê"),
+)  # fmt: skip
+
+
+@pytest.mark.usefixtures("empty_folder")
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-16"])
+def test_every_command_works_with_any_encoding_of_its_output(encoding):
+    Path("ä.yaml").write_text(UNICODE, encoding="utf-8")
+    for command in COMMANDS:
+        streams = [io.TextIOWrapper(io.BytesIO(), encoding=encoding) for _ in range(2)]
+        with redirect_stdout(streams[0]), redirect_stderr(streams[1]):
+            code = main(command)
+        for stream in streams:
+            stream.flush()
+        out, err = (stream.buffer.getvalue().decode(encoding) for stream in streams)
+        assert "internal error" not in err, (command, err)
+        assert code == (2 if {"é", "ß", "--ü", "é/ü"} & {*command} else 3 if "ñ=1" in command else 0), (command, err)
+        if command == ("show", "ä.yaml"):
+            assert ("走" if encoding == "utf-16" else r"\u8d70\u308b \U0001f9bf") in out
+    about = json.loads((Path("ü") / "resolved.json").read_text(encoding="ascii"))["about"]
+    assert about == "Gåit für µ → 走る 🦿"
+    assert about in (Path("ü") / "report.html").read_text(encoding="utf-8")
