@@ -85,8 +85,13 @@ def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: 
 
 
 def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal) -> "tuple[list[Gait], list[Path]]":
-    """Gaits and their run folders; what was solved just now is stored, and a failed attempt is reported."""
+    """Gaits and their run folders; what was solved just now is stored, and a failed attempt is reported.
+
+    A gait that was stored is read back: times in a run folder are rounded sums, and the same command shall give the
+    same figures to the last byte when it is repeated.
+    """
     from gaitopt.library.stored import save
+    from gaitopt.runs.restore import restore_gait
 
     gaits, folders = list["Gait"](), list[Path]()
     for run in runs:
@@ -94,7 +99,7 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
         if not gait.converged:
             report(gait, None, terminal)
         elif fresh:
-            save(gait, folder)
+            gait = restore_gait(save(gait, folder))
         gaits.append(gait)
         folders.append(folder)
     return gaits, folders

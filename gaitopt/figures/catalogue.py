@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from gaitopt.figures.basin import basin
 from gaitopt.figures.branches import over_parameter
-from gaitopt.figures.comparison import method_comparison, node_points, simulated
+from gaitopt.figures.comparison import method_comparison, simulated
 from gaitopt.figures.film import animation_page
 from gaitopt.figures.force import foot_slip, force_ratio, torques
 from gaitopt.figures.front import front_figure
@@ -54,7 +54,7 @@ GAIT_FIGURES: Mapping[str, Callable[[Sequence[Gait]], Figure]] = {
     "slip": lambda gaits: foot_slip([motion_of(gait) for gait in gaits]),
     "torques": lambda gaits: torques([motion_of(gait) for gait in gaits]),
     "multipliers": lambda gaits: multiplier_plane({gait.problem.name: gait.multipliers for gait in gaits}),
-    "roads": lambda gaits: method_comparison(motion_of(gaits[0]), simulated(gaits[0]), node_points(gaits[0])),
+    "roads": lambda gaits: method_comparison(motion_of(gaits[0]), simulated(gaits[0])),
 }
 """Figures of one or several gaits; ``roads`` is of one."""
 

@@ -1,4 +1,7 @@
-"""The two independent methods compared: shooting nodes of the NLP on the simulated step, and their difference."""
+"""The two independent methods compared: points of the NLP's gait on the simulated step, and their difference.
+
+Only what a run folder keeps is drawn, so that a gait that has been read back has the same figure.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,8 +18,8 @@ from gaitopt.figures.style import COLOURS, NEUTRAL, dashes, entry, legend_below,
 from gaitopt.gait import Gait, Step, curves
 from gaitopt.simulation import Simulator
 
-NODES_SHOWN = 20
-"""Markers of nodes; more would hide the curve."""
+POINTS_SHOWN = 20
+"""Markers of the gait's points; more would hide the curve."""
 ROUNDING = 1e-17
 """A difference of exactly zero is drawn here, at the foot of the log axis."""
 
@@ -26,18 +29,16 @@ def simulated(gait: Gait) -> tuple[Step, ...]:
     return Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
 
 
-def method_comparison(motion: Motion, walked: Sequence[Step], nodes: tuple[Array, Array] | None = None) -> Figure:
+def method_comparison(motion: Motion, walked: Sequence[Step]) -> Figure:
     """Angles of a gait found by the NLP over those of the simulated steps, and all states' differences below.
 
     Parameters
     ----------
     motion : the gait.
     walked : the simulated steps.
-    nodes : times (n,) since the start of the cycle [s] and states (n, n_z) of the shooting nodes; without them the
-        gait's own points are drawn.
     """
     figure, (upper, lower) = panels(2, heights=[3, 2], height=5.4)
-    times, states = thinned(*(points_of(motion.steps) if nodes is None else nodes))
+    times, states = thinned(*points_of(motion.steps))
     handles: list[Line2D] = []
     for name, colour in zip(positions_of(motion), COLOURS, strict=False):
         column = motion.state_index(name)
@@ -93,14 +94,5 @@ def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
 
 def thinned(times: Array, states: Array) -> tuple[Array, Array]:
     """At most twenty of many points, evenly among them, the first and the last with them."""
-    shown = np.unique(np.linspace(0, len(times) - 1, min(len(times), NODES_SHOWN)).round().astype(int))
+    shown = np.unique(np.linspace(0, len(times) - 1, min(len(times), POINTS_SHOWN)).round().astype(int))
     return times[shown], states[shown]
-
-
-def node_points(gait: Gait) -> tuple[Array, Array] | None:
-    """Times since the start of the cycle (n,) and states (n, n_z) of the shooting nodes; None where there are none."""
-    if gait.shooting is None:
-        return None
-    counts = np.cumsum(np.append(0, np.diff(gait.shooting.times) < 0))  # the clock restarts at every impact
-    began = np.array([time for time, _ in running(gait.steps)])
-    return gait.shooting.times + began[counts], gait.shooting.states

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.figures.comparison import differences, node_points, points_of, positions_of, simulated, thinned
+from gaitopt.figures.comparison import differences, points_of, positions_of, simulated, thinned
 from gaitopt.figures.film import film
 from gaitopt.figures.motion import Motion, motion_of, smooth
 from gaitopt.figures.packing import pack
@@ -49,9 +49,9 @@ def _names(gaits: Sequence[Gait]) -> list[str]:
 
 
 def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:
-    """Angles along the simulated steps, those of the NLP's nodes, and their difference."""
+    """Angles along the simulated steps, points of the NLP's gait, and their difference."""
     walked = simulated(gait)
-    times, states = thinned(*(node_points(gait) or points_of(motion.steps)))
+    times, states = thinned(*points_of(motion.steps))
     names = positions_of(motion)
     columns = [motion.state_index(name) for name in names]
     nodes = {"t": times} | {name: states[:, k] for name, k in zip(names, columns, strict=True)}

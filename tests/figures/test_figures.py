@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,7 +115,7 @@ def test_method_comparison_agree_and_a_spoiled_gait_is_seen_to_disagree():
     assert max(np.abs(gap).max() for _, gap in differences([spoiled], walked)) > 9e-5
 
 
-def test_at_most_twenty_nodes_are_marked_from_the_first_to_the_last():
+def test_at_most_twenty_points_are_marked_from_the_first_to_the_last():
     for count in (3, 20, 39, 65):
         times, states = thinned(np.arange(count), np.arange(count)[:, None])
         assert len(times) == min(count, 20)
@@ -167,6 +168,21 @@ def test_the_same_gait_gives_the_same_bytes(tmp_path, extension):
     (first,) = save(GAIT_FIGURES["portrait"](shown), tmp_path / "first", [extension])
     (second,) = save(GAIT_FIGURES["portrait"](shown), tmp_path / "second", [extension])
     assert first.read_bytes() == second.read_bytes()
+
+
+@pytest.mark.parametrize("command", ["plot", "report"])
+@pytest.mark.parametrize("problem", ["rimless-wheel-slip", "compass-torque-slip"])
+@pytest.mark.usefixtures("empty_folder")
+def test_a_repeated_command_writes_the_same_bytes(run, command, problem):
+    """The first one solves the problem, the second one finds its gait in the run folder."""
+    formats = ("--format", "svg", "--format", "png", "--format", "pdf") if command == "plot" else ()
+    code, out, _ = run(command, problem, *formats)
+    files = [Path(line) for line in out.splitlines()]
+    assert code == 0
+    assert {"roads.svg", "animation.html"} <= {file.name for file in files} or command == "report"
+    before = [file.read_bytes() for file in files]
+    assert run(command, problem, *formats)[:2] == (0, out)
+    assert [file.name for file, own in zip(files, before, strict=True) if file.read_bytes() != own] == []
 
 
 def test_symbols_and_units_are_those_of_the_textbook():
