@@ -13,6 +13,7 @@ from gaitopt.runs.restore_branch import restore_branch
 from gaitopt.runs.sweep_table import Sweep, read_sweep
 from gaitopt.runs.within import FILES, kind_of, refuse_other_results
 from gaitopt.store import Table, run_folder
+from gaitopt.store.lock import wait_for_writer
 from gaitopt.store.run import GAIT_FILES, WALK_FILES, write_run
 from gaitopt.study.simulate import Walk
 
@@ -62,6 +63,7 @@ def load_run(path: str | Path) -> Result:
         "sweep": read_sweep,
         "basin": read_basin,
     }
+    wait_for_writer(folder, lambda: bool(kind_of(folder)))
     kind = kind_of(folder)
     if kind:
         return readers[kind](folder)

@@ -15,7 +15,7 @@ from gaitopt.errors import StorageError
 from gaitopt.problem import Problem
 from gaitopt.store.folder import check_folder, stored_lines
 from gaitopt.store.lines import lines_text
-from gaitopt.store.manifest import write_files
+from gaitopt.store.manifest import read_manifest, write_files
 from gaitopt.store.run import begin_run, run_folder
 
 BRANCH_FILE = "branch.jsonl"
@@ -61,12 +61,23 @@ def read_branch(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
     An end at a bound of the request has ``bound``, also where an earlier version has written it without.
     """
-    request, *records = list(stored_lines(folder, BRANCH_FILE)) or [{}]
+    request, *records = _lines(folder) or [{}]
     bounds = _bounds(request, records)
     for record in records:
         if record.get("type") == "end" and any(math.isclose(record["value"], at, rel_tol=AT_BOUND) for at in bounds):
             record["bound"] = True
     return request, records
+
+
+def _lines(folder: Path) -> list[dict[str, Any]]:
+    """All lines of the file; read again where a writer has replaced it in the meantime."""
+    while True:
+        known = read_manifest(folder).files.get(BRANCH_FILE)
+        try:
+            return list(stored_lines(folder, BRANCH_FILE))
+        except StorageError:
+            if known == read_manifest(folder).files.get(BRANCH_FILE):
+                raise
 
 
 def _bounds(request: Mapping[str, Any], records: Sequence[Mapping[str, Any]]) -> list[float]:

@@ -2,7 +2,8 @@
 
 import os
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
@@ -18,6 +19,10 @@ from gaitopt.store.text import json_text, parse_object
 LOCK_FILE = ".lock"
 WRITER_FILE = ".writer"
 """Says who holds the lock."""
+PATIENCE, LOOK_EVERY = 5.0, 0.02
+"""Time that a reader waits for another process to finish a file, and between two looks at it [s]."""
+LOOKS = 5
+"""Looks in a row without a writer after which there is none: one writer may follow another."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +66,33 @@ def only_writer(folder: Path) -> Iterator[None]:
             _leave(folder)
         with suppress(OSError):  # the folder may be gone
             lock.release()
+
+
+def written_elsewhere(folder: Path) -> bool:
+    """Whether another process, which is alive, writes a run folder now."""
+    try:
+        pid = _writer(folder).pid
+    except StorageError:
+        return False
+    import psutil  # takes long to import, and is rarely needed
+
+    return pid != os.getpid() and psutil.pid_exists(pid)
+
+
+def wait_for_writer(folder: Path, ready: Callable[[], bool]) -> None:
+    """Return once ``ready()`` is true, or no other process writes the folder.
+
+    Raises
+    ------
+    StorageError
+        If another process still writes it after ``PATIENCE``.
+    """
+    deadline, alone = time.monotonic() + PATIENCE, 0
+    while not ready() and alone < LOOKS:
+        alone = 0 if written_elsewhere(folder) else alone + 1
+        if time.monotonic() > deadline:
+            raise StorageError(f"{folder} is being written by {_holder(folder)}: wait until it has finished")
+        time.sleep(LOOK_EVERY)
 
 
 def _writer(folder: Path) -> Writer:

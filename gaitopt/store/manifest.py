@@ -15,6 +15,7 @@ from typing import Any
 
 from gaitopt.errors import StorageError
 from gaitopt.store.files import parsed, read_bytes, write_whole
+from gaitopt.store.lock import wait_for_writer, written_elsewhere
 from gaitopt.store.records import validated
 from gaitopt.store.sums import FileSum, check_content, file_sum
 from gaitopt.store.text import json_file, json_text, parse_object
@@ -116,29 +117,47 @@ def seal(folder: Path, *names: str) -> None:
 
 
 def read_sealed(folder: Path, name: str) -> bytes:
-    """Read a file of a run folder that is as it was written.
+    """Read a file of a run folder that is as it was written; errors as of ``read_together``."""
+    (content,) = read_together(folder, name)
+    return content
+
+
+def read_together(folder: Path, *names: str) -> list[bytes]:
+    """Read files of a run folder that are as they were written, all by the same writer.
+
+    Where another process is about to finish one of them, it is waited for.
 
     Raises
     ------
     StorageError
-        If it is missing, unfinished or altered.
+        If a file is missing, unfinished or altered.
     """
-    known = read_manifest(folder).files.get(name)
     while True:
-        if known is None:
-            words = (
-                "the run is unfinished: repeat the command that writes it" if (folder / name).exists() else "missing"
-            )
-            raise StorageError(f"{folder / name}: {words}; it was left alone")
-        content = read_bytes(folder / name)
+        wait_for_writer(folder, lambda: read_manifest(folder).files.keys() >= {*names})
+        known = _known(folder, names)
+        missing = next((name for name in names if known[name] is None), None)
+        if missing is not None and not written_elsewhere(folder):
+            there = (folder / missing).exists()
+            words = "the run is unfinished: repeat the command that writes it" if there else "missing"
+            raise StorageError(f"{folder / missing}: {words}; it was left alone")
+        if missing is not None:
+            continue
         try:
-            check_content(folder / name, content, known)
+            contents = [read_bytes(folder / name) for name in names]
+            for (name, own), content in zip(known.items(), contents, strict=True):
+                check_content(folder / name, content, own)
         except StorageError:
-            before, known = known, read_manifest(folder).files.get(name)
-            if known == before:  # no writer has replaced it meanwhile
+            if known == _known(folder, names):  # no writer has replaced them meanwhile
                 raise
         else:
-            return content
+            if known == _known(folder, names):
+                return contents
+
+
+def _known(folder: Path, names: tuple[str, ...]) -> dict[str, Any]:
+    """What the manifest says of some files, None where it says nothing."""
+    files = read_manifest(folder).files
+    return {name: files.get(name) for name in names}
 
 
 def _checksum(record: dict[str, Any]) -> str:

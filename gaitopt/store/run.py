@@ -14,11 +14,13 @@ from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.problem import Problem, restore_problem
 from gaitopt.store.files import parsed
 from gaitopt.store.folder import check_folder, writing
+from gaitopt.store.lock import wait_for_writer
 from gaitopt.store.manifest import (
     MANIFEST_FILE,
     new_manifest,
     read_manifest,
     read_sealed,
+    read_together,
     write_files,
     write_manifest,
 )
@@ -79,9 +81,11 @@ def is_complete(folder: Path) -> bool:
 def read_run(folder: Path, files: tuple[str, str] = GAIT_FILES) -> tuple[dict[str, Any], Table]:
     """The record and the table of the gait in a run folder, or of the walk."""
     manifest = read_manifest(folder)
+    wait_for_writer(folder, lambda: (folder / files[0]).is_file())
     if files == GAIT_FILES and not (folder / GAIT_FILE).is_file():
         raise StorageError(f"{folder} is unfinished (no {GAIT_FILE}): solve {manifest.problem} again to complete it")
-    return read_object(folder, files[0]), parsed(parse_csv, read_sealed(folder, files[1]), folder / files[1])
+    record, table = read_together(folder, *files)
+    return parsed(parse_object, record, folder / files[0]), parsed(parse_csv, table, folder / files[1])
 
 
 def read_problem(folder: Path) -> Problem:

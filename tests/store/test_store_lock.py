@@ -9,9 +9,10 @@ import time
 
 import pytest
 
+from gaitopt import load_run
 from gaitopt.errors import StorageError
 from gaitopt.problem import load_problem
-from gaitopt.store import begin_run, writing
+from gaitopt.store import begin_run, lock, writing
 from gaitopt.store.lock import LOCK_FILE, only_writer
 from gaitopt.store.manifest import read_manifest
 
@@ -130,3 +131,41 @@ def test_a_sweep_whose_folder_is_deleted_ends_with_6(tmp_path):
     assert sweep.returncode == 6, words
     assert "was deleted or replaced while this command was writing it" in words
     assert not (tmp_path / "run").exists()
+
+
+SAVER = """
+import sys
+import gaitopt as go
+gait = go.solve(go.load_problem(sys.argv[1]))
+print("solved", flush=True)
+for _ in range(60):
+    gait.save(sys.argv[2])
+"""
+
+
+def test_a_reader_beside_a_writer_waits_for_it(tmp_path):
+    """The same gait is written again and again: each reader finds all of it."""
+    writer = subprocess.Popen([sys.executable, "-c", SAVER, WHEEL, tmp_path / "run"], stdout=subprocess.PIPE)
+    writer.stdout.readline()
+    while not (tmp_path / "run" / "manifest.json").exists():
+        time.sleep(0.001)
+    read = 0
+    while writer.poll() is None:
+        assert load_run(tmp_path / "run").converged
+        read += 1
+    assert read > 5
+    writer.communicate()
+    assert writer.returncode == 0
+
+
+def test_a_reader_names_the_writer_that_takes_long(tmp_path, monkeypatch):
+    monkeypatch.setattr(lock, "PATIENCE", 0.1)
+    begin_run(tmp_path / "run", load_problem(WHEEL))
+    holder = hold(tmp_path / "run")
+    try:
+        with pytest.raises(StorageError, match=rf"is being written by process {holder.pid} .*: wait until it has fin"):
+            load_run(tmp_path / "run")
+    finally:
+        end(holder)
+    with pytest.raises(StorageError, match="holds no result"):
+        load_run(tmp_path / "run")
