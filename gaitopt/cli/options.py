@@ -33,10 +33,12 @@ OverOption = Annotated[
 ]
 WorkersOption = Annotated[
     int | None,
-    typer.Option("--workers", min=1, help="Processes; by default one per core.", show_default=False),
+    typer.Option("--workers", min=1, max=1024, help="Processes; by default one per core.", show_default=False),
 ]
 SchedulerOption = Annotated[
     str | None, typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask scheduler, tcp://host:8786.")
 ]
-SamplesOption = Annotated[int, typer.Option("--starts", min=1, help="Start states of the search by simulation.")]
+SamplesOption = Annotated[
+    int, typer.Option("--starts", min=1, max=1_000_000, help="Start states of the search by simulation.")
+]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the sampled guesses.")]

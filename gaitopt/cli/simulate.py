@@ -1,6 +1,7 @@
 """``gaitopt simulate``: walk forward from a state."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,6 +14,9 @@ from gaitopt.cli.terminal import Terminal
 
 if TYPE_CHECKING:
     from gaitopt.study import Walk
+
+STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
+"""Of the arcs of one step, in memory and as rows of a table."""
 
 StateOption = Annotated[
     list[str] | None,
@@ -44,12 +48,15 @@ def simulate(
     from gaitopt.library.print_gait import print_walk
     from gaitopt.library.stored import save
     from gaitopt.problem import Problem
+    from gaitopt.runs.grid import check_room
     from gaitopt.store import check_folder
 
     start = stored_gait(run, changes)[0] if is_folder(run) else load(run, changes)
     begin = values.state(state)
     if output is not None:
         check_folder(output, start.problem if isinstance(start, Gait) else start)
+    disk = 0 if output is None else STEP_BYTES_DISK
+    check_room(steps, output or Path(), disk=disk, memory=STEP_BYTES_MEMORY, what="steps")
     terminal.say(f"walking {steps} step{'s' if steps > 1 else ''}")
     with interruptible() as interrupted:
         walk = study.simulate(start, begin, steps, engine=engine, should_stop=interrupted)

@@ -155,7 +155,7 @@ def check_jobs_fit(jobs: int, folder: Path) -> None:
     check_room(jobs, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
 
 
-def check_room(points: int, folder: Path, *, disk: int, memory: int) -> None:
+def check_room(points: int, folder: Path, *, disk: int, memory: int, what: str = "points") -> None:
     """Refuse a grid, or any other number of points, that does not fit, before it starts.
 
     Parameters
@@ -163,6 +163,7 @@ def check_room(points: int, folder: Path, *, disk: int, memory: int) -> None:
     points : how many.
     folder : where they are kept; it need not exist.
     disk, memory : how much one point takes [bytes].
+    what : they are, in words.
 
     Raises
     ------
@@ -174,9 +175,9 @@ def check_room(points: int, folder: Path, *, disk: int, memory: int) -> None:
 
     parent = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
     room = (("on disk", disk, shutil.disk_usage(parent).free), ("of memory", memory, psutil.virtual_memory().available))
-    for what, each, free in room:
+    for where, each, free in room:
         if points * each > free:
             raise StorageError(
-                f"{points:,} points need about {decimal(min(points * each, LARGEST_SIZE))} {what}, "
+                f"{points:,} {what} need about {decimal(min(points * each, LARGEST_SIZE))} {where}, "
                 f"but {decimal(free)} are free: choose fewer"
             )

@@ -89,7 +89,7 @@ def multistart(
 ) -> list[Optimum]:
     """As ``gaitopt.multistart``; ``folder`` keeps the results of all starts, on all cores if not said otherwise."""
     check_jobs_fit(starts, folder)
-    problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread)]
+    problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread, should_stop=should_stop)]
     jobs = [problem_job(p) for p in problems]
     with writing(folder, problem):
         begin_run(folder, problem)
@@ -101,13 +101,15 @@ def multistart(
     return sorted(optima, key=_rank)
 
 
-def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> list[Problem]:
-    """The problem with ``count`` other guesses."""
+def sampled(problem: Problem, count: int, *, seed: int, spread: float, should_stop: Stop = None) -> list[Problem]:
+    """The problem with ``count`` other guesses; a KeyboardInterrupt where ``should_stop`` says so."""
     control = build_system(problem).control
     curves = control.points if isinstance(control, BezierTracking) else {}
     names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
     problems = []
     for number in range(1, count + 1):
+        if should_stop is not None and should_stop():
+            raise KeyboardInterrupt
         rng = np.random.default_rng([seed, number])
         changes: dict[str, object] = {
             f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names

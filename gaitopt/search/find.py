@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from gaitopt.callbacks import Counted, Stop, Valued
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait import Gait, Status
 from gaitopt.problem import Problem
 from gaitopt.search.candidates import GUESSES, WALKS, Record, SearchJob, search_part
@@ -20,6 +20,8 @@ from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 
 STARTS = 1000
 """Start states of the search by simulation."""
+MOST_STARTS = 1_000_000
+"""Start states of one search; more would be days of walking, and millions of candidates to hold."""
 GUESSED = 8
 """Guesses of the search by complementarity."""
 Within = Mapping[str, tuple[float, float]]
@@ -119,6 +121,8 @@ def opened(problem: Problem) -> Problem:
 
 def search_jobs(plan: SearchPlan) -> list[Job]:
     """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity."""
+    if not 1 <= plan.starts <= MOST_STARTS:
+        raise ProblemError(f"starts: {plan.starts:,} start states; from 1 to {MOST_STARTS:,} are possible")
     names = plan.problem.walker.section_names(slipping=True)
     unknown = [name for name in plan.within if name not in names]
     if unknown:

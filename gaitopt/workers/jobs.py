@@ -15,7 +15,10 @@ from queue import Empty, Queue
 from typing import Any
 
 from gaitopt.callbacks import Stop
+from gaitopt.errors import ProblemError
 
+MOST_WORKERS = 1024
+"""Processes of one machine; each takes some 100 MB."""
 AHEAD = 4
 """Jobs submitted per worker beyond the one at hand, so that no worker waits for us."""
 PATIENCE = 0.1
@@ -54,10 +57,20 @@ class FailedJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Where jobs run: ``count`` processes of this machine (1 is this very process), or a Dask scheduler by address."""
+    """Where jobs run: ``count`` processes of this machine (1 is this very process), or a Dask scheduler by address.
+
+    Raises
+    ------
+    ProblemError
+        If ``count`` is below 1 or above ``MOST_WORKERS``.
+    """
 
     count: int = field(default_factory=lambda: os.cpu_count() or 1)
     scheduler: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.count <= MOST_WORKERS:
+            raise ProblemError(f"workers: {self.count} processes; from 1 to {MOST_WORKERS} are possible")
 
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
@@ -98,19 +111,22 @@ def run_jobs(
     elif jobs:
         from gaitopt.workers.cluster import connected  # asyncio and more, for nothing where there is one process
 
-        with connected(workers.count, workers.scheduler) as client:
+        with connected(min(workers.count, len(jobs)), workers.scheduler) as client:
             yield from _Run(client, task, jobs, dict(done or {})).results(should_stop)
 
 
 def _run_here(
     task: Callable[..., Any], jobs: list[Job], results: dict[str, Any], should_stop: Stop
 ) -> Iterator[tuple[str, Any]]:
+    parents = {job.parent for job in jobs}
     for job in jobs:
         if should_stop is not None and should_stop():
             return
         polled = () if should_stop is None else (should_stop,)
-        results[job.key] = task(job.argument, results.get(job.parent or ""), *polled)
-        yield job.key, results[job.key]
+        result = task(job.argument, results.get(job.parent or ""), *polled)
+        if job.key in parents:  # no other result need be held
+            results[job.key] = result
+        yield job.key, result
 
 
 class _Run:

@@ -1,6 +1,7 @@
 """Bad input on the command line: an exit code and a sentence for each, never an internal error."""
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -64,6 +65,27 @@ def test_what_is_too_large_is_refused_at_once(run, arguments, code, words):
     ended, out, err = run(*arguments)
     assert (ended, out) == (code, "")
     assert words in err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("find", WHEEL, "--starts", "10000000000"), ("explain", WHEEL, "--starts", "10000000000"),
+        ("find", WHEEL, "--steps", "1000000000"), ("simulate", WHEEL, "--steps", "10000000000"),
+        ("solve", WHEEL, "--starts", "10000000000"), ("sweep", WHEEL, "--over", "friction=1:2:1000000000"),
+        ("front", "compass-torque-efficient", "--over", "walker.slope=0.1:0.2:1000000000"),
+        *((*command, "--workers", "1000000000") for command in (
+            ("find", WHEEL), ("sweep", WHEEL, "--over", "friction=1:2:2"), ("solve", WHEEL, "--starts", "2"),
+        )),
+    ],
+)  # fmt: skip
+def test_no_count_makes_a_command_grow_without_bound(run, command):
+    began = time.monotonic()
+    code, _, err = run(*command)
+    assert code in (2, 3, 6)
+    assert "internal error" not in err
+    assert time.monotonic() - began < 10
+    assert not [path for path in Path().rglob("*") if path.is_file()]
 
 
 def test_a_whole_number_is_no_parameter_of_a_family(run):
