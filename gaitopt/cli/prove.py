@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from gaitopt.proof import Proof
 
 CERTIFICATE_FILE = "proof.json"
+NARROWEST, WIDEST = 1e-14, 1.0
+"""Bounds of ``--width``: doubles resolve no narrower bracket, and no special point needs a wider one."""
+MOST_DIGITS = 9
+"""Of the number of a special point."""
 
 TargetArgument = Annotated[
     str,
@@ -30,7 +34,8 @@ TargetArgument = Annotated[
 WidthOption = Annotated[
     float | None,
     typer.Option(
-        "--width", min=0.0, help="Of the bracket of a special point; the narrowest that can be proved if left out."
+        "--width",
+        help="Width of the bracket of a special point, from 1e-14 to 1; the narrowest that can be proved if left out.",
     ),
 ]
 CheckOption = Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")]
@@ -53,6 +58,8 @@ def prove(
         if changes or output is not None:
             raise typer.BadParameter("--check reads a certificate and nothing else; leave out --set and -o")
         return _report(_checked(Path(run)), Path(run), terminal)
+    if width is not None and not NARROWEST <= width <= WIDEST:
+        raise typer.BadParameter(f"--width {width:g} is not between {NARROWEST:g} and {WIDEST:g}")
     if SPECIAL in run:
         if changes:
             raise typer.BadParameter("--set changes a problem, but a branch is what it is; leave it out")
@@ -78,14 +85,15 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: T
 
 def _prove_special(target: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt import solve
+    from gaitopt.problem.faults import shown
     from gaitopt.proof import prove_special
     from gaitopt.proof.branch import BRACKETED
     from gaitopt.search.distinct import closed
 
     run, _, number = target.rpartition(SPECIAL)
     problem, parameter, records = special_records(run)
-    if not number.isdecimal() or int(number) >= len(records):
-        raise UnknownNameError(f"{run} has no special point {number!r}; it has {len(records)}, from 0")
+    if not number.isdecimal() or len(number) > MOST_DIGITS or int(number) >= len(records):
+        raise UnknownNameError(f"{run} has no special point {shown(number)}; it has {len(records)}, from 0")
     special = records[int(number)]
     kind = special["type"]
     if kind not in BRACKETED or not special["gait"]:
@@ -124,20 +132,45 @@ def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, s
 
 
 def _checked(file: Path) -> "Proof":
-    from json import JSONDecodeError, loads
-
     from gaitopt.proof import check
-    from gaitopt.store.files import read_bytes
+    from gaitopt.proof.certificate import parse_certificate
+
+    content = _read(file)
+    try:
+        return check(parse_certificate(content))
+    except StorageError as error:
+        raise StorageError(f"{file} is no certificate of a proof: {error}") from error
+
+
+def _read(file: Path) -> bytes:
+    """The bytes of a regular file of a certificate's size."""
+    from gaitopt.proof.certificate import LARGEST_FILE
+    from gaitopt.store.files import reason
 
     try:
-        return check(loads(read_bytes(file)))
-    except (JSONDecodeError, KeyError, TypeError, AttributeError) as error:
-        raise StorageError(f"{file} is no certificate of a proof ({error!r})") from error
+        if file.exists() and not file.is_file():
+            raise StorageError(f"{file} is no certificate of a proof: it is no regular file")
+        with file.open("rb") as stream:
+            return stream.read(LARGEST_FILE + 1)
+    except FileNotFoundError as error:
+        raise StorageError(f"{file} is missing") from error
+    except (OSError, ValueError) as error:
+        raise StorageError(f"cannot read {file}: {reason(error)}") from error
 
 
 def _report(proof: "Proof", file: Path, terminal: Terminal) -> int:
     terminal.show({**proof.to_record(), "certificate": str(file)}, _print, "certificate")
     return 0 if proof.proved else NOT_A_GAIT
+
+
+def _statement(words: dict[str, Any]) -> list[tuple[str, str]]:
+    """What the theorem is about, and what it does not say, row by row."""
+    rows = [(key, str(value)) for key, value in words.items() if isinstance(value, str)]
+    designed = words.get("designed", ())
+    rows += [
+        (key, f"{value} (designed)" if key in designed else value) for key, value in words.get("parameters", {}).items()
+    ]
+    return rows + [("not proved", text) for text in words.get("not_proved", ())]
 
 
 def _print(console: "Console", record: dict[str, Any]) -> None:
@@ -147,6 +180,7 @@ def _print(console: "Console", record: dict[str, Any]) -> None:
     verdict = "proved" if record["proved"] else "NOT PROVED"
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
     console.print(f"{record['problem']}: {verdict}{stability}", style="bold")
+    section(console, "statement", ("", ""), _statement(record["statement"]))
     claims = ((c["claim"], "yes" if c["proved"] else "NO", c["words"], c["margin"] or "") for c in record["claims"])
     section(console, "claims", ("claim", "proved", "statement", "margin"), claims, numbers=(3,))
     bounds = {**(record["state"] or {}), **{name: record.get(name) for name in SCALARS}}

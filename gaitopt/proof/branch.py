@@ -6,12 +6,25 @@ from math import prod
 
 from flint import acb, arb, arb_mat
 
+from gaitopt.mechanics.margins import IMPACT_MARGINS, PHASE_MARGINS, Margin
 from gaitopt.proof.claims import Claim
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.theorem import Piece
 
-MARGIN_CHANGES = ("mode_change", "impact_change", "lift_off", "painleve")
-"""Types of special points beyond which the orbit continues, but is no gait of its mode sequence."""
+
+def _ending(*tables: Mapping[str, Margin], ending: str | None) -> tuple[str, ...]:
+    """The margins whose fall ends a motion in this way; None where another mode or impact follows."""
+    return tuple(name for table in tables for name, margin in table.items() if margin.ending == ending)
+
+
+MARGIN_CHANGES: Mapping[str, tuple[str, ...]] = {
+    "mode_change": _ending(PHASE_MARGINS, ending=None),
+    "impact_change": _ending(IMPACT_MARGINS, ending=None),
+    "lift_off": _ending(PHASE_MARGINS, IMPACT_MARGINS, ending="lift_off"),
+    "painleve": _ending(PHASE_MARGINS, IMPACT_MARGINS, ending="painleve"),
+}
+"""Types of special points beyond which the orbit continues, but is no gait of its mode sequence, and the margins of
+which one is negative there."""
 CONNECTION, SIGN_CHANGE = "connected family", "sign change"
 
 
@@ -28,7 +41,7 @@ def connection_claim(pieces: Sequence[Piece], interval: Sequence[str]) -> Claim:
 def sign_change_claim(kind: str, pieces: Sequence[Piece]) -> Claim:
     """That what defines a type of special point changes its sign between the first box and the last."""
     try:
-        words = _CHANGES[kind](pieces)
+        words = _margin(kind, pieces) if kind in MARGIN_CHANGES else _CHANGES[kind](pieces)
     except NotProved as failure:
         return Claim(SIGN_CHANGE, proved=False, words=str(failure))
     return Claim(SIGN_CHANGE, proved=True, words=words)
@@ -72,14 +85,27 @@ def _period_doubling(pieces: Sequence[Piece]) -> str:
     return "the product of all multipliers plus one changes its sign: one of them is -1 in between"
 
 
-def _margin(pieces: Sequence[Piece]) -> str:
-    ends = [pieces[0], pieces[-1]]
-    gaits = [all(claim.proved for claim in piece.claims) for piece in ends]
-    refuted = [[claim for claim in piece.claims if claim.refuted] for piece in ends]
-    for gait, violated in ((gaits[0], refuted[1]), (gaits[1], refuted[0])):
-        if gait and violated:
-            return f"at one end it is a gait of its mode sequence, at the other it is none: {violated[0].words}"
-    raise NotProved("it is not shown that the mode sequence holds at one end and is violated at the other")
+def gait_end(pieces: Sequence[Piece]) -> int | None:
+    """The end of a bracket, 0 or -1, at which alone the orbit is a gait of the mode sequence."""
+    gaits = [k for k in (0, -1) if all(claim.proved for claim in pieces[k].claims)]
+    return gaits[0] if len(gaits) == 1 else None
+
+
+def _margin(kind: str, pieces: Sequence[Piece]) -> str:
+    end = gait_end(pieces)
+    if end is None:
+        raise NotProved("it is not shown that the mode sequence holds at one end and is violated at the other")
+    refuted = [claim for claim in pieces[-1 - end].claims if claim.refuted]
+    if not refuted:
+        raise NotProved("it is not shown that the mode sequence is violated at the other end")
+    foreign = [claim for claim in refuted if claim.violated not in MARGIN_CHANGES[kind]]
+    if foreign:
+        raise NotProved(f"what is violated at the other end makes it no {kind}: {foreign[0].words}")
+    here, there = ("lower", "upper") if end == 0 else ("upper", "lower")
+    return (
+        f"at the {here} end it is a gait of its mode sequence; at the {there} end it is none, because a margin that "
+        f"makes a {kind} is negative: {refuted[0].name}: {refuted[0].words}"
+    )
 
 
 def _number_outside(multipliers: Sequence[acb]) -> int:
@@ -92,7 +118,6 @@ def _number_outside(multipliers: Sequence[acb]) -> int:
 _CHANGES: Mapping[str, Callable[[Sequence[Piece]], str]] = {
     "neimark_sacker": _neimark_sacker,
     "period_doubling": _period_doubling,
-    **dict.fromkeys(MARGIN_CHANGES, _margin),
 }
-BRACKETED = tuple(_CHANGES)
+BRACKETED = (*_CHANGES, *MARGIN_CHANGES)
 """Types of special points that can be bracketed."""

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from flint import acb, acb_mat, arb, arb_mat
 
-from gaitopt.proof.branch import MARGIN_CHANGES, connection_claim, sign_change_claim
-from gaitopt.proof.claims import Claim, mode_sequence_claims
+from gaitopt.proof.branch import MARGIN_CHANGES, connection_claim, gait_end, sign_change_claim
+from gaitopt.proof.certificate import BoxRecord, read_certificate
+from gaitopt.proof.claims import Claim, mode_claim_names, mode_sequence_claims
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.krawczyk import deviations, krawczyk, preconditioned, require_contraction, return_map
 from gaitopt.proof.measures import measures
@@ -20,6 +21,7 @@ from gaitopt.proof.theorem import Piece, Proof, merged_claims, union, union_of_m
 from gaitopt.proof.tilted import at
 
 STATEMENT, EXISTENCE, MOTION = "statement", "existence and uniqueness", "motion"
+COMPLETENESS = "completeness"
 PARTS = [arb(2 * k + 1 - 16, 1) / 16 for k in range(16)]
 """Of the interval of a parameter, on each of which multipliers are enclosed."""
 
@@ -37,16 +39,20 @@ def check(certificate: Mapping[str, Any], progress: Callable[[str], None] = sile
 
     Raises
     ------
-    KeyError, TypeError, AttributeError
-        If it is no certificate at all.
+    StorageError
+        If it is no certificate: a field is missing, unknown, or holds what it cannot hold.
     """
     with precision(PRECISION):
         return _check(certificate, progress)
 
 
 def _check(certificate: Mapping[str, Any], progress: Callable[[str], None]) -> Proof:
+    name = str(certificate.get("problem"))[:80]
+    statement: Statement | None = None
     try:
-        statement = restore_statement(certificate)
+        statement = restore_statement(read_certificate(certificate))
+        if not statement.records:
+            raise ValueError("it has no boxes: nothing is proved")
         if len(statement.records) != 1 and not statement.interval:
             raise ValueError(f"{len(statement.records)} boxes, but no parameter that varies")
         pieces: list[Piece] = []
@@ -58,33 +64,58 @@ def _check(certificate: Mapping[str, Any], progress: Callable[[str], None]) -> P
                 break
     except (ValueError, NotProved) as fault:
         claim = Claim(STATEMENT, proved=False, words=str(fault))
-        return Proof(problem=str(certificate.get("problem")), claims=(claim,), certificate=certificate)
+        return Proof(name, (claim,), certificate, statement.words if statement else {})
     return theorem(statement, pieces, certificate)
 
 
 def theorem(statement: Statement, pieces: Sequence[Piece], certificate: Mapping[str, Any]) -> Proof:
-    """What the boxes prove together."""
-    claims = list(merged_claims(pieces))
-    if statement.special in MARGIN_CHANGES:
-        claims = [claim for claim in claims if claim.name == EXISTENCE]
-    proof = Proof.of(statement.name, pieces, tuple(claims), certificate)
-    if any(piece.inner is None for piece in pieces) or (statement.interval and not proof.proved):
+    """What the boxes prove together.
+
+    Every box has to show ``EXISTENCE`` and the claims of the mode sequence. In a bracket of a violated margin only the
+    end at which the orbit is a gait shows the latter, and what fails at the other end is what the sign change is about.
+    """
+    modes = mode_claim_names(statement.system, statement.sequence, statement.arcs)
+    special, shown = statement.special, list(pieces)
+    if special in MARGIN_CHANGES:
+        end = gait_end(pieces)
+        if end is not None:
+            shown[1:-1] = [_existence_of(piece) for piece in shown[1:-1]]
+            shown[-1 - end] = _existence_of(shown[-1 - end])
+    claims = list(merged_claims(shown))
+    required = [EXISTENCE, *modes]
+    incomplete = [
+        name
+        for k, piece in enumerate(pieces)
+        for name in (required if special not in MARGIN_CHANGES or k == 0 or k == len(pieces) - 1 else [EXISTENCE])
+        if name not in {claim.name for claim in piece.claims}
+    ]
+    proof = Proof(statement.name, tuple(claims), certificate, statement.words).about(pieces)
+    if incomplete or any(piece.inner is None for piece in pieces):
+        if proof.proved:
+            words = f"is not shown on every box: {', '.join(incomplete) or 'the motion'}"
+            proof = replace(proof, claims=(*claims, Claim(COMPLETENESS, proved=False, words=words)))
+        return proof
+    if statement.interval and special not in MARGIN_CHANGES and not proof.proved:
         return proof
     if statement.interval:
         claims.append(connection_claim(pieces, statement.interval))
-    special = statement.special
     claims.append(proof.stability_claim() if special is None else sign_change_claim(special, pieces))
     return replace(proof, claims=tuple(claims))
 
 
-def check_box(statement: Statement, record: Mapping[str, Any], *, at_end: bool = True) -> Piece:
+def _existence_of(piece: Piece) -> Piece:
+    """A box without its claims on the mode sequence."""
+    return replace(piece, claims=tuple(claim for claim in piece.claims if claim.name in (EXISTENCE, MOTION)))
+
+
+def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -> Piece:
     """What is proved on one box of a certificate.
 
     For a single orbit margins and multipliers are enclosed on the image of the box under Krawczyk's operator.
     Inside a bracket multipliers are not needed, and beyond a violated margin the orbit is no gait.
     """
     orbit, box = restore_box(statement, record)
-    piece = Piece(box, record["interval"])
+    piece = Piece(box, record.interval)
     try:
         passage = orbit.traverse(box)
         defect = preconditioned(orbit, passage)

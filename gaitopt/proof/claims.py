@@ -7,17 +7,18 @@ much.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from math import isfinite
 
 from casadi import SX, simplify
 from flint import arb
 
-from gaitopt.mechanics import CONTACTS, HybridSystem, ImpactLaw, Mode, margin_names
+from gaitopt.mechanics import CONTACTS, MARGINS, Control, Cycle, HybridSystem, ImpactLaw, Mode, margin_names
 from gaitopt.proof.graph import NotProved, Refuted
-from gaitopt.proof.orbit import Orbit, Passage
+from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit, Passage
 from gaitopt.proof.signs import ENDS, POSITIVE, TOUCHDOWN, Part, check_pattern, parts, smallest
 from gaitopt.proof.tilted import hull
 
-SLIPS = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
+SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")
 WORDS = {
     POSITIVE: "is positive throughout",
     ENDS: "is positive and falls monotonically to its zero at the end",
@@ -35,6 +36,7 @@ class Claim:
     words : the statement, or why it is not proved.
     margin : a proved bound of the quantity that has to be positive, if there is one.
     refuted : whether the contrary is proved.
+    violated : the margin that is proved to be negative, where it is a single one.
     """
 
     name: str
@@ -42,9 +44,34 @@ class Claim:
     words: str
     margin: arb | None = None
     refuted: bool = False
+    violated: str = ""
 
 
+APPARENT_MASS, TIME_WINDOW, AT_REST = "apparent mass", "time window", "mode at rest"
 Check = tuple[str, Callable[[], tuple[str, arb | None]]]
+
+
+def mode_claim_names(system: HybridSystem, sequence: Cycle, arcs: Sequence[Arc]) -> tuple[str, ...]:
+    """The names of all claims that make an orbit a gait of a mode sequence."""
+    names = list[str]()
+    for j, arc in enumerate(arcs):
+        begins = j == 0 or arcs[j - 1].phase != arc.phase
+        of_arc = [name for name in margin_names(arc.mode) if name != "touchdown"]
+        of_arc += [APPARENT_MASS] if arc.mode.sticks else []
+        of_arc += [TIME_WINDOW] if has_windows(system.control) else []
+        of_arc += [AT_REST] if begins and sequence.impact_before(arc.phase) in (None, Mode.STICK) else []
+        names += [f"{_title(arc, j)}: {name}" for name in of_arc]
+    prefixes = [f"step {k + 1}, " for k in range(len(sequence.steps))] if len(sequence.steps) > 1 else [""]
+    return (*names, *(f"{prefix}{name}" for prefix in prefixes for name in ("touchdown", "impact")))
+
+
+def has_windows(control: Control) -> bool:
+    """Whether a control law changes at some time, or ends."""
+    return bool(control.breakpoints) or isfinite(control.horizon)
+
+
+def _title(arc: Arc, j: int) -> str:
+    return f"arc {j + 1}, {arc.mode}"
 
 
 def mode_sequence_claims(orbit: Orbit, passage: Passage) -> Iterator[Claim]:
@@ -65,19 +92,24 @@ def claim_of(name: str, check: Callable[[], tuple[str, arb | None]]) -> Claim:
     try:
         words, margin = check()
     except NotProved as failure:
-        return Claim(name, proved=False, words=str(failure), refuted=isinstance(failure, Refuted))
+        violated = failure.margin if isinstance(failure, Refuted) else ""
+        return Claim(name, proved=False, words=str(failure), refuted=isinstance(failure, Refuted), violated=violated)
     return Claim(name, proved=True, words=words, margin=margin)
 
 
 def _arc_checks(orbit: Orbit, passage: Passage, j: int, along: Mapping[str, Sequence[Part]]) -> Iterator[Check]:
     """That every margin of an arc is positive, and that the mode of a foot at rest is the only one."""
-    arc, title = orbit.arcs[j], f"arc {j + 1}, {orbit.arcs[j].mode}"
+    arc, title = orbit.arcs[j], _title(orbit.arcs[j], j)
     for name, at_end in zip(margin_names(arc.mode), orbit.field(arc.mode, j).margins(passage.ends[j])[0], strict=True):
         if name != "touchdown":
             pattern = ENDS if name == arc.event else POSITIVE
             yield f"{title}: {name}", partial(_margin, name, along[name], pattern, at_end)
+    if arc.mode.sticks:
+        yield f"{title}: {APPARENT_MASS}", partial(_apparent_mass, orbit, passage, j)
+    if has_windows(orbit.system.control):
+        yield f"{title}: {TIME_WINDOW}", partial(_time_window, orbit, j, passage.ends[j])
     if _begins(orbit, j) and orbit.sequence.impact_before(arc.phase) in (None, Mode.STICK):
-        yield f"{title}: mode at rest", partial(_rest, orbit, j, passage.starts[j])
+        yield f"{title}: {AT_REST}", partial(_rest, orbit, j, passage.starts[j])
 
 
 def _begins(orbit: Orbit, j: int) -> bool:
@@ -135,11 +167,59 @@ def _friction_drops(orbit: Orbit) -> bool:
 
 def _margin(name: str, along: Sequence[Part], pattern: str, at_end: arb) -> tuple[str, arb | None]:
     if pattern == POSITIVE and at_end < 0:
-        raise Refuted(f"{name} is {at_end.str(6)} at the end of the arc")
+        raise Refuted(f"{name} is {at_end.str(6)} at the end of the arc", name)
     kinds = check_pattern(name, along, pattern)
     order = max(part.order for part in along)
     zero = f", after a zero of order {order} at its start" if order else ""
     return f"{name} {WORDS[pattern]}{zero} ({kinds})", smallest(along)
+
+
+def _apparent_mass(orbit: Orbit, passage: Passage, j: int) -> tuple[str, arb | None]:
+    """While the foot sticks, its apparent mass is positive for a slip in either direction.
+
+    A slip from rest accelerates the foot by minus the margin of its cone over that mass. Inside the cone it would
+    therefore move against its own direction: sticking is the only motion.
+    """
+    graph, lengths = orbit.field(orbit.arcs[j].mode, j).apparent_masses, [hull(step.h) for step in passage.steps[j]]
+    both = [
+        list(parts(zip(values, lengths, strict=True), monotone=False))
+        for values in zip(*(step.along(graph) for step in passage.steps[j]), strict=True)
+    ]
+    for along in both:
+        check_pattern("painleve", along, POSITIVE)
+    bounds = [bound for bound in map(smallest, both) if bound is not None]
+    return "the apparent mass of the foot is positive throughout, for a slip in either direction", min(bounds)
+
+
+def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
+    """An arc ends before the law of its segment does.
+
+    It begins after that law does: its segment is the number of breakpoints at which arcs of this step have ended
+    (``statement``), time goes on by positive durations, and a breakpoint sets it exactly.
+    """
+    arc, control = orbit.arcs[j], orbit.system.control
+    edges = (*control.breakpoints, control.horizon)
+    if arc.event == BREAKPOINT:
+        return f"it ends with the breakpoint at {edges[arc.segment]!r} s", None
+    time, segment, words = y[orbit.system.n_z], arc.segment, ""
+    if not isfinite(edges[segment]):
+        return "it follows the last breakpoint", None
+    while segment + 1 < len(edges) and time.overlaps(arb(edges[segment])) and _same_law(orbit, segment):
+        words = f", and that on both sides of the breakpoint at {edges[segment]!r} s is the same"
+        segment += 1
+    left = arb(edges[segment]) - time
+    if left < 0:
+        raise Refuted(
+            f"it ends {(-left).str(6)} s after the law of its segment, which holds until {edges[segment]!r} s"
+        )
+    if not left > 0:
+        raise NotProved(f"it may end after the law of its segment does, at {edges[segment]!r} s")
+    return f"it ends before the law of its segment does, at {edges[segment]!r} s{words}", left.lower()
+
+
+def _same_law(orbit: Orbit, segment: int) -> bool:
+    """Whether the control law of a segment is, number by number, that of the next one."""
+    return bool((orbit.system.data(segment) == orbit.system.data(segment + 1)).all())
 
 
 def _rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
@@ -148,14 +228,14 @@ def _rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     margins = {
         mode: dict(zip(margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True)) for mode in CONTACTS
     }
-    cones = dict(zip(SLIPS, (margins[Mode.STICK][name] for name in ("cone_forward", "cone_backward")), strict=True))
+    cones = dict(zip(SLIPS, (margins[Mode.STICK][name] for name in CONES), strict=True))
     needed = {f"no lift-off in {slip}": margins[slip]["normal_force"] * margins[slip]["painleve"] for slip in SLIPS}
-    needed |= {f"margin to {slip}": cones[slip] for slip in SLIPS if slip is not arc.mode}
+    needed |= {name: cones[slip] for name, slip in zip(CONES, SLIPS, strict=True) if slip is not arc.mode}
     words = "the foot sticks: its force lies within the cone"
     if arc.mode.slips:
         words = "the force that would hold the foot leaves the cone here, on the side of this slip alone"
     if orbit.sequence.starts_from_rest(arc.phase):
-        needed["excess over the cone"] = -cones[arc.mode]
+        needed["onset"] = -cones[arc.mode]
         words = "holding the foot would need a force beyond the cone, on the side of this slip alone"
     return words, _all_positive(needed)
 
@@ -186,7 +266,8 @@ def _all_positive(needed: Mapping[str, arb]) -> arb:
         If one is not shown to be above zero; ``Refuted`` if it is below.
     """
     for name, value in needed.items():
+        if value < 0:
+            raise Refuted(f"{name} is {value.str(6)}, not positive", name if name in MARGINS else "")
         if not value > 0:
-            failure, shown = (Refuted, "not") if value < 0 else (NotProved, "not shown to be")
-            raise failure(f"{name} is {value.str(6)}, {shown} positive")
+            raise NotProved(f"{name} is {value.str(6)}, not shown to be positive")
     return min(value.lower() for value in needed.values())

@@ -8,6 +8,7 @@ from flint import arb
 
 from gaitopt.gait import Gait
 from gaitopt.proof.branch import sign_change_claim
+from gaitopt.proof.certificate import BoxRecord
 from gaitopt.proof.check import check_box
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.krawczyk import deviations
@@ -33,7 +34,7 @@ MOST_TRIES = 1000
 """Boxes, with those that are too long, after which a cover is given up."""
 DIGITS = 30
 
-CheckedBox = tuple[dict[str, Any], Piece]
+CheckedBox = tuple[BoxRecord, Piece]
 
 
 def cover(statement: Statement, gait: Gait, progress: Callable[[str], None]) -> tuple[Sequence[Arc], list[CheckedBox]]:
@@ -126,12 +127,12 @@ class _Cover:
         tilt = [(v * half).mid() for v in rate]
         radii = self._radii(tilt, float(half))
         for _ in range(ROUNDS):
-            record = {
-                "interval": list(interval),
-                "centre": [_digits(u) for u in centre],
-                "tilt": [_digits(v) for v in tilt],
-                "radii": [f"{radius:.2e}" for radius in radii],
-            }
+            record = BoxRecord(
+                interval=list(interval),
+                centre=[_digits(u) for u in centre],
+                tilt=[_digits(v) for v in tilt],
+                radii=[f"{radius:.2e}" for radius in radii],
+            )
             piece = check_box(self.statement, record, at_end=at_end)
             if half == 0 or piece.image is None or piece.claims[0].proved:
                 break

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 from casadi import SX, Function, cse, jacobian, sum1, vertcat
 from flint import arb
 
-from gaitopt.mechanics import HybridSystem, Mode
+from gaitopt.mechanics import HybridSystem, Mode, margin_names
 from gaitopt.proof.graph import Graph
 
 
@@ -76,6 +76,11 @@ class Field:
         return self._graph("margins")
 
     @cached_property
+    def apparent_masses(self) -> Graph:
+        """y -> apparent mass of the foot if it slipped forward, and if it slipped backward."""
+        return self._graph("apparent_masses")
+
+    @cached_property
     def observation(self) -> Graph:
         """y -> contact force f_t, f_n, and the power of all motors."""
         return self._graph("observation")
@@ -93,6 +98,9 @@ def _function(states: States, mode: Mode, name: str) -> Function:
         expression = vertcat(system.flow(mode)(*of_state), 1, SX.zeros(int(states.varied is not None)))
     elif name == "margins":
         expression = system.margins(mode)(*of_state)
+    elif name == "apparent_masses":
+        slips = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
+        expression = vertcat(*(system.margins(slip)(*of_state)[margin_names(slip).index("painleve")] for slip in slips))
     else:
         force, _, power, *_ = system.observation(mode)(*of_state)
         expression = vertcat(force, sum1(power))

@@ -75,7 +75,16 @@ class NotProved(Exception):
 
 
 class Refuted(NotProved):
-    """A claim of which the contrary is verified."""
+    """A claim of which the contrary is verified.
+
+    Attributes
+    ----------
+    margin : the name of the margin that is proved to be negative; empty where it is no single one.
+    """
+
+    def __init__(self, words: str, margin: str = "") -> None:
+        super().__init__(words)
+        self.margin = margin
 
 
 class Graph:

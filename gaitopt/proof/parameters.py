@@ -4,6 +4,7 @@ What a file does not state as a number, an override or a value that a design has
 of its double.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
 from gaitopt.mechanics.units import parse_angle
 from gaitopt.problem import Problem
+from gaitopt.proof.certificate import EXACT_VALUE
 
 INTERVAL = ".."
 """Between the ends of an interval."""
@@ -49,9 +51,8 @@ def ball(text: str) -> arb:
 
 def _text(written: str | None, value: float) -> str:
     """The text of the file if it stands for this very double, otherwise the double's shortest decimal."""
-    if written is not None and _double(written) == value:
-        return " ".join(written.split())
-    return repr(value)
+    text = "" if written is None else " ".join(written.split())
+    return text if re.fullmatch(EXACT_VALUE, text) and _double(text) == value else repr(value)
 
 
 def _double(text: str) -> Any:

@@ -2,23 +2,23 @@
 
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from math import floor, log10
 from typing import Any
 
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait import Gait
+from gaitopt.proof.certificate import SCHEMA, read_certificate, reference_record
 from gaitopt.proof.check import EXISTENCE, STATEMENT, silent, theorem
 from gaitopt.proof.claims import Claim
-from gaitopt.proof.control import control_record
 from gaitopt.proof.cover import cover
 from gaitopt.proof.graph import NotProved
 from gaitopt.proof.orbit import Arc
 from gaitopt.proof.outward import precision
 from gaitopt.proof.parameters import INTERVAL, exact_texts
 from gaitopt.proof.search import arcs_of
-from gaitopt.proof.statement import SCHEMA, refuse_what_is_not_modelled, restore_statement
+from gaitopt.proof.statement import refuse_what_is_not_modelled, restore_statement
 from gaitopt.proof.taylor import PRECISION
 from gaitopt.proof.theorem import Proof
 
@@ -64,7 +64,10 @@ def brackets(value: float, widths: Sequence[float]) -> Iterator[str]:
     """Intervals of given widths around a value, their ends in few digits."""
     for width in widths:
         places = 1 - floor(log10(width))
-        yield f"{value - width / 2:.{places}f}{INTERVAL}{value + width / 2:.{places}f}"
+        lower, upper = (f"{end:.{places}f}" for end in (value - width / 2, value + width / 2))
+        if float(lower) == float(upper):
+            raise UnknownNameError(f"a bracket of width {width:g} around {value!r} has no length; use a wider one")
+        yield f"{lower}{INTERVAL}{upper}"
 
 
 def _prove(
@@ -76,20 +79,24 @@ def _prove(
     special: str | None = None,
 ) -> Proof:
     """The proof with the boxes that a search has found, or without any."""
+    header = _header(gait, texts, varied, special)
     try:
         refuse_what_is_not_modelled(gait.problem, gait.system)
     except NotProved as failure:
-        return Proof(gait.problem.name, (Claim(STATEMENT, proved=False, words=str(failure)),), {})
-    header = _header(gait, texts, varied, special)
+        return Proof(gait.problem.name, (Claim(STATEMENT, proved=False, words=str(failure)),), header)
     with precision(PRECISION):
-        statement = restore_statement({**header, "arcs": _arcs(arcs_of(gait))})
+        try:
+            statement = restore_statement(read_certificate({**header, "arcs": _arcs(arcs_of(gait))}))
+        except (ValueError, StorageError) as error:  # of an interval, as everything else is the gait's
+            raise ProblemError(f"{gait.problem.name}: {error}") from error
         try:
             arcs, boxes = cover(statement, gait, progress)
         except NotProved as failure:
             claim = Claim(EXISTENCE, proved=False, words=f"no boxes can be verified: {failure}")
-            return Proof(gait.problem.name, (claim,), header)
+            return Proof(gait.problem.name, (claim,), header, statement.words)
         records, pieces = zip(*boxes, strict=True)
-        return theorem(statement, pieces, {**header, "arcs": _arcs(arcs), "boxes": list(records)})
+        certificate = {**header, "arcs": _arcs(arcs), "boxes": [record.model_dump() for record in records]}
+        return theorem(replace(statement, arcs=arcs), pieces, certificate)
 
 
 def _arcs(arcs: Sequence[Arc]) -> list[dict[str, Any]]:
@@ -101,26 +108,23 @@ def _texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
     for key, interval in intervals.items():
         if key not in texts:
             raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(texts)}")
-        texts[key] = interval
+        texts[key] = INTERVAL.join(end.strip() for end in interval.split(INTERVAL))
     return texts
 
 
 def _header(gait: Gait, texts: Mapping[str, str], varied: str | None, special: str | None) -> dict[str, Any]:
     """Everything that a proof is checked from, except its boxes."""
-    system = gait.system
-    scalars = {name: float(gait.p[system.parameters.index(f"control.{name}")]) for name in system.control.parameters}
     return {
         "schema": SCHEMA,
         "problem": gait.problem.name,
-        "text": gait.problem.text,
-        "resolved": gait.problem.resolved(),
+        "resolved": replace(gait.problem, origin=None).resolved(),
         "parameters": texts,
-        "control": control_record(system.control, scalars),
+        "reference": reference_record(gait.system.control),
         "varied": varied,
         "special": special,
-        "boxes": [],
         "order": ORDER if varied is None or special is not None else ORDER_OF_FAMILY,
-        "bits": PRECISION,
+        "arcs": [],
+        "boxes": [],
         "versions": {name: version(name) for name in ("gaitopt", "casadi", "python-flint")}
         | {"python": platform.python_version()},
     }

@@ -89,8 +89,10 @@ def check_pattern(name: str, along: Sequence[Part], pattern: str) -> str:
         fitting = max(k for k in range(len(kinds) + 1) if re.fullmatch(pattern.replace("+", "*"), kinds[:k]))
         part = min(negative, key=lambda part: part.value.upper(), default=along[min(fitting, len(along) - 1)])
         when = f"between {float(part.start):.6g} and {float(part.end):.6g} s of the arc"
-        failure, verdict = (Refuted, "false") if negative else (NotProved, "not shown")
-        raise failure(f"{name} is {part.value.str(6)} {when}: {_SHAPES[pattern]} is {verdict}")
+        words = f"{name} is {part.value.str(6)} {when}: {_SHAPES[pattern]} is"
+        if negative:
+            raise Refuted(f"{words} false", name)
+        raise NotProved(f"{words} not shown")
     return " ".join(f"{kind}{len(list(group))}" for kind, group in groupby(kinds))
 
 

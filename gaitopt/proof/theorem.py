@@ -1,7 +1,7 @@
 """A theorem about a gait or a family of gaits: its claims, its bounds, and whether all of it is proved."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any
 
@@ -11,6 +11,8 @@ from gaitopt.proof.claims import Claim
 from gaitopt.proof.orbit import Box
 from gaitopt.proof.outward import complex_interval, interval, precision
 from gaitopt.proof.taylor import PRECISION
+
+STABILITY = "stability"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,28 +55,25 @@ class Proof:
     measures : by name.
     multipliers : largest modulus first; none for a bracket of a special point.
     certificate : the certificate itself.
+    statement : what the theorem is about, and what it does not say; empty where that could not be rebuilt.
     """
 
     problem: str
     claims: tuple[Claim, ...]
     certificate: Mapping[str, Any]
+    statement: Mapping[str, Any] = field(default_factory=dict)
     state: Mapping[str, arb] | None = None
     durations: tuple[arb, ...] = ()
     measures: Mapping[str, arb | None] | None = None
     multipliers: tuple[acb, ...] = ()
 
-    @classmethod
-    def of(
-        cls, name: str, pieces: Sequence[Piece], claims: tuple[Claim, ...], certificate: Mapping[str, Any]
-    ) -> "Proof":
-        """The theorem about all orbits of some boxes."""
-        if any(piece.inner is None for piece in pieces):
-            return cls(name, claims, certificate)
+    def about(self, pieces: Sequence[Piece]) -> "Proof":
+        """The same theorem with the bounds of all orbits of some boxes."""
+        if not pieces or any(piece.inner is None for piece in pieces):
+            return self
         states, values = [piece.state or {} for piece in pieces], [piece.measures or {} for piece in pieces]
-        return cls(
-            name,
-            claims,
-            certificate,
+        return replace(
+            self,
             state={key: _union([state[key] for state in states]) for key in states[0]},
             durations=tuple(map(_union, zip(*(piece.durations for piece in pieces), strict=True))),
             measures={key: _union([measures[key] for measures in values]) for key in values[0]},
@@ -88,8 +87,8 @@ class Proof:
 
     @property
     def proved(self) -> bool:
-        """Whether every claim is."""
-        return all(claim.proved for claim in self.claims)
+        """Whether every claim is, and there are claims."""
+        return bool(self.claims) and all(claim.proved for claim in self.claims)
 
     @cached_property
     def spectral_radius(self) -> arb | None:
@@ -109,25 +108,26 @@ class Proof:
     def _family(self) -> dict[str, Any]:
         """Parameter and interval of a family, and the type of the special point in it."""
         varied = self.certificate.get("varied")
-        if varied is None:
+        if varied is None or not self.statement:
             return {}
-        interval = self.certificate["parameters"][varied]
+        interval = self.statement["parameters"][varied]
         return {"parameter": varied, "interval": interval, "special": self.certificate["special"]}
 
     def stability_claim(self) -> Claim:
         """That the gait is stable, or that it is unstable."""
         verdict = {True: "stable", False: "unstable", None: "whether it is stable is not shown"}[self.stable]
         words = f"{verdict}: the largest modulus of a multiplier is {self.spectral_radius}"
-        return Claim("stability", proved=self.stable is not None, words=words)
+        return Claim(STABILITY, proved=self.stable is not None, words=words)
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object; bounds are decimal strings rounded outward."""
-        values = {name: None if value is None else interval(value) for name, value in (self.measures or {}).items()}
+        values = {name: _bounds(value) for name, value in (self.measures or {}).items()}
         radius = self.spectral_radius
         return {
             "problem": self.problem,
             "proved": self.proved,
             **self._family(),
+            "statement": dict(self.statement),
             "state": None if self.state is None else {name: interval(value) for name, value in self.state.items()},
             "durations": [interval(value) for value in self.durations],
             "period": None,
@@ -137,6 +137,11 @@ class Proof:
             "stable": self.stable,
             "claims": [_claim_record(claim) for claim in self.claims],
         }
+
+
+def _bounds(value: arb | None) -> list[str] | None:
+    """A measure as an interval; None where it is not defined, or may be infinite."""
+    return interval(value) if value is not None and value.is_finite() else None
 
 
 def _claim_record(claim: Claim) -> dict[str, Any]:

@@ -59,12 +59,33 @@ def test_a_certificate_that_proves_nothing_is_exit_4(run, certificate):
     assert not json.loads(out)["proved"]
 
 
-@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-4"}'])
+@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-5"}'])
 def test_what_is_no_certificate_is_exit_6(run, empty_folder, content):
     Path("proof.json").write_text(content)
     code, _, err = run("prove", "--check", "proof.json")
     assert code == 6
     assert "proof.json is no certificate" in err
+
+
+def test_a_certificate_of_another_format_is_exit_4(run, empty_folder):
+    Path("proof.json").write_text('{"schema": "gaitopt-proof-4"}')
+    code, out, _ = run("prove", "--check", "proof.json", "--json", "--quiet")
+    assert code == 4
+    assert "gaitopt-proof-4" in json.loads(out)["claims"][0]["words"]
+
+
+def test_what_is_no_file_is_exit_6(run, empty_folder):
+    for target, words in (("/dev/zero", "no regular file"), (".", "no regular file"), ("nothing.json", "is missing")):
+        code, _, err = run("prove", "--check", target)
+        assert code == 6
+        assert words in err
+
+
+@pytest.mark.parametrize("width", ["0", "-1", "inf", "nan", "1e300", "1e-300"])
+def test_a_width_that_no_bracket_can_have_is_exit_2(run, empty_folder, width):
+    code, _, err = run("prove", "nothing@special.0", f"--width={width}")
+    assert code == 2
+    assert "--width" in err
 
 
 def test_a_missing_library_is_named():
@@ -109,9 +130,10 @@ def test_a_special_point_of_a_branch_is_proved(run, empty_folder):
     code, _, err = run("prove", "branch@special.1")
     assert code == 2
     assert "is of type end" in err
-    code, _, err = run("prove", "branch@special.7")
-    assert code == 2
-    assert "has no special point '7'" in err
+    for number in ("7", 5000 * "9", "\u0663"):
+        code, _, err = run("prove", f"branch@special.{number}")
+        assert code == 2
+        assert f"has no special point '{number[:9]}" in err
 
 
 def test_a_special_point_needs_a_branch(run, empty_folder):
