@@ -9,7 +9,10 @@ Array = NDArray[np.float64]
 
 
 class ReadOnlyArrays:
-    """Base of frozen dataclasses: their arrays are read-only views of those that they are given."""
+    """Base of frozen dataclasses: their arrays are read-only views of those that they are given.
+
+    Copies and pickles hold the fields alone, not what was derived from them.
+    """
 
     __slots__ = ()
 
@@ -18,6 +21,14 @@ class ReadOnlyArrays:
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, name, read_only(value))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        names = self.__dataclass_fields__  # type: ignore[attr-defined]  # of every subclass
+        return _remade, (type(self), {name: getattr(self, name) for name in names})
+
+
+def _remade(kind: type[Any], values: dict[str, Any]) -> Any:
+    return kind(**values)
 
 
 def read_only(values: NDArray[Any]) -> NDArray[Any]:

@@ -14,8 +14,10 @@ from named import named
 import gaitopt
 from gaitopt import Mode, load_problem, prove, return_map, simulate, solve, verify
 from gaitopt.cli.signals import interruptible, listening
+from gaitopt.errors import StorageError
 from gaitopt.mechanics.buffered import buffered, buffered_map
 from gaitopt.nlp.family import Family
+from gaitopt.store.lock import only_writer
 from gaitopt.threads import per_thread
 from gaitopt.workers.cluster import METHOD, connected
 
@@ -144,6 +146,18 @@ def test_signals_are_left_to_the_main_thread():
             return bool(ending), pressed()
 
     assert in_threads(worked, range(THREADS)) == [(False, False)] * THREADS
+
+
+def test_one_thread_at_a_time_writes_a_folder(tmp_path):
+    def refused(_):
+        with pytest.raises(StorageError, match="is being written by"), only_writer(tmp_path):
+            pytest.fail("two threads hold the folder")
+        return True
+
+    with only_writer(tmp_path), only_writer(tmp_path):
+        assert all(in_threads(refused, range(THREADS)))
+    with only_writer(tmp_path):
+        pass
 
 
 def test_workers_are_never_forked(monkeypatch):

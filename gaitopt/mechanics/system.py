@@ -8,9 +8,10 @@ Every number of walker, friction and control is an entry of ``p``, named by its 
 can be varied, freed or continued without rebuilding anything. The NLP and the simulator both use these functions.
 """
 
+import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
-from functools import cached_property
+from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,10 +30,15 @@ from gaitopt.mechanics.modes import ImpactLaw, Mode
 from gaitopt.mechanics.walker import Walker
 
 COULOMB = CoulombFriction()
+KEPT = 16
+"""Unpickled systems that are kept with their compiled functions, some megabytes each."""
 
 
 class HybridSystem:
     """Functions of one walker under one control law; all are built on first use and kept.
+
+    A copy is the system itself, as nothing changes it. A pickle holds what it is made of; where it is read, equal
+    systems are one object, whose functions are compiled once.
 
     Parameters
     ----------
@@ -73,6 +79,15 @@ class HybridSystem:
         self._p, self._r = self._symbols.p, self._symbols.r
         self._functions: dict[str, Function] = {}
         self._data: dict[int, Array] = {}
+
+    def __copy__(self) -> "HybridSystem":
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "HybridSystem":
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self.walker, self.control, self.law, self.friction)
 
     def flow(self, mode: Mode) -> Function:
         """(t, z, p, r) -> dz/dt."""
@@ -272,3 +287,24 @@ class HybridSystem:
             shared = cse([*results.values()])
             self._functions[name] = Function(name, [symbols[key] for key in inputs], shared, [*inputs], [*results])
         return self._functions[name]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Parts:
+    """What a system is made of; control laws are equal where their pickles are."""
+
+    walker: type[Walker]
+    law: ImpactLaw
+    friction: Friction
+    control_pickle: bytes
+    control: Control = field(compare=False)
+
+
+def _unpickled(walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> HybridSystem:
+    parts = _Parts(walker=walker, law=law, friction=friction, control_pickle=pickle.dumps(control), control=control)
+    return _system(parts)
+
+
+@lru_cache(maxsize=KEPT)
+def _system(parts: _Parts) -> HybridSystem:
+    return HybridSystem(parts.walker, parts.control, parts.law, parts.friction)

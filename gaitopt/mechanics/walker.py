@@ -7,22 +7,33 @@ else (M, B, G, W, E, contact, impact, multipliers) is derived from that by gaito
 Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slope downhill, y along its normal.
 """
 
+import copyreg
 import math
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from importlib import import_module
 from itertools import product
+from operator import attrgetter
+from pickle import PicklingError
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
 from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict
+from pydantic._internal._model_construction import ModelMetaclass
 
+from gaitopt.errors import UnknownNameError
 from gaitopt.mechanics.mechanism import Mechanism
 from gaitopt.mechanics.modes import CONTACTS, STOP_STATES, SWITCH_STATES, Mode
 
 
-class Walker(BaseModel, ABC):
+class WalkerClass(ModelMetaclass):
+    """The class of walker classes, by which pickles name a walker: by the module and the name of its class."""
+
+
+class Walker(BaseModel, ABC, metaclass=WalkerClass):
     """Base of every walker; derive from it, declare the parameters as fields, and state the mechanism.
 
     Class attributes
@@ -164,3 +175,44 @@ class Walker(BaseModel, ABC):
         """Names of the section coordinates: those that are free just after a sticking or slipping impact."""
         rates = cls.shape if cls.section_rates is None else cls.section_rates
         return (*cls.section, *(f"d{name}" for name in rates), *(("dx",) if slipping else ()))
+
+
+def _pickled(walker: WalkerClass) -> tuple[Any, ...]:
+    """What a pickle holds of a walker's class; cloudpickle, which Dask uses, sends classes of no module by value.
+
+    Raises
+    ------
+    PicklingError
+        If no import finds it.
+    """
+    module, name, model = walker.__module__, walker.__qualname__, getattr(walker, "model", "?")
+    try:
+        found = attrgetter(name)(sys.modules[module])
+    except (KeyError, AttributeError):
+        found = None
+    if found is not walker:
+        raise PicklingError(
+            f"walker {model}: another process cannot import its class {name} from the module {module}; "
+            "define the class at the top level of a module, under its own name"
+        )
+    return _imported, (module, name, model)
+
+
+def _imported(module: str, name: str, model: str) -> Any:
+    """The class of a walker.
+
+    Raises
+    ------
+    UnknownNameError
+        If it cannot be imported.
+    """
+    try:
+        return attrgetter(name)(import_module(module))
+    except (ImportError, AttributeError) as error:
+        raise UnknownNameError(
+            f"walker {model}: its class {name} cannot be imported from the module {module} in this process ({error}); "
+            "install the package of the walker there"
+        ) from error
+
+
+copyreg.pickle(WalkerClass, _pickled)

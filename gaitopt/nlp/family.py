@@ -8,7 +8,9 @@ along a line, the chords start from the polynomial through the last solutions on
 import threading
 import time
 from collections import deque
+from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -65,6 +67,10 @@ class Family:
         self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
         self._jacobian = linearise(self._transcription, self._w, gait.p).scaled
         self._solved = deque([(gait.p, self._w)], maxlen=REMEMBERED)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles go on from the same solutions; ``should_stop`` stays behind."""
+        return _resumed, (self.gait, tuple(self._solved))
 
     @cached_property
     def _program(self) -> Feasibility:
@@ -157,3 +163,12 @@ class Family:
         while (weights := extrapolation(places, 1.0)) is None:
             places, solutions = places[:-1], solutions[:-1]
         return np.asarray(weights @ np.array(solutions))
+
+
+def _resumed(gait: Gait, solved: Sequence[tuple[Array, Array]]) -> Family:
+    """A family that has found these solutions, as pairs of parameters and unknowns."""
+    family = Family(gait)
+    family._solved = deque(solved, maxlen=REMEMBERED)
+    p, family._w = solved[-1]
+    family._jacobian = linearise(family._transcription, family._w, p).scaled
+    return family

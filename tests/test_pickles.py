@@ -1,0 +1,225 @@
+"""Pickles and copies: results reach other processes as they are, and compute there what they would compute here."""
+
+import copy
+import multiprocessing
+import os
+import pickle
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from named import named
+
+from gaitopt import (
+    Mode,
+    basin,
+    continuation,
+    explain,
+    find,
+    load_problem,
+    multistart,
+    prove,
+    return_map,
+    simulate,
+    solve,
+    sweep,
+    verify,
+)  # fmt: skip
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.nlp.family import Family
+from gaitopt.workers.cluster import connected
+
+
+def sent(value, dumps=pickle.dumps):
+    """What arrives of a value."""
+    return pickle.loads(dumps(value))  # noqa: S301 - our own
+
+
+WAYS = {"pickle": sent, "copy": copy.copy, "deepcopy": copy.deepcopy}
+WHEEL = "rimless-wheel-stick"
+
+
+def content(value):
+    """Everything that a result holds, its arrays to the last bit, without the compiled functions."""
+    if isinstance(value, np.ndarray):
+        return value.shape, value.flags.writeable, value.tobytes()
+    if is_dataclass(value):
+        return type(value), [content(getattr(value, field.name)) for field in fields(value)]
+    if isinstance(value, dict):
+        return {key: content(item) for key, item in value.items()}
+    if isinstance(value, list | tuple) and not isinstance(value, str):
+        return [content(item) for item in value]
+    parts = getattr(value, "parameters", None)
+    return (type(value), parts) if parts is not None else repr(value)
+
+
+def results():
+    wheel, gait = named(WHEEL), named("compass-passive-a")
+    section = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
+    branch = continuation(wheel, "friction", to=0.9, progress=False)
+    return {
+        "problem": load_problem("compass-pd-impact-slip"),
+        "gait": gait,
+        "tracking gait": named("compass-pd-impact-slip"),
+        "two steps": named("compass-unequal"),
+        "failed gait": solve(gait.problem.replace({"walker.slope": "-1 deg"}), progress=False),
+        "design": named("compass-minimum-friction"),
+        "walk": simulate(gait, steps=2),
+        "trajectory": simulate(gait, steps=2).trajectory,
+        "verification": verify(wheel),
+        "branch": branch,
+        "point": branch[0],
+        "special point": branch.specials[0],
+        "returns": return_map(gait, section[None]),
+        "explanation": explain(wheel.problem.replace({"walker.slope": "-1 deg"}), progress=False),
+        "gaits": find(wheel.problem, starts=4, progress=False),
+    }
+
+
+@pytest.fixture(scope="module", name="results")
+def all_results():
+    return results()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_result_survives_copies_and_pickles_to_the_last_bit(way, results):
+    for name, result in results.items():
+        again = WAYS[way](result)
+        assert type(again) is type(result)
+        assert repr(again) == repr(result), name
+        assert content(again) == content(result), name
+
+
+def test_results_of_run_folders_survive_pickles_and_folders_hold_none(empty_folder):
+    problem = named(WHEEL).problem
+    kept = [
+        sweep(problem, {"friction": (0.93, 0.95, 2)}, workers=1, progress=False),
+        basin(named(WHEEL), {"dtheta": (0.7, 0.8, 2)}, steps=5, engine="scipy", workers=1, progress=False),
+        multistart(problem, 2, workers=1, progress=False, output=empty_folder / "starts"),
+    ]
+    named(WHEEL).save(empty_folder / "gait")
+    assert repr(sent(kept)) == repr(kept)
+    files = [path for path in empty_folder.rglob("*") if path.is_file()]
+    assert len(files) > 5
+    assert not [path for path in files if path.read_bytes()[:1] == b"\x80"]
+
+
+def test_proofs_survive_pickles_ball_by_ball():
+    pytest.importorskip("flint")
+    from flint import arb, ctx  # an extra
+
+    from gaitopt.proof.outward import interval
+
+    proof = prove(named(WHEEL), progress=False)
+    again = sent(proof)
+    assert again.to_record() == proof.to_record()
+    with ctx.workprec(300):
+        balls = [arb(1) / 3, arb(2, 1e-5) / 7, arb(2).exp(), arb(0), arb(1, 0.25), arb(-1, 2**-30), *again.durations]
+    for ball in balls:
+        same = sent(ball)
+        assert (same.mid().man_exp(), same.rad().man_exp()) == (ball.mid().man_exp(), ball.rad().man_exp())
+        assert interval(same) == interval(ball)
+    assert not sent(arb("nan")).is_finite()
+
+
+def test_modes_are_the_same_objects():
+    mode = Mode("stick, knee free")
+    assert all(way(mode) is mode for way in WAYS.values())
+
+
+def test_equal_systems_are_unpickled_once():
+    gait = named("compass-pd-impact-slip")
+    first, second = (sent(gait) for _ in range(2))
+    assert first.system is second.system
+    assert sent(named("compass-passive-a")).system is not first.system
+    assert copy.deepcopy(gait).system is gait.system
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_copied_family_goes_on_from_the_same_solutions(way):
+    family = Family(named("compass-passive-a"))
+    problems = [family.gait.problem.replace({"friction": 0.14 + 1e-3 * k}) for k in range(4)]
+    for problem in problems[:-1]:
+        family.solve(problem)
+    again = WAYS[way](family)
+    assert content(again.solve(problems[-1]).steps) == content(family.solve(problems[-1]).steps)
+
+
+def test_processes_of_an_executor_compute_with_what_they_are_sent():
+    gait = named("compass-pd-impact-slip")
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as processes:
+        again = processes.submit(solve, gait.problem, progress=False).result()
+        walk = processes.submit(simulate, gait, steps=2).result()
+        verification = processes.submit(verify, gait).result()
+    assert content(again.steps) == content(gait.steps)
+    assert content(walk.trajectory) == content(simulate(gait, steps=2).trajectory)
+    assert repr(verification) == repr(verify(gait))
+
+
+def test_workers_of_dask_compute_with_what_they_are_sent():
+    gait = named("compass-passive-a")
+    with connected(1, None) as client:
+        walk = client.submit(simulate, gait, steps=2).result()
+    assert content(walk.trajectory) == content(simulate(gait, steps=2).trajectory)
+
+
+PLUGIN = """
+from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+
+class HomeMadeWheel(RimlessWheel):
+    pass
+"""
+LOAD = "import pickle, sys; print(repr(pickle.load(sys.stdin.buffer).walker))"
+
+
+def test_walkers_of_modules_are_imported_where_they_arrive(tmp_path, monkeypatch):
+    (tmp_path / "home_made.py").write_text(PLUGIN)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import home_made
+
+    problem = load_problem(_wheel_file(tmp_path), walkers=[home_made.HomeMadeWheel])
+    message = pickle.dumps(problem)
+    assert _loaded_elsewhere(message, str(tmp_path)).stdout.startswith("HomeMadeWheel(")
+    refused = _loaded_elsewhere(message, "").stderr
+    assert "UnknownNameError: walker rimless_wheel: its class HomeMadeWheel cannot be imported" in refused
+    assert "install the package of the walker there" in refused
+    assert _loaded_elsewhere(pickle.dumps(solve(problem, progress=False).problem), str(tmp_path)).returncode == 0
+
+
+def test_a_walker_that_no_module_holds_is_refused_with_a_sentence(tmp_path):
+    class Local(RimlessWheel):
+        pass
+
+    problem = load_problem(_wheel_file(tmp_path), walkers=[Local])
+    with pytest.raises(pickle.PicklingError, match=r"another process cannot import its class .*Local.*; define"):
+        pickle.dumps(problem)
+    assert copy.deepcopy(problem) == problem
+
+
+def test_dask_sends_a_walker_that_no_module_holds_by_value(tmp_path):
+    cloudpickle = pytest.importorskip("cloudpickle")
+
+    class Local(RimlessWheel):
+        pass
+
+    gait = solve(load_problem(_wheel_file(tmp_path), walkers=[Local]), progress=False)
+    assert content(sent(gait, cloudpickle.dumps).steps) == content(gait.steps)
+
+
+def _wheel_file(folder):
+    path = folder / "wheel.yaml"
+    path.write_text(named(WHEEL).problem.text)
+    return path
+
+
+def _loaded_elsewhere(message, path):
+    places = os.pathsep.join([path, str(Path(__file__).parents[1])])
+    command = [sys.executable, "-c", LOAD]
+    done = subprocess.run(
+        command, input=message, capture_output=True, env={**os.environ, "PYTHONPATH": places}, check=False
+    )
+    return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
