@@ -15,9 +15,18 @@ def floquet_multipliers(return_map: Array) -> NDArray[np.complex128]:
     return values[np.lexsort((-values.imag, -values.real, -np.round(np.abs(values), TIE_DIGITS)))]
 
 
-def multiplier_distance(first: NDArray[np.complex128], second: NDArray[np.complex128]) -> float:
-    """Largest distance between two sets of multipliers, paired so that the sum of distances is the least."""
+def multiplier_distance(
+    first: NDArray[np.complex128], second: NDArray[np.complex128], *, relative: bool = False
+) -> float:
+    """Largest distance between two sets of multipliers, paired so that the sum of distances is the least.
+
+    Parameters
+    ----------
+    first, second : complex ndarrays, shape (n,).
+    relative : divide each distance by the modulus of the second multiplier where that exceeds one.
+    """
     distances = np.abs(first[:, None] - second[None, :])
+    distances /= np.maximum(1.0, np.abs(second)) if relative else 1.0
     closest = distances.argmin(axis=1) if distances.size else np.arange(0)
     if len({*closest.tolist()}) == closest.size:  # nobody's closest partner is also another's
         return float(distances.min(axis=1, initial=np.inf).max(initial=0.0))

@@ -4,6 +4,7 @@ Figures are dimensionless: errors in the natural units of the walker (``mechanic
 """
 
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,35 @@ import numpy as np
 from gaitopt.display import Tabulated
 
 
+class Outcome(StrEnum):
+    """How the examination of a claim ended; only ``holds`` is a pass."""
+
+    HOLDS = "holds"
+    FAILS = "fails"
+    NOT_EXAMINED = "not_examined"
+    NO_LINEAR_RANGE = "no_linear_range"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
-    """One statement about a gait, the figure that was measured for it, and the tolerance it must keep."""
+    """One statement about a gait, the figure that was measured for it, and the tolerance it must keep.
+
+    Attributes
+    ----------
+    name : what was examined.
+    figure, tolerance : the error that was measured, infinite if none could be, and its limit.
+    passed : whether the claim holds.
+    note : what the figure measures, or why there is none.
+    outcome : ``holds``, ``fails``, ``not_examined`` (the motion to be examined does not exist) or ``no_linear_range``
+        (rounding and curvature leave no deviation from which a derivative could be judged).
+    """
 
     name: str
     figure: float
     tolerance: float
     passed: bool
     note: str = ""
+    outcome: Outcome = Outcome.HOLDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,15 +72,21 @@ class Verification(Tabulated):
             "state_error": self.figure("state"),
             "multiplier_error": self.figure("multipliers"),
             "mode_sequence_matches": sequence.passed,
-            "claims": [{**asdict(c), "figure": c.figure if np.isfinite(c.figure) else None} for c in self.claims],
+            "claims": [_claim_record(c) for c in self.claims],
         }
+
+
+def _claim_record(c: Claim) -> dict[str, Any]:
+    return {**asdict(c), "figure": c.figure if np.isfinite(c.figure) else None, "outcome": str(c.outcome)}
 
 
 def claim(name: str, figure: float, tolerance: float, note: str = "") -> Claim:
     """The claim that ``figure`` does not exceed ``tolerance``; it fails where the figure is no number."""
-    return Claim(name=name, figure=float(figure), tolerance=tolerance, passed=bool(figure <= tolerance), note=note)
+    passed = bool(figure <= tolerance)
+    outcome = Outcome.HOLDS if passed else Outcome.FAILS
+    return Claim(name=name, figure=float(figure), tolerance=tolerance, passed=passed, note=note, outcome=outcome)
 
 
-def failed_claim(name: str, tolerance: float, note: str) -> Claim:
+def failed_claim(name: str, tolerance: float, note: str, outcome: Outcome = Outcome.NOT_EXAMINED) -> Claim:
     """A claim that could not be examined."""
-    return Claim(name=name, figure=np.inf, tolerance=tolerance, passed=False, note=note)
+    return Claim(name=name, figure=np.inf, tolerance=tolerance, passed=False, note=note, outcome=outcome)

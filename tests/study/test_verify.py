@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.errors import SolveError
-from gaitopt.gait import Arc, Gait, ImpactRecord
+from gaitopt.gait import Arc, Ending, Gait, ImpactRecord
 from gaitopt.mechanics import Cycle, Mode
 from gaitopt.orbit import ReturnMap
+from gaitopt.orbit.return_map import FixedPoint, Return
 from gaitopt.simulation import Simulator
+from gaitopt.study.claims import Outcome
 from gaitopt.study.comparison import record_claims
 from gaitopt.study.perturbation import LINEARITY, MULTIPLIER_AGREEMENT, perturbation_claim
 
@@ -166,26 +168,116 @@ def test_wrong_multipliers_are_seen_by_nothing_else() -> None:
     assert failed(replace(gait, multipliers=np.conj(gait.multipliers))) == set()
 
 
-@pytest.mark.parametrize("error", [1.001, 0.999])
-def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(error: float) -> None:
-    gait = good()
-    return_map = ReturnMap(Simulator(gait.dynamics), STICK)
-    point = return_map.fixed_point(gait.state[gait.system.section(STICK)])
-    unit = gait.dynamics.state_units[gait.system.section(STICK)]
+def examined(gait: Gait) -> tuple[ReturnMap, FixedPoint, Array]:
+    """The simulator's return map, its fixed point and the natural units of the section."""
+    impact = gait.problem.cycle.impact
+    section = gait.system.section(impact)
+    return_map = ReturnMap(Simulator(gait.dynamics), impact, len(gait.steps))
+    return return_map, return_map.fixed_point(gait.state[section]), gait.dynamics.state_units[section]
+
+
+@pytest.mark.parametrize("error", [1.001, 0.999, 1 + 1e-5, 1 - 1e-5])
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-b", "rimless-wheel-slip", "slip-run-foot"])
+def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(name: str, error: float) -> None:
+    return_map, point, unit = examined(good(name))
     right = perturbation_claim(return_map, point, unit)
     wrong = perturbation_claim(return_map, replace(point, jacobian=error * point.jacobian), unit)
     assert right.passed
     assert right.figure < LINEARITY / 100
     assert not wrong.passed
+    assert wrong.outcome is Outcome.FAILS
 
 
-@pytest.mark.parametrize("name", ["compass-passive-a", "compass-torque-impact-slip", "rimless-wheel-slip"])
-def test_every_measure_is_recomputed(name: str) -> None:
+@pytest.mark.parametrize(
+    "name", ["compass-passive-a", "compass-passive-b", "compass-torque-impact-slip", "kneed-passive"]
+)
+def test_one_wrong_entry_of_the_derivative_is_seen_by_walks_that_are_perturbed(name: str) -> None:
+    return_map, point, unit = examined(good(name))
+    size = np.linalg.norm(point.jacobian * unit / unit[:, None], 2)
+    for row, column in np.ndindex(*point.jacobian.shape):
+        wrong = point.jacobian.copy()
+        wrong[row, column] += 1e-5 * size * unit[row] / unit[column]
+        assert not perturbation_claim(return_map, replace(point, jacobian=wrong), unit).passed
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"friction": 0.1},
+        {"friction": 0.12, "walker.slope": "1.5 deg"},
+        {"friction": 0.0628507, "walker.slope": 0.0376889},
+    ],
+)
+def test_gait_whose_return_map_bends_strongly_passes(changes: dict[str, object]) -> None:
+    """Radii 1.10, 1.07 and 358: deviations of 1e-4 are far from linear."""
+    gait = go.solve(go.load_problem("compass-passive-a").replace(changes))
+    assert gait.spectral_radius > 1
+    assert failed(gait) == set()
+    spoilt = replace(gait, multipliers=gait.multipliers * (1 + 1e-5))
+    assert failed(spoilt) == {"multipliers"}
+
+
+@pytest.mark.parametrize(
+    "name", ["compass-passive-a", "compass-passive-b", "compass-torque-impact-slip", "hopper", "torso-passive"]
+)
+def test_each_multiplier_that_is_wrong_by_1e_5_of_its_value_is_seen(name: str) -> None:
     gait = good(name)
-    walked = Simulator(gait.dynamics).run(gait.state, dense=True).steps
+    for k in np.flatnonzero(np.abs(gait.multipliers) > 2e-4):
+        wrong = gait.multipliers.copy()
+        wrong[k] *= 1 + 1e-5
+        assert failed(replace(gait, multipliers=wrong)) == {"multipliers"}
+
+
+class Bent:
+    """A return map in closed form: a linear one whose deviations bend beyond ``radius``, with the error of rounding."""
+
+    def __init__(self, wheel: ReturnMap, point: FixedPoint, unit: Array, radius: float, noise: float) -> None:
+        self._point, self._unit, self._radius, self._noise = point, unit, radius, noise
+        self.simulator, self.section_mode, self._random = wheel.simulator, wheel.section_mode, np.random.default_rng(1)
+
+    def __call__(self, xi: Array) -> Return:
+        deviation = (xi - self._point.xi) / self._unit
+        returned = (self._point.jacobian * self._unit / self._unit[:, None]) @ (
+            self._radius * np.tan(np.clip(deviation / self._radius, -1.5, 1.5))
+        )
+        noisy = returned + self._noise * self._random.standard_normal(returned.size)
+        steps = self._point.steps
+        return Return(xi=self._point.xi + noisy * self._unit, steps=steps, ending=Ending.COMPLETED, message="")
+
+
+@pytest.mark.parametrize(
+    ("radius", "noise", "outcome"),
+    [
+        (1e-2, 1e-13, Outcome.HOLDS),
+        (1e-4, 1e-13, Outcome.HOLDS),
+        (1e-6, 1e-14, Outcome.HOLDS),
+        (1e-9, 1e-13, Outcome.NO_LINEAR_RANGE),
+        (1e-3, 1e-8, Outcome.NO_LINEAR_RANGE),
+    ],
+)
+def test_linear_range_between_rounding_and_curvature_is_found_or_its_absence_named(
+    radius: float, noise: float, outcome: Outcome
+) -> None:
+    return_map, point, unit = examined(good("rimless-wheel-slip"))
+    claim = perturbation_claim(Bent(return_map, point, unit, radius, noise), point, unit)
+    assert claim.outcome is outcome
+    assert claim.passed is (outcome is Outcome.HOLDS)
+
+
+@pytest.mark.parametrize("factor", [1.001, 1 + 1e-6, 1 - 1e-6])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "compass-passive-a", "compass-passive-b", "compass-torque-impact-slip", "rimless-wheel-slip", "kneed-passive",
+        "compass-passive-two-step", "compass-push-off", "hopper", "slip-run-foot", "compass-torque-efficient",
+    ],
+)  # fmt: skip
+def test_every_measure_is_recomputed(name: str, factor: float) -> None:
+    gait = good(name)
+    walked = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
     for key, value in gait.measures.items():
-        if value not in (None, 0.0):
-            falsified = replace(gait, measures={**gait.measures, key: 1.001 * value})
+        if value is not None and abs(value) > 1e-20:
+            falsified = replace(gait, measures={**gait.measures, key: factor * value})
             measures, impact = record_claims(falsified, walked)
             assert (measures.passed, measures.note) == (False, f"worst: {key}")
             assert impact.passed
@@ -214,10 +306,11 @@ def test_a_measure_that_is_missing_or_undefined_without_reason_is_seen() -> None
 @pytest.mark.parametrize(
     ("what", "falsify"),
     [
-        ("impulse", lambda impact: {"impulse": 1.001 * impact.impulse}),
-        ("stick impulse", lambda impact: {"stick_impulse": 1.001 * impact.stick_impulse}),
-        ("step length", lambda impact: {"step_length": 1.001 * impact.step_length}),
-        ("state", lambda impact: {"state": 1.001 * impact.state}),
+        ("impulse", lambda impact: {"impulse": (1 + SLIGHT) * impact.impulse}),
+        ("stick impulse", lambda impact: {"stick_impulse": (1 + SLIGHT) * impact.stick_impulse}),
+        ("step length", lambda impact: {"step_length": (1 + SLIGHT) * impact.step_length}),
+        ("push work", lambda impact: {"push_work": impact.push_work + SLIGHT}),
+        ("state", lambda impact: {"state": (1 + SLIGHT) * impact.state}),
         ("mode", lambda _: {"mode": BACKWARD}),
     ],
 )
@@ -231,6 +324,13 @@ def test_everything_that_is_recorded_of_the_impact_is_recomputed(
     measures, claim = record_claims(falsified, walked)
     assert (claim.passed, claim.note) == (False, f"worst: {what}")
     assert measures.passed
+
+
+def test_parameters_that_are_stated_are_those_of_the_motion() -> None:
+    gait = good("compass-torque-efficient")
+    for key, value in gait.freed.items():
+        assert failed(replace(gait, freed={**gait.freed, key: (1 + SLIGHT) * value})) == {"measures"}
+    assert failed(replace(gait, problem=gait.problem.replace({"friction": 0.12 * (1 + SLIGHT)}))) == {"measures"}
 
 
 def test_failed_attempt_cannot_be_verified() -> None:

@@ -1,0 +1,145 @@
+"""Random gaits of all walkers: none is refused whose return map, differenced here by itself, has its multipliers."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import gaitopt as go
+from gaitopt.errors import ProblemError, SolveError
+from gaitopt.gait import Ending, Gait, floquet_multipliers
+from gaitopt.gait.multipliers import multiplier_distance
+from gaitopt.simulation import Simulator
+from gaitopt.study.claims import Claim
+
+Array = NDArray[np.float64]
+
+PROBLEMS = (
+    "compass-minimum-friction", "compass-passive-a", "compass-passive-b", "compass-passive-static-kinetic",
+    "compass-passive-stick", "compass-passive-two-step", "compass-pd-impact-slip", "compass-push-off",
+    "compass-torque-efficient", "compass-torque-impact-slip", "compass-torque-slip", "compass-torque-stable-slip",
+    "compass-torque-stable-slip-cheap", "compass-torque-stick", "compass-unequal", "hopper", "kneed-passive",
+    "rimless-wheel-slip", "rimless-wheel-slope", "rimless-wheel-stick", "round-feet-passive", "slip-run",
+    "slip-run-foot", "telescopic-passive", "torso-passive",
+)  # fmt: skip
+SLIPPERY = {"compass-passive-a": (0.05, 0.17), "compass-passive-b": (0.03, 0.2), "compass-torque-slip": (0.05, 0.2)}
+"""Ranges of friction down to which the families reach, with radii up to some hundreds."""
+ABOUT_THE_RETURN_MAP = {"multipliers", "perturbation"}
+STEPS = (3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7)
+SAME_MULTIPLIERS = 1e-5
+
+
+def variants(name: str, seed: int) -> Iterator[go.Problem]:
+    """The named problem with about half of its numbers changed at random, by 2, 10 or 30 % at most."""
+    random = np.random.default_rng([seed, PROBLEMS.index(name)])
+    problem = go.load_problem(name)
+    while True:
+        scale = random.choice([0.02, 0.1, 0.3])
+        changes = {
+            key: value * float(np.exp(scale * random.uniform(-1, 1)))
+            for key, value in problem.parameters.items()
+            if key not in problem.free and key != "walker.spokes" and value and random.random() < 0.6
+        }
+        try:
+            yield problem.replace(changes)
+        except ProblemError:  # outside of what the walker allows
+            continue
+
+
+def slippery_variants(name: str, seed: int) -> Iterator[go.Problem]:
+    random, problem = np.random.default_rng([seed, PROBLEMS.index(name)]), go.load_problem(name)
+    slopes = (0.01, 0.05) if "passive" in name else (0, 0)
+    while True:
+        yield problem.replace(
+            {"friction": random.uniform(*SLIPPERY[name]), "walker.slope": float(random.uniform(*slopes))}
+        )
+
+
+def gaits(problems: Iterator[go.Problem], count: int) -> Iterator[Gait]:
+    """The first ``count`` gaits, out of twice as many problems at most."""
+    for _ in range(2 * count):
+        try:
+            gait = go.solve(next(problems))
+        except SolveError:  # a reference that is no gait
+            continue
+        if gait.converged:
+            count -= 1
+            yield gait
+        if count == 0:
+            return
+
+
+def differenced_multipliers(gait: Gait) -> NDArray[np.complex128] | None:
+    """By five-point differences of the simulated cycle, of the sizes at which two neighbours agree best."""
+    simulator, impact = Simulator(gait.dynamics), gait.problem.cycle.impact
+    section = gait.system.section(impact)
+    unit, xi = gait.dynamics.state_units[section], gait.state[section]
+
+    def returned(deviation: Array) -> Array:
+        walk = simulator.run(gait.dynamics.lift(xi + deviation * unit), steps=len(gait.steps))
+        if walk.ending is not Ending.COMPLETED or walk.steps[-1].final_impact.mode.sticks is not impact.sticks:
+            return np.full(xi.size, np.nan)
+        return walk.section_states[-1][section] / unit
+
+    def jacobian(h: float) -> Array:
+        near, far = ([returned(k * h * e) - returned(-k * h * e) for e in np.eye(xi.size)] for k in (1, 2))
+        return (8 * np.array(near) - np.array(far)).T / (12 * h)
+
+    found = [jacobian(h) for h in STEPS]
+    changes = [np.abs(one - other).max() for one, other in pairwise(found)]
+    if np.isnan(changes).all():
+        return None
+    return floquet_multipliers(found[int(np.nanargmin(changes)) + 1])
+
+
+def refused(gait: Gait) -> list[Claim]:
+    """Claims about the return map that fail although all others hold and the differenced map has the multipliers."""
+    failed = [claim for claim in go.verify(gait).claims if not claim.passed]
+    if not failed or not {claim.name for claim in failed} <= ABOUT_THE_RETURN_MAP:
+        return []
+    multipliers = differenced_multipliers(gait)
+    same = (
+        multipliers is not None and multiplier_distance(multipliers, gait.multipliers, relative=True) < SAME_MULTIPLIERS
+    )
+    return failed if same else []
+
+
+def check(problems: Iterator[go.Problem], count: int) -> int:
+    """How many gaits there were, none of which is refused."""
+    tried = list(gaits(problems, count))
+    for gait in tried:
+        assert refused(gait) == [], f"{gait!r} at {gait.dynamics.parameters}"
+    return len(tried)
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "rimless-wheel-slip", "hopper", "compass-push-off"])
+def test_some_random_gaits_are_not_refused(name: str) -> None:
+    assert check(variants(name, seed=1), 3) == 3
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-b"])
+def test_some_random_gaits_on_slippery_ground_are_not_refused(name: str) -> None:
+    assert check(slippery_variants(name, seed=1), 3) >= 2
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-b", "rimless-wheel-slip", "compass-push-off"])
+def test_differences_see_wrong_multipliers(name: str) -> None:
+    """The judge of the other tests would notice a multiplier that is wrong."""
+    gait = go.solve(go.load_problem(name))
+    multipliers = differenced_multipliers(gait)
+    assert multiplier_distance(multipliers, gait.multipliers, relative=True) < SAME_MULTIPLIERS / 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_no_random_gait_is_refused(name: str) -> None:
+    """Some 480 gaits with those on slippery ground, of 13 walkers."""
+    assert check(variants(name, seed=2), 20) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SLIPPERY)
+def test_no_random_gait_on_slippery_ground_is_refused(name: str) -> None:
+    assert check(slippery_variants(name, seed=2), 40) > 0
