@@ -61,7 +61,7 @@ def gaits(problems: Iterator[go.Problem], count: int) -> Iterator[Gait]:
     """The first ``count`` gaits, out of twice as many problems at most."""
     for _ in range(2 * count):
         try:
-            gait = go.solve(next(problems))
+            gait = go.solve(next(problems).from_guess())
         except SolveError:  # a reference that is no gait
             continue
         if gait.converged:

@@ -335,7 +335,7 @@ def test_parameters_that_are_stated_are_those_of_the_motion() -> None:
 
 def test_failed_attempt_cannot_be_verified() -> None:
     attempt = go.solve(go.load_problem("rimless-wheel-stick").replace({"friction": 0.5}))
-    with pytest.raises(SolveError, match="no gait to verify: no gait with this mode sequence"):
+    with pytest.raises(SolveError, match="there is no gait to verify: the family of the file"):
         go.verify(attempt)
 
 
