@@ -40,8 +40,8 @@ ToOption = Annotated[
 ]
 LowerOption = Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Bound of the parameter.")]
 UpperOption = Annotated[str | None, typer.Option("--upper", metavar="VALUE", help="Bound of the parameter.")]
-PointsOption = Annotated[int, typer.Option("--max-points", min=1, help="Most points towards each target.")]
-SecondsOption = Annotated[float | None, typer.Option("--max-seconds", min=0.0, help="Wall time for this time [s].")]
+PointsOption = Annotated[int, typer.Option("--max-points", min=1, help="Maximum number of points per target.")]
+SecondsOption = Annotated[float | None, typer.Option("--max-seconds", min=0.0, help="Time limit per target [s].")]
 VerifyOption = Annotated[
     int, typer.Option("--verify-every", min=0, help="Every so many points is confirmed by simulation; 0: none.")
 ]

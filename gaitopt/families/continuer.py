@@ -57,7 +57,8 @@ class Continuer:
             reached = self._limits.reached(self._state.point.value) if self._state.index else None
             reason = reached or self._limits.exhausted(self._count, time.monotonic() - self._began)
             if reason is not None:
-                yield replace(self._special("end", self._state.point, reason=reason), bound=reached is not None)
+                end = self._special("end", self._state.point, reason=reason)
+                yield replace(end, bound=reached is not None, open=reached is None)
                 return
             for record in self._advance():
                 yield record
@@ -183,6 +184,10 @@ class Continuer:
         if every and self._count % every == 0:
             check = confirm(gait)
             gait = gait.verified(check.to_record())
+            if not check.passed and (again := state.segment.solved_again(state.point)) is not None:
+                state.point = again
+                check = confirm(again.gait)
+                gait = again.gait.verified(check.to_record())
             if not check.passed:
                 yield self._unconfirmed(gait, next(claim for claim in check.claims if not claim.passed))
                 return
@@ -194,6 +199,7 @@ class Continuer:
             gait=gait,
             tangent=state.segment.coordinates(state.point.curve_point.tangent),
             length=state.length,
+            walk=state.segment.walk_state(state.point),
         )
 
     def _unconfirmed(self, gait: Gait, worst: Claim) -> SpecialPoint:

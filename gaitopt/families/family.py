@@ -26,9 +26,12 @@ def follow_family(
     gait = with_friction(stated, request.parameter)
     check_request(gait, request)
     numbers = count(1 + max((n for record in done for n in (record["branch"], *record.get("next", ()))), default=-1))
-    stored, walks = _walks_done(done), first_walks(start, gait, request)
-    for index, walk in enumerate(walks):  # which grow on the way
-        own = stored[index] if index < len(stored) else ()
+    stored, begun_later = _records_by_walk(done)
+    unnumbered = (first for first in stored if first not in begun_later)
+    walks = first_walks(start, gait, request)
+    for walk in walks:  # which grow on the way
+        own = stored.get(next(unnumbered, -1) if walk.number is None else walk.number, [])
+        walk = walk.with_metric_of(own)
         walks += [branch for record in own for branch in walk.restored_branches(record)]
         if own and own[-1].get("type") in TERMINAL:
             continue
@@ -41,21 +44,31 @@ def follow_family(
             return
 
 
-def resumable(records: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The records from which an unfinished family goes on: special points after the last point are located again."""
-    kept = list(records)
-    while kept and kept[-1].get("record") == "special" and kept[-1]["type"] not in TERMINAL:
-        kept.pop()
-    return kept
+def resumable(records: Sequence[Mapping[str, Any]], request: Request) -> list[Mapping[str, Any]]:
+    """The records from which an unfinished family goes on.
+
+    Special points after the last point of a walk are located again. The end of a walk that had taken all it was allowed
+    is left out if ``request`` allows it more.
+    """
+    again = set[int]()
+    for own in _records_by_walk(records)[0].values():
+        points = sum(record["record"] == "point" for record in own)
+        for record in reversed(own):
+            closed = record.get("type") in TERMINAL and not (record.get("open") and request.exhausted(points) is None)
+            if record["record"] == "point" or closed:
+                break
+            again.add(id(record))
+    return [record for record in records if id(record) not in again]
 
 
-def _walks_done(done: Sequence[Mapping[str, Any]]) -> list[Sequence[Mapping[str, Any]]]:
-    """The records of each walk; a terminal special point closes one."""
-    walks: list[list[Mapping[str, Any]]] = []
-    closed = True
-    for record in done:
-        if closed:
-            walks.append([])
-        walks[-1].append(record)
-        closed = record.get("type") in TERMINAL
-    return list(walks)
+def _records_by_walk(records: Sequence[Mapping[str, Any]]) -> tuple[dict[int, list[Mapping[str, Any]]], set[int]]:
+    """The records of each walk by the number of its first branch, and those numbers that special points have given."""
+    first, walks, given = dict[int, int](), dict[int, list[Mapping[str, Any]]](), set[int]()
+    for record in records:
+        walk = first.setdefault(record["branch"], record["branch"])
+        walks.setdefault(walk, []).append(record)
+        following = list(record.get("next", ()))
+        if following and "to" in record:  # the walk itself goes on with the first
+            first[following.pop(0)] = walk
+        given.update(following)
+    return walks, given

@@ -29,9 +29,5 @@ class Limits:
         return f"reached {self.request.parameter} = {self.lower if value <= self.lower else self.upper:.12g}"
 
     def exhausted(self, points: int, seconds: float) -> str | None:
-        """Why a walk of so many points ends after so long, if it does."""
-        if points >= self.request.max_points:
-            return f"{self.request.max_points} points, as many as were allowed"
-        if self.request.max_seconds is not None and seconds > self.request.max_seconds:
-            return f"out of time after {seconds:.0f} s"
-        return None
+        """Why a walk of so many points pauses after so long, if it does."""
+        return self.request.exhausted(points, seconds)

@@ -10,7 +10,7 @@ from gaitopt.families.change import with_cycle
 from gaitopt.families.coefficients import with_friction
 from gaitopt.families.segment import Metric, Point, Segment, segment_through
 from gaitopt.families.switching import first_point
-from gaitopt.gait import MEASURES, Arc, Gait, SpecialPoint, Status, Step, curves
+from gaitopt.gait import MEASURES, Arc, Gait, SpecialPoint, Status, Step, WalkState, curves
 from gaitopt.mechanics import Cycle, Dynamics, Mode
 from gaitopt.nlp import integrate_to
 from gaitopt.nlp.assembly import impact_record
@@ -66,18 +66,28 @@ def recorded_special(family: Gait, parameter: str, record: Record) -> SpecialPoi
         after=Cycle.from_record(record["to"]) if "to" in record else None,
         next=tuple(record["next"]),
         bound=record.get("bound", False),
+        open=record.get("open", False),
         gait=recorded_gait(family, parameter, record) if record["gait"] else None,
         tangent=None if tangent is None else np.array(tangent),
     )
 
 
-def recorded_point(gait: Gait, parameter: str, metric: Metric, record: Record) -> tuple[Segment, Point]:
-    """The branch and the point that a record holds, on the mesh that it had; ``gait`` is the first of the family."""
+def resumed_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[Record]) -> tuple[Segment, Point]:
+    """The branch and the point that the last of the records of a walk's points holds, as the walk left them.
+
+    A record of an earlier version does not hold what the walk needs: its gait is solved again. ``gait`` is the first of
+    the family.
+    """
+    record = points[-1]
     value, steps = record["value"], record.get("steps", (record,))
     dynamics = gait.dynamics.at({parameter: value})
-    durations = np.array([phase["duration"] for phase in record["phases"]])
     states = np.array([[step["state"][name] for name in gait.system.state_names] for step in steps])
     problem = with_cycle(gait.problem.replace({parameter: value}), gait.system, Cycle.from_record(record), states[0])
+    if record.get("walk"):
+        needed = points[-1 - record["walk"]["earlier"] :]
+        known = [WalkState.from_record(point["walk"]) for point in needed if point.get("walk")]
+        return Segment.resumed(problem, gait.dynamics, parameter, known, int(record["solver"]["iterations"]))
+    durations = np.array([phase["duration"] for phase in record["phases"]])
     rolled = roll_out(dynamics, problem.cycle, states, durations)
     segment, w = segment_through(problem, dynamics, parameter, metric, rolled, record.get("intervals", ()))
     return segment, first_point(segment, w, segment.curve.direction(np.array(record["tangent"])))

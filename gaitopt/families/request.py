@@ -30,7 +30,7 @@ class Request:
     to : values of the parameter at which to stop, one after the other, each time from the first gait.
     lower, upper : bounds for families that turn round; None as far beyond the first gait as the target is before it.
     events : functions of a gait, continuous along the family, whose zeros are located and named so.
-    max_points, max_seconds : bounds on the work of each target.
+    max_points, max_seconds : limits of the work towards each target, which only pause a branch.
     verify_every : every so many points is confirmed by the simulator, 0 for none.
     follow : how many times in turn the other branches of special points are followed as well, by kind (``FOLLOWS``).
     """
@@ -44,6 +44,14 @@ class Request:
     max_seconds: float | None = None
     verify_every: int = 10
     follow: Mapping[str, int] = field(default_factory=dict)
+
+    def exhausted(self, points: int, seconds: float = 0.0) -> str | None:
+        """Why a walk of so many points pauses after so long, if it does; its branch stays open."""
+        if points >= self.max_points:
+            return f"paused at the limit of {self.max_points} points"
+        if self.max_seconds is not None and seconds > self.max_seconds:
+            return f"paused at the limit of {self.max_seconds:g} s"
+        return None
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object, the first line of a stored branch; events are functions, of a call and not of a file."""

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array
 from gaitopt.families.bifurcations import test_functions
 from gaitopt.families.monitors import MonitorKey, MonitorValue, monitor_values
-from gaitopt.gait import Gait
+from gaitopt.gait import Gait, WalkState
 from gaitopt.mechanics import Cycle, Dynamics
 from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.layout import layout
+from gaitopt.nlp.layout import ArcLayout, Layout, layout
 from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.newton import Linearisation, linearise
-from gaitopt.nlp.refinement import refine
+from gaitopt.nlp.refinement import Refined, halved, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
@@ -44,6 +44,16 @@ class Metric:
         """The metric of the family that begins with ``gait``."""
         unit = gait.dynamics.state_units
         return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=gait.period, span=span)
+
+    @staticmethod
+    def from_array(values: Array) -> "Metric":
+        """The metric that ``to_array`` has written."""
+        *state, period, span = values.tolist()
+        return Metric(state=np.array(state), period=period, span=span)
+
+    def to_array(self) -> Array:
+        """Sizes of the state, period and span; shape (n_z + 2,)."""
+        return np.array([*self.state, self.period, self.span])
 
     def scales(self, section: NDArray[np.intp], n_phases: int) -> Array:
         """Of section coordinates, durations and parameter; shape (n_xi + n_phases + 1,)."""
@@ -148,12 +158,22 @@ class Segment:
     def remeshed(self, point: Point) -> Point | None:
         """The same gait on a finer mesh where its integration error needs one; None if that fails."""
         refined = refine(self.transcription, point.curve_point.at)
-        if refined.transcription is self.transcription:
-            return point
-        forward = resized(point.curve_point.tangent, self.transcription, refined.transcription)
+        return point if refined.transcription is self.transcription else self._on(refined, point)
+
+    def solved_again(self, point: Point) -> Point | None:
+        """The same gait down to rounding with every interval cut in two; None if that fails."""
+        return self._on(halved(self.transcription, point.curve_point.at), point)
+
+    def _on(self, refined: Refined[Transcription], point: Point) -> Point | None:
+        """A point on another mesh, on which the segment goes on."""
+        old, at = self.transcription, linearise(refined.transcription, refined.at.w, refined.at.p)
+        forward = resized(point.curve_point.tangent, old, refined.transcription)
         self._use(refined.transcription)
-        curve_point = self.curve.through(refined.at, self.curve.coordinates(forward))
-        return None if curve_point is None else self._point(curve_point)
+        curve_point = self.curve.through(at, self.curve.coordinates(forward))
+        if curve_point is None:
+            self._use(old)
+            return None
+        return self._point(curve_point)
 
     def in_order(self, point: Point) -> bool:
         """Whether no switch has passed a breakpoint of the control; a phase that has vanished is another matter."""
@@ -174,6 +194,43 @@ class Segment:
     def coordinates(self, w: Array) -> Array:
         """Scaled section coordinates, durations and parameter, in which arclength is measured."""
         return self.curve.coordinates(w)
+
+    def walk_state(self, point: Point) -> WalkState:
+        """What ``resumed`` needs to go on from a point."""
+        at, metric, plan = point.curve_point, self.metric, self.transcription.layout
+        return WalkState(
+            unknowns=at.at.w,
+            direction=at.tangent,
+            arcs=tuple((arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals) for arc in plan.arcs),
+            origin=float(self.p[self.transcription.system.parameters.index(self.parameter)]),
+            metric=metric.to_array(),
+            earlier=len(at.earlier),
+        )
+
+    @staticmethod
+    def resumed(
+        problem: Problem, dynamics: Dynamics, parameter: str, states: Sequence[WalkState], iterations: int
+    ) -> "tuple[Segment, Point]":
+        """The segment and its last point from their ``walk_state``, to the last bit.
+
+        Parameters
+        ----------
+        problem : with the modes of the segment.
+        dynamics : at the values of all other parameters.
+        states : of the last point, and before it those of the points from which the next one is extrapolated.
+        iterations : what Newton's method took to get to the last point.
+        """
+        *before, last = states
+        modes = problem.cycle.phases
+        arcs = (
+            ArcLayout(phase=phase, mode=modes[phase], segment=segment, start=start, end=end, intervals=intervals)
+            for phase, segment, start, end, intervals in last.arcs
+        )
+        transcription = transcribe(dynamics.system, Layout(cycle=problem.cycle, arcs=tuple(arcs)), (parameter,))
+        p = dynamics.at({parameter: last.origin}).p
+        segment = Segment(problem, parameter, transcription, p, Metric.from_array(last.metric))
+        earlier = tuple((state.unknowns, state.direction) for state in reversed(before))
+        return segment, segment._point(segment.curve.point(last.unknowns, last.direction, iterations, earlier))
 
     def _use(self, transcription: Transcription) -> None:
         section = transcription.system.section(transcription.layout.cycle.impact)

@@ -11,13 +11,13 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.families.coefficients import coefficient_bounds
 from gaitopt.families.continuer import Continuer
-from gaitopt.families.limits import LARGEST_LENGTH, Limits
+from gaitopt.families.limits import Limits
 from gaitopt.families.position import Position
-from gaitopt.families.records import recorded_point, recorded_special
+from gaitopt.families.records import recorded_special, resumed_point
 from gaitopt.families.request import FOLLOWS, Request
 from gaitopt.families.segment import Metric
 from gaitopt.families.switching import Beginning, beginnings, started
-from gaitopt.gait import Gait, SpecialPoint
+from gaitopt.gait import Gait, SpecialPoint, WalkState
 
 Record = Mapping[str, Any]
 
@@ -50,20 +50,25 @@ class Walk:
         points = [record for record in done if record["record"] == "point"]
         if points:
             last = points[-1]
-            segment, point = recorded_point(self.gait, self.parameter, self.metric, last)
-            length = min(last["length"], LARGEST_LENGTH)
-            position = Position(segment, point, last["branch"], self.limits, index=last["index"], length=length)
+            segment, point = resumed_point(self.gait, self.parameter, self.metric, points)
+            position = Position(segment, point, last["branch"], self.limits, index=last["index"], length=last["length"])
         else:
             segment, point = self.begin()
             position = Position(segment, point, next(numbers) if self.number is None else self.number, self.limits)
         return Continuer(position, numbers, count=len(points), should_stop=should_stop)
+
+    def with_metric_of(self, done: Sequence[Record]) -> "Walk":
+        """The same walk, its arclength measured as in the records that are ``done``."""
+        states = (record["walk"] for record in done if record["record"] == "point" and record.get("walk"))
+        state = next(states, None)
+        return self if state is None else replace(self, metric=Metric.from_array(WalkState.from_record(state).metric))
 
     def branches(self, special: SpecialPoint, numbers: Iterator[int]) -> tuple[SpecialPoint, list["Walk"]]:
         """A special point with the numbers of its other branches, if they are to be followed, and the walks on them."""
         if not self.limits.request.follow.get(FOLLOWS.get(special.type, ""), 0):
             return special, []
         try:
-            begun = self._beginnings(special)
+            begun = self._beginnings(special.to_record())
         except (ProblemError, SolveError) as error:
             silent = special.next  # at a change of modes there is mostly one branch that goes on
             return (special if silent else replace(special, reason=str(error))), []
@@ -83,11 +88,14 @@ class Walk:
         ]
 
     def _restored_beginning(self, record: Record, index: int) -> Beginning:
-        return self._beginnings(recorded_special(self.gait, self.parameter, record))[index]
+        return self._beginnings(record)[index]
 
-    def _beginnings(self, special: SpecialPoint) -> list[Beginning]:
-        """The first gaits of the other branches through a special point, as far as they are within the limits."""
-        begun = beginnings(special, self.parameter, self.metric)
+    def _beginnings(self, record: Record) -> list[Beginning]:
+        """The first gaits of the other branches through a special point, as far as they are within the limits.
+
+        They are found from its record, so that a walk taken up again finds the same.
+        """
+        begun = beginnings(recorded_special(self.gait, self.parameter, record), self.parameter, self.metric)
         return [(segment, point) for segment, point in begun if self.limits.lower < point.value < self.limits.upper]
 
     def _branch(self, kind: str, number: int, begin: Callable[[], Beginning]) -> "Walk":

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gaitopt.figures.labels import Parameter, label
 from gaitopt.figures.style import COLOURS, MORE_COLOURS, NEUTRAL, entry, legend_below, panels
 from gaitopt.gait import TERMINAL
+from gaitopt.gait.branch import ends_by_request
 from gaitopt.mechanics.cycle import Cycle, mode_words
 
 Record = Mapping[str, Any]
@@ -62,7 +63,7 @@ def over_parameter(
     handles, present = dict[str, Line2D](), set[str]()
     for (name, records), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         points = _points(records, quantity)
-        specials = [record for record in records if record["record"] == "special" and not record.get("bound")]
+        specials = [record for record in records if record["record"] == "special" and not ends_by_request(record)]
         if quantity == "spectral_radius":  # it may grow without bound to an end, which is drawn at the last point
             specials = [{**record, "gait": {}} if record["type"] in TERMINAL else record for record in specials]
         named = _sequences(points) if len(curves) == 1 else {}

@@ -4,6 +4,7 @@ from gaitopt.gait.branch import TERMINAL as TERMINAL
 from gaitopt.gait.branch import Branch as Branch
 from gaitopt.gait.branch import BranchPoint as BranchPoint
 from gaitopt.gait.branch import SpecialPoint as SpecialPoint
+from gaitopt.gait.branch import WalkState as WalkState
 from gaitopt.gait.cause import Cause as Cause
 from gaitopt.gait.cause import in_words as in_words
 from gaitopt.gait.gait import Gait as Gait

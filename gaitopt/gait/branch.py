@@ -24,6 +24,52 @@ _PLACE = ("branch", "index", "value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class WalkState(ReadOnlyArrays):
+    """What a walk along a family needs besides a gait to go on from it exactly as if it had not been interrupted.
+
+    Attributes
+    ----------
+    unknowns : ndarray, shape (n_w,) - the solution: nodes, durations and parameter, in SI.
+    direction : ndarray, shape (n_w,) - tangent of the branch.
+    arcs : phase, segment of the control, start, end and intervals of every arc; start and end are times [s] of
+        breakpoints, or None where the arc starts (ends) with its phase.
+    origin : value of the parameter for which the units of the equations are those of the walker.
+    metric : ndarray, shape (n_z + 2,) - what arclength is measured with: sizes of the state, period [s] and span.
+    earlier : number of points before this one from which the next one is extrapolated.
+    """
+
+    unknowns: Array
+    direction: Array
+    arcs: tuple[tuple[int, int, float | None, float | None, int], ...]
+    origin: float
+    metric: Array
+    earlier: int
+
+    @staticmethod
+    def from_record(record: Mapping[str, Any]) -> "WalkState":
+        """The state that ``to_record`` has written, to the last bit."""
+        return WalkState(
+            unknowns=np.array(record["unknowns"], dtype=float),
+            direction=np.array(record["direction"], dtype=float),
+            arcs=tuple((phase, segment, start, end, n) for phase, segment, start, end, n in record["arcs"]),
+            origin=float(record["origin"]),
+            metric=np.array(record["metric"], dtype=float),
+            earlier=int(record["earlier"]),
+        )
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object; decimal digits keep every bit."""
+        return {
+            "unknowns": self.unknowns.tolist(),
+            "direction": self.direction.tolist(),
+            "arcs": [list(arc) for arc in self.arcs],
+            "origin": self.origin,
+            "metric": self.metric.tolist(),
+            "earlier": self.earlier,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BranchPoint(ReadOnlyArrays):
     """One gait of a family.
 
@@ -35,6 +81,7 @@ class BranchPoint(ReadOnlyArrays):
     gait : the gait, in full.
     tangent : ndarray - direction of the branch in scaled section coordinates, durations and parameter, of unit length.
     length : arclength to the next point that is tried.
+    walk : what the walk needs to go on from here; None in a file of an earlier version.
     """
 
     branch: int
@@ -43,6 +90,7 @@ class BranchPoint(ReadOnlyArrays):
     gait: Gait
     tangent: Array
     length: float
+    walk: WalkState | None = None
 
     def __repr__(self) -> str:
         return f"<BranchPoint {self.branch}.{self.index} at {self.value:.9g}: {self.gait!r}>"
@@ -57,7 +105,7 @@ class BranchPoint(ReadOnlyArrays):
             **self.gait.to_record(),
             "tangent": [float(entry) for entry in self.tangent],
             "length": self.length,
-            "intervals": list(self.gait.shooting.intervals) if self.gait.shooting else [],
+            "walk": None if self.walk is None else self.walk.to_record(),
         }
 
 
@@ -76,6 +124,7 @@ class SpecialPoint(ReadOnlyArrays):
     before, after : cycles of modes on both sides of a change.
     next : numbers of the branches that go on from here.
     bound : whether the family itself goes on: it ends at a bound of what was to be continued.
+    open : whether the walk itself goes on where more points or more time are allowed.
     gait : the gait at this point, or None where there is none.
     tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None where it is
         not known.
@@ -90,6 +139,7 @@ class SpecialPoint(ReadOnlyArrays):
     after: Cycle | None = None
     next: tuple[int, ...] = ()
     bound: bool = False
+    open: bool = False
     gait: Gait | None = None
     tangent: Array | None = None
 
@@ -102,7 +152,7 @@ class SpecialPoint(ReadOnlyArrays):
         gait = {} if self.gait is None else self.gait.to_record()
         record = {"record": "special", "branch": self.branch, "type": self.type, "value": self.value}
         record |= {"status": self.status, "reason": self.reason, "next": list(self.next)}
-        record |= {"bound": True} if self.bound else {}
+        record |= {name: True for name, holds in (("bound", self.bound), ("open", self.open)) if holds}
         for key, cycle in (("from", self.before), ("to", self.after)):
             if cycle is not None:
                 record[key] = cycle_data(cycle)
@@ -226,6 +276,11 @@ def collected(parameter: str, records: Sequence[BranchPoint | SpecialPoint]) -> 
     points = tuple(record for record in records if isinstance(record, BranchPoint))
     specials = tuple(record for record in records if isinstance(record, SpecialPoint))
     return Branch(parameter=parameter, points=points, specials=specials)
+
+
+def ends_by_request(record: Mapping[str, Any]) -> bool:
+    """Whether the record of a special point is the end of what was asked for, and not of the family."""
+    return bool(record.get("bound") or record.get("open"))
 
 
 def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:

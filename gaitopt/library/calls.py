@@ -83,7 +83,7 @@ def continuation(
     lower, upper : further bounds of the parameter, for families that turn round.
     events : functions of a gait, continuous along the family: ``{"fast": lambda gait: gait.scalar("speed") - 0.5}``.
         Their zeros are located as precisely as bifurcations, and are special points of that type.
-    max_points, max_seconds : bounds on the work.
+    max_points, max_seconds : limits of the work towards each target; an end at one of them is ``open``.
     verify_every : every so many points is confirmed by the simulator.
     doublings, branch_points, mode_changes : how many times in turn the other branches that begin at such special points
         on the way are followed as well.

@@ -28,6 +28,11 @@ RESIDUAL = 1e-13
 
 One chord more then leads to rounding, also where the equations are so flat that a prediction meets them.
 """
+PRECISION = 1e-11
+"""Largest Newton step that a solution may have left, in natural units: two digits below what the simulator confirms.
+
+A small residual alone is not enough: the end of a slip that has just appeared is a root with a slope near zero.
+"""
 ITERATIONS = 11
 SINGULAR = 1e-5
 """Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
@@ -40,6 +45,8 @@ With two of them a third of the chords is saved, but where a gait vanishes round
 """
 FORWARD = 0.5
 """Cosine of the angle between tangents beyond which the curve has turned too far to be extrapolated."""
+CONTRACTION = 0.5
+"""Ratio of Newton steps above which only rounding is left."""
 SLOW = 0.2
 """A chord that contracts by less than this is replaced by a new Jacobian."""
 
@@ -113,6 +120,12 @@ class Curve:
         upright = np.zeros(self._indices.size)
         upright[-1] = 1.0
         return self._correct(w, upright, None, self.coordinates(forward), at_parameter=True)
+
+    def point(self, w: Array, tangent: Array, iterations: int, earlier: tuple[tuple[Array, Array], ...]) -> CurvePoint:
+        """The point with these entries, nothing being solved; see ``CurvePoint``."""
+        at = linearise(self.transcription, w, self.p)
+        bordered = self._bordered(at, self.coordinates(tangent))
+        return CurvePoint(at=at, tangent=tangent, bordered=bordered, iterations=iterations, earlier=earlier)
 
     def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
         """The point at arclength ``length`` along the tangent; None if Newton's method does not converge."""
@@ -218,7 +231,26 @@ class Curve:
             w = last.w if last.chord is None else moved(last, last.chord)
         except RuntimeError:  # singular
             return None
-        return self.through(linearise(self.transcription, w, self.p), forward, end.count)
+        at = self._precise(linearise(self.transcription, w, self.p), normal, at_parameter=at_parameter)
+        return self.through(at, forward, end.count)
+
+    def _precise(self, at: Linearisation, normal: Array, *, at_parameter: bool) -> Linearisation:
+        """The solution after as many Newton steps perpendicular to ``normal`` as ``PRECISION`` and rounding ask for."""
+        last, best = np.inf, at
+        while True:
+            try:
+                step = self._bordered(at, normal).solve(np.append(at.residual, 0.0))
+            except RuntimeError:  # singular
+                return best
+            if at_parameter:
+                step[-1] = 0.0
+            size = float(np.abs(step / self._columns).max())
+            if not size < CONTRACTION * last:
+                return best
+            if size < PRECISION:
+                return at
+            last, best = size, at
+            at = linearise(self.transcription, at.w - step, self.p)
 
     def through(self, at: Linearisation, forward: Array, iterations: int = 0) -> CurvePoint | None:
         """A solution as a point of the curve, its tangent along ``forward`` (shape of y); None where it has none."""

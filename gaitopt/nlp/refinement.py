@@ -60,13 +60,24 @@ def refine(transcription: Equations, at: Linearisation) -> Refined[Equations]:
         if layout.intervals * growth.max() > MAX_INTERVALS:
             break
         counts = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
-        finer = current.transcription.on(layout.refined(counts))
-        at = polish(finer, _resample(current.transcription, finer, current.at), at.p).at
-        refined = Refined(transcription=finer, at=at, errors=phase_errors(finer, at))
+        refined = _on(current.transcription, current.at, current.transcription.on(layout.refined(counts)))
         if not refined.errors.max() < current.errors.max():
             break
         current = refined
     return current
+
+
+@overflow_allowed()
+def halved(transcription: Equations, at: Linearisation) -> Refined[Equations]:
+    """The same solution with every interval cut in two, down to rounding; freed parameters stay where they are."""
+    layout = transcription.layout
+    return _on(transcription, at, transcription.on(layout.refined([2 * arc.intervals for arc in layout.arcs])))
+
+
+def _on(coarse: Equations, at: Linearisation, finer: Equations) -> Refined[Equations]:
+    """A solution on a finer layout."""
+    at = polish(finer, _resample(coarse, finer, at), at.p).at
+    return Refined(transcription=finer, at=at, errors=phase_errors(finer, at))
 
 
 @overflow_allowed()

@@ -9,6 +9,7 @@ from gaitopt.figures.film import film
 from gaitopt.figures.labels import parameter_of
 from gaitopt.figures.motion import motion_from_record
 from gaitopt.figures.style import MODE_WORDS
+from gaitopt.gait.branch import ends_by_request
 from gaitopt.gait.cascade import cascades
 from gaitopt.pages.page import numbers, provenance, render, words
 from gaitopt.problem import Problem
@@ -78,7 +79,7 @@ def _special(record: Record) -> dict[str, Any]:
     reason = record.get("reason", "")
     for mode, written in MODE_WORDS.items():
         reason = reason.replace(mode, written)
-    known |= {"reason": reason, "bound": record.get("bound", False)}
+    known |= {"reason": reason, "bound": ends_by_request(record)}
     return {**known, **_of_each_step(gait), "scalars": numbers(gait)["scalars"] if gait else {}}
 
 

@@ -54,7 +54,7 @@ class BranchRun:
 
         The folder is held for writing by the caller.
         """
-        done = resumable(self.stored())
+        done = resumable(self.stored(), self.request)
         begin_branch(self.folder, self.problem, self.head, done)
         return done, self._new(start, done, should_stop)
 

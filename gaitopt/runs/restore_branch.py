@@ -7,7 +7,7 @@ import numpy as np
 
 from gaitopt.errors import StorageError
 from gaitopt.families.records import family_of, recorded_gait, recorded_special
-from gaitopt.gait import Branch, BranchPoint
+from gaitopt.gait import Branch, BranchPoint, WalkState
 from gaitopt.problem import Problem
 from gaitopt.store import BRANCH_FILE, read_problem
 from gaitopt.store.branch import read_branch
@@ -41,6 +41,7 @@ def restore_branch(folder: Path) -> Branch:
                 gait=recorded_gait(family, parameter, record),
                 tangent=np.array(record["tangent"], dtype=float),
                 length=float(record["length"]),
+                walk=WalkState.from_record(record["walk"]) if record.get("walk") else None,
             )
             for record in records
             if record["record"] == "point"

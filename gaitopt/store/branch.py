@@ -1,8 +1,8 @@
 """A branch on disk: JSON lines in a run folder, one durable line per record, and a table for other programs.
 
-The first line is the request. A walk that was killed resumes after its last point; special points found after that are
-located again. The branch is then the same as without the kill up to the tolerance of Newton's method, not bit by bit:
-the walk resumes from the decimal digits of a gait on a mesh that is set up again.
+The first line is the request. A walk that was killed resumes after its last point, from the solution, the tangent, the
+mesh and the step length that the line of that point holds, all with every bit; special points found after that are
+located again. On the same machine the branch is then the same as without the kill, bit by bit.
 """
 
 import math
@@ -22,7 +22,9 @@ BRANCH_FILE = "branch.jsonl"
 BRANCH_TABLE = "branch.csv"
 AT_BOUND = 1e-9
 """Relative distance of an end from a bound below which it is at the bound: a walk stops there to rounding."""
-EFFORT = ("max_seconds",)
+OLDER_LIMIT = re.compile(r"\d+ points, as many as were allowed|out of time after \d+ s")
+"""Reasons of an earlier version for ends at a limit of points or time."""
+EFFORT = ("max_points", "max_seconds")
 """Entries of a request that do not change what is found, only how much at a time."""
 
 
@@ -59,13 +61,16 @@ def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -
 def read_branch(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """The request of the branch in a folder, and its records.
 
-    An end at a bound of the request has ``bound``, also where an earlier version has written it without.
+    An end at a bound of the request has ``bound``, one at a limit of points or time ``open``, also where an earlier
+    version has written it without.
     """
     request, *records = _lines(folder) or [{}]
     bounds = _bounds(request, records)
     for record in records:
         if record.get("type") == "end" and any(math.isclose(record["value"], at, rel_tol=AT_BOUND) for at in bounds):
             record["bound"] = True
+        if record.get("type") == "end" and OLDER_LIMIT.fullmatch(record["reason"]):
+            record["open"] = True
     return request, records
 
 

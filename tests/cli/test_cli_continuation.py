@@ -69,11 +69,21 @@ def test_an_interrupted_branch_resumes_and_is_the_same(run, kept):
     path.write_text("".join(lines[:kept]) + lines[kept][: len(lines[kept]) // 2])
     code, _, _ = run(*COMMAND)
     assert code == 0
-    again = stored()
-    assert [(r.get("branch"), r.get("index"), r.get("type")) for r in again] == [
-        (r.get("branch"), r.get("index"), r.get("type")) for r in whole
-    ]
-    assert [r["value"] for r in again[1:]] == pytest.approx([r["value"] for r in whole[1:]], abs=1e-11)
+    assert stored() == whole
+
+
+@pytest.mark.parametrize("limit", [("--max-points", "4"), ("--max-seconds", "0")])
+def test_a_limit_of_points_or_time_only_pauses_a_branch(run, limit):
+    run(*COMMAND)
+    whole = stored()
+    code, out, _ = run(*COMMAND[:-3], "-o", "paused", "--json", *limit)
+    assert code == 0
+    end = records(out)[-1]
+    assert (end["type"], end["open"], end["value"] > 0.9) == ("end", True, True)
+    assert run(*COMMAND[:-3], "-o", "paused", *limit)[0] == 0
+    code, _, _ = run(*COMMAND[:-3], "-o", "paused")
+    assert code == 0
+    assert stored("paused") == whole
 
 
 def test_finished_branch_is_not_computed_again(run, monkeypatch):

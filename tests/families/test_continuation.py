@@ -182,7 +182,8 @@ def test_work_is_bounded() -> None:
     assert (len(few), few.specials[-1].type) == (3, "end")
     assert "3 points" in few.specials[-1].reason
     none = continuation(passive(0.18), "friction", 0.1, max_seconds=0.0)
-    assert "out of time" in none.specials[-1].reason
+    assert "limit of 0 s" in none.specials[-1].reason
+    assert (few.specials[-1].open, none.specials[-1].open) == (True, True)
 
 
 @pytest.mark.slow

@@ -25,5 +25,5 @@ def test_a_walk_that_was_cut_short_at_a_bound_has_reached_it():
 
 def test_points_and_time_are_bounded_each():
     assert LIMITS.exhausted(9, 4.9) is None
-    assert LIMITS.exhausted(10, 0.0) == "10 points, as many as were allowed"
-    assert LIMITS.exhausted(0, 5.1) == "out of time after 5 s"
+    assert LIMITS.exhausted(10, 0.0) == "paused at the limit of 10 points"
+    assert LIMITS.exhausted(0, 5.1) == "paused at the limit of 5 s"

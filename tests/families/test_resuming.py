@@ -1,0 +1,150 @@
+"""A walk taken up again is the same walk: killed after any line, it writes the same records as without the kill."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from itertools import islice
+from math import radians
+
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt.families import Request, continuer, follow_family, resumable
+from gaitopt.study.verify import confirm
+
+SLOPE = "walker.slope"
+
+
+@cache
+def steep(name):
+    """The sticking passive compass just below the slope at which its period doubles."""
+    guess = {"theta1": -0.2637, "dtheta1": 0.8969, "dtheta2": 0.1533}
+    changes = {SLOPE: radians(5.345), "friction": 0.6, "gait.guess.state": guess}
+    gait = go.solve(go.load_problem(name).replace(changes))
+    assert gait.converged
+    return gait
+
+
+# Changes of modes in both directions, two targets, a doubled family, both halves of a crossing curve, and switches of
+# the control that pass a touchdown or a breakpoint.
+BRANCHES = {
+    "slip": (lambda: named("compass-torque-slip"), Request(parameter="friction", to=(0.2,))),
+    "stick": (lambda: named("compass-torque-stick"), Request(parameter="friction", to=(0.1,))),
+    "wheel": (lambda: named("rimless-wheel-stick"), Request(parameter="friction", to=(0.8, 1.1))),
+    "doubled": (
+        lambda: steep("compass-passive-stick"),
+        Request(parameter=SLOPE, to=(radians(5.5),), max_points=6, verify_every=2, follow={"doublings": 1}),
+    ),
+    "pd": (lambda: named("compass-pd-impact-slip"), Request(parameter="friction", to=(0.1, 0.3), max_points=12)),
+}
+
+
+def walked(name, done=(), **changes):
+    """The records of a branch that are not ``done``, one by one, as they are on a disk."""
+    start, request = BRANCHES[name]
+    for record in follow_family(start(), replace(request, **changes), done=done):
+        yield json.loads(json.dumps(record.to_record()))
+
+
+@cache
+def whole(name):
+    return list(walked(name))
+
+
+def check_cut(name, lines, following=None):
+    """What comes after a kill, up to ``following`` records of it, is what came without."""
+    kept = resumable(whole(name)[:lines], BRANCHES[name][1])
+    assert kept == whole(name)[: len(kept)]
+    again = list(islice(walked(name, kept), following))
+    assert again == whole(name)[len(kept) :][:following]
+
+
+@pytest.mark.parametrize("lines", [1, 8, 9, 50])
+def test_a_branch_killed_next_to_a_change_of_modes_goes_on_as_without_the_kill(lines):
+    kinds = [record.get("type") for record in whole("slip")]
+    assert kinds.index("mode_change") == 7  # 8 and 9 lines: before and after the first gait of the next sequence
+    check_cut("slip", lines, following=12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BRANCHES)
+def test_a_branch_killed_after_any_line_goes_on_as_without_the_kill(name):
+    assert len(whole(name)) > 12
+    for lines in range(1, len(whole(name)) + 1):
+        check_cut(name, lines)
+
+
+def test_a_branch_goes_on_where_more_points_are_allowed_and_is_the_same():
+    first = list(walked("wheel", max_points=5))
+    ends = [record for record in first if record.get("type") == "end"]
+    assert [(end["open"], end["reason"]) for end in ends] == [(True, "paused at the limit of 5 points")] * 2
+    request = BRANCHES["wheel"][1]
+    assert resumable(first, replace(request, max_points=5)) == first
+    kept = resumable(first, request)
+    assert kept == [record for record in first if record["record"] == "point"]
+    assert len(kept) == 10
+    joined = [*kept, *walked("wheel", kept)]
+    one, other = ([r for r in records if r["record"] == "point"] for records in (joined, whole("wheel")))
+    assert sorted(r["value"] for r in one) == sorted(r["value"] for r in other)
+    ends = [record for record in joined if record.get("type") == "end"]
+    assert [(end["value"], end.get("bound"), end.get("open")) for end in ends] == [(0.8, True, None), (1.1, True, None)]
+    assert resumable(joined, request) == joined
+
+
+def test_a_branch_that_was_out_of_time_goes_on_and_is_the_same():
+    request = BRANCHES["stick"][1]
+    first = list(walked("stick", max_seconds=0.0))
+    assert [record["record"] for record in first] == ["point", "special"]
+    assert first[-1]["open"]
+    assert "limit of 0 s" in first[-1]["reason"]
+    kept = resumable(first, request)
+    assert [*kept, *islice(walked("stick", kept), 5)] == whole("stick")[:6]
+
+
+def test_a_branch_goes_on_where_a_slip_has_just_appeared():
+    """Its duration is near zero there, so that a small residual leaves a large error of its end."""
+    records = [record.to_record() for record in follow_family(named("compass-torque-stick"), BRANCHES["stick"][1])]
+    specials = [record for record in records if record["record"] == "special"]
+    assert [special["type"] for special in specials] == ["mode_change", "mode_change", "neimark_sacker", "end"]
+    assert specials[-1]["bound"]
+
+
+def test_every_point_is_as_precise_as_its_confirmation_demands():
+    request = replace(BRANCHES["stick"][1], to=(0.145,), verify_every=1)
+    records = [record.to_record() for record in follow_family(named("compass-torque-stick"), request)]
+    points = [record for record in records if record["record"] == "point"]
+    assert {len(point["phases"]) for point in points} == {1, 2, 3}
+    for point in points:
+        times = next(c for c in point["verification"]["claims"] if c["name"] == "switching times")
+        assert times["figure"] < 5e-11  # of 1e-9 that are allowed
+
+
+def test_a_point_that_the_simulator_refutes_is_solved_again_before_the_branch_ends(monkeypatch):
+    """The simulator is made to refute every gait on the first mesh, or beyond a friction every gait."""
+
+    def branch(refuted):
+        seen = []
+
+        def doubtful(gait):
+            check = confirm(gait)
+            wrong = refuted(gait)
+            seen.append(wrong)
+            claims = [replace(c, passed=False) if wrong and c.name == "period" else c for c in check.claims]
+            return replace(check, claims=tuple(claims))
+
+        monkeypatch.setattr(continuer, "confirm", doubtful)
+        start, _ = BRANCHES["wheel"]
+        request = Request(parameter="friction", to=(0.97,), verify_every=2)
+        return seen, list(follow_family(start(), request))
+
+    first = sum(named("rimless-wheel-stick").shooting.intervals)
+    seen, records = branch(lambda gait: sum(gait.shooting.intervals) == first)
+    assert seen[:2] == [True, False]
+    assert records[0].gait.verification["passed"]
+    assert sum(records[0].gait.shooting.intervals) == 2 * first
+    assert records[-1].bound
+    seen, records = branch(lambda gait: gait.dynamics.parameter("friction") < 0.99)
+    assert seen.count(True) == 2
+    assert records[-1].type == "end"
+    assert not records[-1].gait.verification["passed"]
