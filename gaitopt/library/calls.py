@@ -24,8 +24,9 @@ def solve(
     """Solve a problem for its gait; the reference of a PD law is solved first.
 
     A problem whose continuous parameters were changed by ``replace`` keeps the gait of its file: that gait is followed
-    along the straight line from the file's values to the new ones. If its family ends on the way, the status is
-    ``infeasible``, and message and causes say where and why. The command line, sweeps and ``explain`` do the same.
+    from the file's values to the new ones. If its family ends on the way, the status is ``infeasible``; the message
+    says where, and the causes say what the motion would violate at the new values. The command line, sweeps and
+    ``explain`` do the same.
     ``solve(problem.from_guess())`` looks for a gait near the guess instead. So does ``solve`` itself where another
     guess, mode sequence or structure was given, for designs, and where the file's problem has no gait.
 

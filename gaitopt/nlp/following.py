@@ -1,16 +1,20 @@
-"""A gait followed to other values of its parameters, along the straight line between them.
+"""A gait followed to other values of its parameters.
 
-    p(s) = (1 - s) p_start + s p_end,      F(w, p(s)) = 0,      s from 0 to 1
+    F(w, p(s)) = 0,      p(s) = p_start^(1 - s) p_end^s,      s from 0 to 1
 
-Each step is Newton's method from the polynomial through the last solutions. It is accepted where Newton's steps
-contract by a half each, which keeps the solution on the family, the state changes little, and no margin of the mode
-sequence is violated. Otherwise the step is halved. IPOPT is not asked: it may find the gait of another family, and
-rounding then decides which one.
+The path is straight in the logarithms of the parameters, so that a mass of tonnes is as near as one of grams; a
+parameter that changes its sign or is zero at an end is interpolated linearly. Each step is Newton's method from the
+polynomial through the last solutions. It is accepted where Newton's steps contract by a half each, which keeps the
+solution on the family, and the state changes little; otherwise it is halved. IPOPT is not asked: it may find the gait
+of another family, and rounding would then decide which one. The margins of the mode sequence decide at the end of the
+path alone; where the gait is lost, they say where on the path they were first violated.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 
@@ -26,7 +30,7 @@ from gaitopt.nlp.nearby import solve_nearby
 from gaitopt.nlp.newton import linearise, polish
 from gaitopt.nlp.refinement import Refined, refine
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.solve import assembled, rejection_reason
+from gaitopt.nlp.solve import RESIDUAL_TOLERANCE, assembled, rejection_reason, vanished
 from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
@@ -34,16 +38,19 @@ JUMP = 0.1
 """Largest change of the state after impact on one step, relative to its largest entry."""
 SMALLEST_STEP = 1e-4
 """Steps of s, below which the family is at its end."""
+VANISHING = 4 * SMALLEST_STEP
+"""A phase whose duration falls to zero within this part of the path vanishes at the end of the family."""
 REMEMBERED = 5
 """Solutions that are extrapolated from: with more, what rounding adds is as much as what is left out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Place:
-    """A gait on the way, and the unknowns of the last ones up to it with their s, the latest first."""
+    """A motion on the way, what keeps it from being a gait, and the last unknowns with their s, the latest first."""
 
     s: float
     solution: Refined[MultipleShooting]
+    wrong: tuple[Cause, ...] = ()
     passed: tuple[tuple[float, Array], ...]
 
 
@@ -61,42 +68,61 @@ def follow(start: Gait, problem: Problem, *, progress: Progress | None = None, s
 
     Returns
     -------
-    gait : where the family ends on the way, ``infeasible``; ``message`` and ``causes`` say where and why.
+    gait : where the family ends on the way, ``infeasible``; ``message`` says where. ``causes`` are what the motion
+        violates at the parameters of ``problem``; or, if it cannot be followed so far, where it is first no gait.
+        ``solver["followed"]`` is the part of the way over which it could be followed.
     """
     began = time.perf_counter()
     goal = Dynamics(start.system, start.system.values(problem.parameters))
-    here, step, iterations, count = _first(start), 1.0, 0, 0
-    wrong: tuple[Cause, ...] = ()
-
-    def failed(status: Status, message: str, causes: tuple[Cause, ...] = ()) -> Gait:
-        solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
-        return Gait(problem=problem, dynamics=goal, status=status, message=message, solver=solver, causes=causes)
-
-    while here.s < 1:
+    here, step, steps, iterations = _first(start), 1.0, 0, 0
+    causes: tuple[Cause, ...] = ()
+    broken: tuple[_Place, _Place] | None = None  # the last place without a violated margin, and the first with one
+    while here.s < 1 and step >= SMALLEST_STEP:
         if progress is not None:
-            progress(count, 1 - here.s)
+            progress(steps, 1 - here.s)
         if should_stop is not None and should_stop():
-            return failed(Status.INTERRUPTED, "interrupted")
-        s = min(here.s + step, 1.0)
-        p = goal.p if s == 1 else (1 - s) * start.p + s * goal.p
-        following, wrong, newton = _next(here, s, p)
-        iterations, count = iterations + newton, count + 1
-        if following is not None and not wrong:
-            here, step = following, 2 * step
-        elif step / 2 < SMALLEST_STEP:
-            causes = wrong or (Cause(what="fold", words="the family turns back, or its motion breaks down"),)
-            place = _words(start, problem, here.s)
-            return failed(
-                Status.INFEASIBLE, f"the family of the file's own gait ends near {place}: {in_words(causes)}", causes
-            )
-        else:
+            return _failed(problem, goal, Status.INTERRUPTED, "interrupted")
+        following, newton = _next(here, min(here.s + step, 1.0), start.p, goal.p)
+        steps, iterations = steps + 1, iterations + newton
+        if following is None:
             step /= 2
-    return assembled(
-        problem,
-        here.solution,
-        message="solved" if count == 1 else "solved, followed from the gait of the problem's file",
-        solver={"iterations": float(iterations), "seconds": time.perf_counter() - began},
-    )
+            continue
+        if broken is None and following.wrong:
+            broken = here, following
+        here, step = following, 2 * step
+    solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
+    if here.s == 1 and not here.wrong:
+        words = "solved" if steps == 1 else "solved, followed from the gait of the problem's file"
+        return assembled(problem, here.solution, message=words, solver=solver)
+    if broken is None:
+        end, causes = here, (_lost(here),)
+    else:
+        end, causes = _last_gait(*broken, start.p, goal.p), here.wrong or broken[1].wrong
+    values = dict(zip(start.system.parameters, _between(start.p, goal.p, end.s), strict=True))
+    changed = [key for key, value in problem.parameters.items() if start.problem.parameters[key] != value]
+    place = ", ".join(f"{key} = {values[key]:.4g}" for key in changed if key in values)
+    message = f"the family of the file's own gait ends near {place}: {in_words(causes)}"
+    return _failed(problem, goal, Status.INFEASIBLE, message, causes, {**solver, "followed": here.s})
+
+
+def _failed(
+    problem: Problem,
+    dynamics: Dynamics,
+    status: Status,
+    message: str,
+    causes: tuple[Cause, ...] = (),
+    solver: Mapping[str, float] = MappingProxyType({}),
+) -> Gait:
+    return Gait(problem=problem, dynamics=dynamics, status=status, message=message, causes=causes, solver=dict(solver))
+
+
+def _between(p_start: Array, p_end: Array, s: float) -> Array:
+    """The parameters at ``s``; exactly those of the ends there."""
+    if s in (0.0, 1.0):
+        return p_end if s else p_start
+    alike = p_start * p_end > 0
+    ratio = np.divide(p_end, p_start, out=np.ones_like(p_end), where=alike)
+    return np.where(alike, p_start * ratio**s, (1 - s) * p_start + s * p_end)
 
 
 def _first(start: Gait) -> _Place:
@@ -112,22 +138,46 @@ def _first(start: Gait) -> _Place:
 
 
 @overflow_allowed()
-def _next(here: _Place, s: float, p: Array) -> tuple[_Place | None, tuple[Cause, ...], int]:
-    """The gait at ``s``, where it continues the one here; what is wrong with it; and the number of Newton steps."""
-    transcription = here.solution.transcription
+def _next(here: _Place, s: float, p_start: Array, p_end: Array) -> tuple[_Place | None, int]:
+    """The gait at ``s``, None where it does not continue the one here; and the number of Newton steps."""
+    p, transcription = _between(p_start, p_end, s), here.solution.transcription
     near = solve_nearby(transcription, _predicted(here.passed, s), p)
     if not near.settled:
-        return None, (), near.steps
+        return None, near.steps
     solution = refine(transcription, polish(transcription, near.w, p).at)
     before, after = (at.w[: transcription.system.n_z] for at in (here.solution.at, solution.at))
-    if not np.abs(after - before).max() < JUMP * np.abs(before).max():
-        return None, (), near.steps
+    solved = solution.at.size <= RESIDUAL_TOLERANCE and solution.accurate
+    if not (solved and np.abs(after - before).max() < JUMP * np.abs(before).max()):
+        return None, near.steps
     ordered = _in_order(solution)
     if ordered is None:
-        return None, (), near.steps
+        return None, near.steps
     passed = ((s, ordered.at.w), *(here.passed if ordered.transcription is transcription else ()))
-    place = _Place(s=s, solution=ordered, passed=passed[:REMEMBERED])
-    return place, rejection_reason(ordered), near.steps
+    wrong = rejection_reason(ordered)
+    return _Place(s=s, solution=ordered, wrong=wrong, passed=passed[:REMEMBERED]), near.steps
+
+
+def _last_gait(gait: _Place, motion: _Place, p_start: Array, p_end: Array) -> _Place:
+    """The last gait on the way from a gait to a motion that violates a margin, by bisection."""
+    while motion.s - gait.s > SMALLEST_STEP:
+        middle, _ = _next(gait, (gait.s + motion.s) / 2, p_start, p_end)
+        if middle is None:
+            break
+        gait, motion = (gait, middle) if middle.wrong else (middle, motion)
+    return gait
+
+
+def _lost(here: _Place) -> Cause:
+    """Why the equations have no solution a little further: a phase vanishes there, or the family turns back."""
+    transcription = here.solution.transcription
+    for (s, w), (s_before, before) in pairwise(here.passed):
+        durations = transcription.unpack(w).durations
+        rates = (transcription.unpack(before).durations - durations) / (s - s_before)
+        vanishing = np.flatnonzero(durations < VANISHING * rates)
+        if vanishing.size:
+            return vanished(transcription.layout.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
+        break
+    return Cause(what="fold", words="the family turns back, or its motion breaks down")
 
 
 def _predicted(passed: Sequence[tuple[float, Array]], s: float) -> Array:
@@ -155,12 +205,3 @@ def _in_order(solution: Refined[MultipleShooting]) -> Refined[MultipleShooting] 
     near = solve_nearby(changed, changed.pack(rolled.nodes(changed.layout), durations), at.p)
     in_order = near.settled and changed.layout.in_order(changed.unpack(near.w).durations, breakpoints)
     return refine(changed, polish(changed, near.w, at.p).at) if in_order else None
-
-
-def _words(start: Gait, problem: Problem, s: float) -> str:
-    """The values of the changed parameters at a part ``s`` of the way."""
-    before = start.problem.parameters
-    values = {
-        key: (1 - s) * before[key] + s * value for key, value in problem.parameters.items() if before[key] != value
-    }
-    return ", ".join(f"{key} = {value:.4g}" for key, value in values.items())

@@ -209,11 +209,9 @@ def rejection_reason(refined: Refined[Transcription]) -> tuple[Cause, ...]:
     """What keeps a solution of the equations from being a gait; empty for a gait."""
     transcription, at = refined.transcription, refined.at
     _, durations, _ = transcription.unpack(at.w)
-    modes = transcription.layout.cycle.phases
-    for phase, (mode, duration) in enumerate(zip(modes, durations, strict=True), start=1):
-        if duration < VANISHING * durations.sum():
-            words = f"phase {phase} ({mode}) shrinks to nothing: here the gait does without it"
-            return (Cause(what="duration", words=words, phase=phase - 1, needed=0.0, available=float(duration)),)
+    short = np.flatnonzero(durations < VANISHING * durations.sum())
+    if short.size:
+        return (vanished(transcription.layout.cycle, int(short[0]), float(durations[short[0]])),)
     if not np.isfinite(refined.errors).all():
         words = "the equations are singular there: the gait is not isolated, or its motion breaks down"
         return (Cause(what="equations", words=words),)
@@ -226,6 +224,12 @@ def rejection_reason(refined: Refined[Transcription]) -> tuple[Cause, ...]:
     violated = violations(transcription, at.w, at.p, transcription.margin_values(at.w, at.p), RESIDUAL_TOLERANCE)
     early = None if violated else early_event(transcription, at.w, at.p)
     return tuple(violated) if early is None else (early,)
+
+
+def vanished(cycle: Cycle, phase: int, duration: float) -> Cause:
+    """That a phase shrinks to nothing."""
+    words = f"phase {phase + 1} ({cycle.phases[phase]}) shrinks to nothing: here the gait does without it"
+    return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
 
 
 @overflow_allowed()

@@ -159,10 +159,12 @@ def _causes(
 ) -> tuple[Cause, ...]:
     """The conditions that the attempt violates; before those that only state where it ended, the end of the family.
 
-    Along a parameter that has been changed that is the end of the file's own gait, else the nearest of all.
+    Along a parameter that has been changed that is the end of the file's own gait, else the nearest of all. It also
+    comes before what an attempt violates that could not be followed to the problem's values.
     """
     causes = direct or (Cause(what="search", words=gait.message),)
-    if causes[0].what not in INDIRECT or not nearest:
+    here = gait.solver.get("followed", 1.0) == 1.0
+    if (here and causes[0].what not in INDIRECT) or not nearest:
         return causes
     values, changed = problem.parameters, [] if own is None else changed_parameters(problem, own)
     along = [n for n in nearest if n.parameter in changed] or nearest

@@ -2,7 +2,7 @@
 
 A named gait stays itself: with other values of its parameters it is followed from those of its file,
 
-    p(s) = (1 - s) p_file + s p,        s from 0 to 1
+    F(w, p(s)) = 0,        p(0) = p_file,        p(1) = p
 
 A problem that is not a file's problem with other values of continuous parameters is solved from its guess.
 """
