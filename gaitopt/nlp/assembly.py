@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from gaitopt.arrays import Array
 from gaitopt.gait import Arc, Gait, ImpactRecord, Status, Step, curves, floquet_multipliers, measure
 from gaitopt.gait.gait import Shooting
 from gaitopt.mechanics import Cycle, Dynamics, Mode, ending_margin
 from gaitopt.mechanics.buffered import buffered
-from gaitopt.nlp.layout import ArcLayout
+from gaitopt.nlp.layout import COINCIDENT, ArcLayout
 from gaitopt.nlp.newton import Linearisation, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
@@ -33,9 +35,10 @@ def assemble_gait(
     at : the equalities at the solution.
     errors : ndarray, shape (n_phases,) - estimated integration error.
     """
-    nodes, _, freed = transcription.unpack(at.w)
+    w = _forward_in_time(transcription, at.w)
+    nodes, _, freed = transcription.unpack(w)
     dynamics = transcription.dynamics(at.p, freed)
-    steps = assemble_steps(transcription, at.w, at.p)
+    steps = assemble_steps(transcription, w, at.p)
     return Gait(
         problem=problem,
         dynamics=dynamics,
@@ -43,7 +46,7 @@ def assemble_gait(
         message=message,
         steps=steps,
         shooting=Shooting(
-            times=transcription.node_times(at.w),
+            times=transcription.node_times(w),
             states=nodes.T,
             intervals=tuple(arc.intervals for arc in transcription.layout.arcs),
             residual=at.size,
@@ -58,6 +61,7 @@ def assemble_gait(
 
 def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int, ...] = COUNTS) -> tuple[Step, ...]:
     """The steps that ``w`` describes; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
+    w = _forward_in_time(problem, w)
     nodes, _, freed = problem.unpack(w)
     dynamics, cycle = problem.dynamics(p, freed), problem.layout.cycle
     arcs: list[list[Arc]] = [[] for _ in cycle.steps]
@@ -71,6 +75,13 @@ def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int
         )
         for step, (own, impact, end) in enumerate(ends)
     )
+
+
+def _forward_in_time(problem: Transcription, w: Array) -> Array:
+    """The same unknowns with a duration of zero where rounding has made that of a vanishing phase negative."""
+    nodes, durations, freed = problem.unpack(w)
+    rounding = (durations < 0) & (durations > -COINCIDENT * durations.sum())
+    return problem.pack(nodes, np.where(rounding, 0.0, durations), freed) if rounding.any() else w
 
 
 def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecord:

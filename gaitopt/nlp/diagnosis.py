@@ -10,6 +10,7 @@ from gaitopt.gait import Cause, curves
 from gaitopt.gait.early_fall import lowest_after_rise
 from gaitopt.mechanics import Control, Cycle, ending_margin, margin, margin_names, margin_scales
 from gaitopt.mechanics.margins import PUSH
+from gaitopt.nlp.layout import COINCIDENT
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.nlp.units import Label
 
@@ -31,7 +32,7 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     """
     if (margins >= 0).all() and (problem.unpack(w).durations >= 0).all():
         return []
-    present = [c for c in _duration_violations(problem, w) if c.severity > tolerance]
+    present = [c for c in _duration_violations(problem, w, p) if c.severity > tolerance]
     present = present or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
     worst: dict[tuple[int | None, int], Cause] = {}
     for violation in sorted(present, key=lambda c: c.severity):
@@ -145,13 +146,14 @@ def _margin_violations(problem: Transcription, w: Array, p: Array, margins: Arra
             yield _cause(label.name, text, problem, w, label, **numbers)
 
 
-def _duration_violations(problem: Transcription, w: Array) -> Iterator[Cause]:
-    _, durations, _ = problem.unpack(w)
+def _duration_violations(problem: Transcription, w: Array, p: Array) -> Iterator[Cause]:
+    _, durations, freed = problem.unpack(w)
     period = float(durations.sum())
     for phase, duration in enumerate(durations):
         if duration < 0:
             place = problem.layout.cycle.phase_words(phase)
-            words = f"{place}: its duration is {duration:.4g} s, so it does not take place"
+            backward = f"{duration:.4g}" if duration < -COINCIDENT * problem.dynamics(p, freed).scales.time else "0"
+            words = f"{place}: its duration is {backward} s, so it does not take place"
             severity = float(-duration / abs(period))
             yield Cause(
                 what="duration", words=words, phase=phase, needed=0.0, available=float(duration), severity=severity

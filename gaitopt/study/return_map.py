@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.callbacks import Stop
-from gaitopt.gait import Gait
+from gaitopt.gait import Ending, Gait
 from gaitopt.mechanics import CONTACTS, Dynamics, Mode
 from gaitopt.problem import Problem
-from gaitopt.simulation import Engine, Simulator, choose_engine
+from gaitopt.simulation import Engine, Simulator, StepOutcome, choose_engine
 from gaitopt.simulation.batch.functions import RowMap
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, followed_by, phase_names, stack_outcomes
 from gaitopt.study.system import problem_dynamics
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from gaitopt.simulation.batch.simulator import BatchSimulator
 
 Codes = NDArray[np.int64]
+UNDEFINED = StepOutcome(
+    step=None, ending=Ending.NUMERICAL, message="the section coordinates belong to no state of the walker"
+)
+"""Of section coordinates from which some coordinate or rate does not follow, as too fast for the energy of a runner."""
 
 CHUNK = 4096
 """States of one job: a tenth of a second of work, a third of a megabyte."""
@@ -166,7 +170,8 @@ class StepMap:
         if self._engine is Engine.HEYOKA:
             return self._batches[side].step(states)
         simulator = self._simulator.sides[side]
-        return stack_outcomes([simulator.step(state) for state in states], states, self.dynamics.system.walker.modes())
+        outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED for state in states]
+        return stack_outcomes(outcomes, states, self.dynamics.system.walker.modes())
 
 
 @per_thread(maxsize=8)

@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.errors import SolveError, UnknownNameError
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Gait, Step, Trajectory, measure
 from gaitopt.gait.motion import WalkerMotion
 from gaitopt.mechanics import Dynamics
@@ -99,6 +100,8 @@ def simulate(
     ------
     SolveError
         If ``start`` is an attempt that failed, and ``state`` does not say where to start.
+    ProblemError
+        If a coordinate or rate of the state is not a finite number.
     UnknownNameError
         If ``state`` names something that is not a section coordinate of the walker, or the
         engine is unknown or not installed.
@@ -135,4 +138,12 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
         known = {}
     else:
         known = dict(zip(dynamics.system.state_names, start.state, strict=True))
-    return dynamics.lift(np.array([float({**known, **state}[name]) for name in names]))
+    section = {name: float({**known, **state}[name]) for name in names}
+    z = dynamics.lift(np.array([*section.values()]))
+    undefined = [
+        f"{name} = {value}" for name, value in zip(dynamics.system.state_names, z, strict=True) if not isfinite(value)
+    ]
+    if undefined:
+        words = ", ".join(f"{name} = {value:g}" for name, value in section.items())
+        raise ProblemError(f"state {words}: the walker would start with {undefined[0]}, which is no number")
+    return z

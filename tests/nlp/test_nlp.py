@@ -10,6 +10,8 @@ from gaitopt.gait import Status
 from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, Mode, NoControl
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.nlp import integrate_to, roll_out, solve_gait
+from gaitopt.nlp.assembly import assemble_steps
+from gaitopt.nlp.diagnosis import violations
 from gaitopt.nlp.integrator import ORDER, shooting_step
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting
@@ -151,3 +153,18 @@ def test_progress_reports_every_iteration():
     solve_gait(problem, system, progress=lambda iteration, violation: seen.append((iteration, violation)))
     assert [iteration for iteration, _ in seen] == list(range(len(seen)))
     assert seen[-1][1] < 1e-9 < seen[0][1]
+
+
+def test_a_phase_that_vanishes_never_has_a_negative_duration():
+    problem, system = passive("compass-passive-a")
+    gait = solve_gait(problem, system)
+    plan = layout(problem.cycle, [duration for _, duration in gait.phases], ())
+    transcription = MultipleShooting(system, plan)
+    nodes = np.repeat(gait.state[:, None], plan.n_nodes, axis=1)
+    for duration in (-1.5e-17, -1e-4):
+        w = transcription.pack(nodes, np.array([duration, 0.6, 0.1]))
+        steps = assemble_steps(transcription, w, gait.p)
+        first = steps[0].phases[0][1]
+        assert first == (0 if duration > -1e-10 else pytest.approx(duration))
+        causes = violations(transcription, w, gait.p, np.ones(1), 0.0)
+        assert ("duration is 0 s" if first == 0 else "duration is -0.0001 s") in causes[0].words

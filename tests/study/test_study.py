@@ -1,6 +1,7 @@
 """Solving, simulating, and the references of PD laws, as a user calls them."""
 
 import json
+import math
 from functools import cache
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from named import named
 
 import gaitopt as go
-from gaitopt.errors import SolveError, UnknownNameError
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait import MEASURES, Ending, Gait
 from gaitopt.mechanics import BeyondEnd
 from gaitopt.study import Walk
@@ -173,3 +174,18 @@ def test_reference_that_is_no_gait_is_an_error_that_says_why(tmp_path) -> None:
     (tmp_path / "tracking.yaml").write_text(tracking)
     with pytest.raises(SolveError, match=r"its reference compass-passive-b is (infeasible|not_converged): "):
         build_system(go.load_problem(tmp_path / "tracking.yaml"))
+
+
+@pytest.mark.parametrize("engine", ["scipy", "heyoka"])
+def test_section_coordinates_of_no_state_end_numerically_and_leave_the_others_alone(engine):
+    if engine == "heyoka":
+        pytest.importorskip("heyoka")
+    problem = go.load_problem("slip-run")  # a rate that takes more than its energy
+    returns = go.return_map(problem, [[1.1], [1e6], [-30.0], [1e200]], engine=engine)
+    assert returns.endings.tolist() == [0, *[list(Ending).index(Ending.NUMERICAL)] * 3]
+
+
+@pytest.mark.parametrize("state", [{"dtheta": 1e6}, {"dtheta": -30.0}, {"dtheta": 1e200}, {"dx": math.nan}])
+def test_a_walk_does_not_start_where_some_rate_is_no_number(state):
+    with pytest.raises(ProblemError, match=r"the walker would start with d(shortening|x) = nan, which is no number"):
+        go.simulate(go.load_problem("slip-run"), state)
