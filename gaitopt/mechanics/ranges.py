@@ -24,6 +24,9 @@ UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "impulse": (" m sqrt(g l)", lambda s: s.impulse),
     "torque": (" m g l", lambda s: s.energy),
     "damping": (" m g l sqrt(l/g)", lambda s: s.energy * s.time),
+    "stiffness": (" m g/l", lambda s: s.force / s.length),
+    "drag": (" m sqrt(g/l)", lambda s: s.mass / s.time),
+    "inertia": (" m l^2", lambda s: s.mass * s.length**2),
     "torque_squared": (" (m g l)^2 sqrt(l/g)", lambda s: s.energy**2 * s.time),
 }
 """Natural units: in words, and their value in SI; l is the leg length, m the whole mass, g gravity."""

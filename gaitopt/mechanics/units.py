@@ -46,5 +46,15 @@ NonNegative = Annotated[Number, Field(ge=0)]
 """A finite number, zero allowed."""
 Angle = Annotated[Number, BeforeValidator(parse_angle)]
 """A finite angle [rad]; texts such as ``1 deg`` are converted."""
+Stiffness = Annotated[NonNegative, Within(unit="stiffness", possible=(0, 1e6), usual=(0, 1e4))]
+"""Of a spring along a line [N/m]."""
+TurningStiffness = Annotated[NonNegative, Within(unit="torque", possible=(0, 1e6), usual=(0, 1e3))]
+"""Of a spring that turns a joint [N m/rad]."""
+Damping = Annotated[NonNegative, Within(unit="drag", possible=(0, 1e4), usual=(0, 100))]
+"""Coefficient of a damper along a line [N s/m]."""
+TurningDamping = Annotated[NonNegative, Within(unit="damping", possible=(0, 1e4), usual=(0, 100))]
+"""Coefficient of a damper in a joint [N m s/rad]."""
+Inertia = Annotated[NonNegative, Within(unit="inertia", possible=(0, 100), usual=(0, 1))]
+"""About the centre of mass [kg m^2]."""
 Slope = Annotated[Angle, Field(ge=-STEEPEST, le=STEEPEST), Within(usual=symmetric(math.radians(30)))]
 """An inclination of the ground [rad]."""

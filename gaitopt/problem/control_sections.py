@@ -41,9 +41,12 @@ class Curve(Section):
             le=pi,
             description="bound of the curves' angles on both sides of zero [rad], kept by construction",
         ),
+        Within(usual=(0.01, pi)),
     ] = 0.6
     duration: Annotated[
-        Duration | None, Field(description="of the curves [s]; the period of the start's gait if left out"), DURATION
+        Duration | None,
+        Field(description="of the curves [s]; the period of the start's gait if left out"),
+        Within(unit="time", possible=DURATION.possible, usual=(0.1, DURATION.usual[1])),
     ] = None
     points: Annotated[
         dict[str, tuple[Angle, ...]] | None,

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from gaitopt.mechanics.cycle import Cycle
 from gaitopt.mechanics.modes import Mode
-from gaitopt.mechanics.units import Angle, Number
+from gaitopt.mechanics.units import SMALLEST, Angle, Number
 from gaitopt.mechanics.walker import Walker
 from gaitopt.problem.control_sections import ControlSpec, CurveReference, NoControlSpec, PDSpec
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
@@ -80,8 +80,10 @@ def read_objective(data: object, scope: Scope, faults: list[Fault]) -> dict[str,
         why, weight = scope.objection(name), _number(value)
         if why:
             faults.append(Fault((*path, name), why))
-        elif not weight:
-            message = f"{shown(value)} is not a weight: give a number, negative to maximise, not 0"
+        elif weight is None or abs(weight) < SMALLEST:
+            message = (
+                f"{shown(value)} is not a weight: give a number, negative to maximise, at least {SMALLEST:g} in size"
+            )
             faults.append(Fault((*path, name), message))
         else:
             weights[name] = weight

@@ -61,11 +61,7 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
 def remarks(problem: ProblemStatement) -> Iterator[Fault]:
     """Numbers that are possible, but more likely a mistake than meant."""
     scales, walker = natural_units(problem.walker), problem.walker
-    if isinstance(problem.friction, float):
-        friction = _annotated(("friction",), problem.friction, HeadSection.model_fields["friction"].metadata)
-    else:
-        friction = _of(problem.friction, ("friction",))
-    for path, lower, upper, within in [*friction, *_of(walker, ("walker",)), *_spans(problem)]:
+    for path, lower, upper, within in _spans(problem):
         why = within.remark(lower, upper, scales)
         if why:
             yield Fault(path, why)
@@ -106,7 +102,10 @@ def natural_units(walker: Walker) -> Scales:
 def _spans(problem: ProblemStatement) -> Iterator[Span]:
     """All numbers whose range is in natural units, or depends on the walker."""
     walker, control, laws = problem.walker, problem.control, dict[str, Any]()
+    yield from _friction(problem)
+    yield from _of(walker, ("walker",))
     fields = state_section(type(walker)).model_fields
+    parameters = {name: field.metadata for name, field in type(walker).model_fields.items()}
     for name, value in () if problem.start is None else problem.start.state.items():
         yield from _annotated((*STATE, name), value, fields[name].metadata)
     for k, duration in enumerate((problem.start and problem.start.durations) or ()):
@@ -122,10 +121,17 @@ def _spans(problem: ProblemStatement) -> Iterator[Span]:
             yield from _of(control.reference.curve, ("control", "reference", "curve"))
     for key, unknown in problem.free.items():
         group, _, name = key.rpartition(".")
-        for k, bound in enumerate((unknown.lower, unknown.upper) if group == "control" else ()):
-            yield from _annotated(("control", name, "free", k), bound, laws[name])
+        metadata = {"control": laws, "walker": parameters}.get(group, {}).get(name, [])
+        for k, bound in enumerate((unknown.lower, unknown.upper)):
+            yield from _annotated((group, name, "free", k), bound, metadata)
     for name, span in problem.constraints.items():
         yield from ((("constraints", name), span.minimum, span.maximum, part) for part in _scalar_range(name, problem))
+
+
+def _friction(problem: ProblemStatement) -> Iterator[Span]:
+    if isinstance(problem.friction, float):
+        return _annotated(("friction",), problem.friction, HeadSection.model_fields["friction"].metadata)
+    return _of(problem.friction, ("friction",))
 
 
 def _of(model: BaseModel, path: Key) -> Iterator[Span]:

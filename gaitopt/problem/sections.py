@@ -20,6 +20,7 @@ MAX_STEPS = 64
 MAX_PHASES = 64
 """Of one step: known gaits have up to five, and the equations grow with them."""
 FRICTION = Within(usual=(0, 3))
+DRAG = Within(unit="drag", possible=(0, 1e4), usual=(0, 100))
 RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
 SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
 POSITION = Within(unit="length", possible=symmetric(1000))
@@ -53,7 +54,7 @@ class FrictionCoefficients(Section):
     kinetic: Annotated[
         NonNegative, Field(le=1000, description="coefficient mu_k of a slipping foot, at most the static one"), FRICTION
     ]
-    viscous: Annotated[NonNegative, Field(le=1e6, description="drag c of a slip besides that [N s/m]")] = 0.0
+    viscous: Annotated[NonNegative, Field(le=1e6, description="drag c of a slip besides that [N s/m]"), DRAG] = 0.0
 
     @model_validator(mode="after")
     def _static_is_larger(self) -> Self:

@@ -334,7 +334,7 @@ def test_an_integer_cannot_be_free():
         (
             "objective: {speed: 0}",
             "18:13 objective.speed",
-            "0 is not a weight: give a number, negative to maximise, not 0",
+            "0 is not a weight: give a number, negative to maximise, at least 1e-30 in size",
         ),
         ("objective: 3", "18:1 objective", "3 is neither a NAME nor a mapping {NAME: weight}"),
         ("constraints: [speed]", "18:1 constraints", "['speed'] is not a mapping {NAME: value} or {NAME: {min, max}}"),

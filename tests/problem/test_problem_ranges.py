@@ -1,5 +1,9 @@
 """Numbers that no walker can have are refused with their range, unusual ones are remarked and solved all the same."""
 
+import math
+import re
+from pathlib import Path
+
 import pytest
 
 import gaitopt as go
@@ -122,3 +126,50 @@ def test_every_range_is_in_the_schema():
     assert scalars["spectral_radius"]["anyOf"][0]["minimum"] == 0
     assert schema["friction"]["anyOf"][0]["maximum"] == 1000
     assert schema["gait"]["oneOf"][0]["properties"]["phases"]["maxItems"] == 64
+
+
+NO_NUMBERS = [math.nan, math.inf, -math.inf, 10**400, 1e300, -1e300, True, False, "abc", "", None, [], [1.0], {}, 1j]
+YAML_NO_NUMBERS = [".nan", ".inf", "-.inf", "1e400", "1e300", "true", "abc", "''", "null", "[]", "[1]", "{}", "9" * 400]
+HUGE_IS_A_UNIT = ("mass", "gravity")
+SIGNED = ("slope", "hip_rest")
+
+
+def numbers_of_walkers():
+    """A problem and a key for every parameter of every walker, every control value and every kind of friction."""
+    seen = set()
+    for path in sorted(Path(__file__).parents[2].glob("problems/*.yaml")):
+        problem = go.load_problem(path)
+        for key in problem.parameters:
+            group = problem.walker.model if key.startswith("walker") else ""
+            if key not in problem.free and (group, key) not in seen:
+                seen.add((group, key))
+                yield path.stem, key
+
+
+def accepts(problem, key, value):
+    try:
+        problem.replace({key: value})
+    except ProblemError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(("name", "key"), [*numbers_of_walkers()])
+def test_no_number_takes_nonsense(name, key):
+    problem = go.load_problem(name)
+    signed = key.endswith(SIGNED) or (key.startswith("control") and not key.startswith("control.k"))
+    nonsense = [*NO_NUMBERS, *([] if signed else [-1.0, -1e-9])]
+    nonsense += [] if any(word in key for word in HUGE_IS_A_UNIT) else [1e30, -1e30]
+    assert [value for value in nonsense if accepts(problem, key, value)] == []
+    tiny = {accepts(problem, key, value) for value in (1e-320, 1e-300, 1e-31)}
+    assert tiny == {accepts(problem, key, 0.0)}  # what is below the smallest number counts as zero
+
+
+@pytest.mark.parametrize("text", YAML_NO_NUMBERS)
+@pytest.mark.parametrize("key", ["leg_mass", "slope", "friction", "ankle", "theta1"])
+def test_a_file_takes_no_nonsense_either(key, text):
+    before = go.load_problem("compass-torque-stick").text or ""
+    changed = re.sub(rf"\b{key}: [^,}}#\n]+", f"{key}: {text}", before)
+    assert changed != before
+    with pytest.raises(ProblemError):
+        parse_problem(changed)

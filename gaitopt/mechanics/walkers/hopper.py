@@ -16,7 +16,8 @@ from casadi import SX, sqrt, vertcat
 from pydantic import Field
 
 from gaitopt.mechanics.mechanism import Body, Mechanism, coil
-from gaitopt.mechanics.units import Positive
+from gaitopt.mechanics.ranges import Within
+from gaitopt.mechanics.units import SMALLEST, Positive, Stiffness
 from gaitopt.mechanics.walker import Walker
 
 
@@ -35,8 +36,12 @@ class Hopper(Walker):
     leg_length: Annotated[Positive, Field(description="full length of the leg [m]")]
     body_mass: Annotated[Positive, Field(description="mass of the body [kg]")]
     foot_mass: Annotated[Positive, Field(description="mass of the foot [kg]")]
-    stiffness: Annotated[Positive, Field(description="stiffness of the leg [N/m]")]
-    thrust: Annotated[Positive, Field(description="force that extends the leg after its turn [N]")]
+    stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of the leg [N/m]")]
+    thrust: Annotated[
+        Positive,
+        Field(description="force that extends the leg after its turn [N]"),
+        Within(unit="force", possible=(0, 1e4), usual=(0, 100)),
+    ]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
 
     @classmethod

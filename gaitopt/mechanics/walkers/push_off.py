@@ -11,6 +11,7 @@ from typing import Annotated
 from pydantic import Field
 
 from gaitopt.mechanics.mechanism import Mechanism, polar
+from gaitopt.mechanics.ranges import Within
 from gaitopt.mechanics.units import NonNegative
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 
@@ -21,7 +22,11 @@ class PushOffCompass(CompassBiped):
     model = "push_off_compass"
     pushes = True
 
-    push: Annotated[NonNegative, Field(description="impulse of the push along the stance leg [N s]")]
+    push: Annotated[
+        NonNegative,
+        Field(description="impulse of the push along the stance leg [N s]"),
+        Within(unit="impulse", possible=(0, 100), usual=(0, 1)),
+    ]
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:

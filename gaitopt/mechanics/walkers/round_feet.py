@@ -18,7 +18,7 @@ from pydantic import Field
 
 from gaitopt.mechanics.mechanism import Body, Mechanism, inclined, polar
 from gaitopt.mechanics.ranges import shorter
-from gaitopt.mechanics.units import NonNegative, Positive, Slope
+from gaitopt.mechanics.units import Inertia, NonNegative, Positive, Slope
 from gaitopt.mechanics.walker import Walker
 
 ARC = tuple(k / 10 for k in range(-6, 7))
@@ -39,9 +39,7 @@ class RoundFeetCompass(Walker):
     foot_radius: Annotated[NonNegative, Field(description="radius of the foot's arc [m]; 0 is a point foot")]
     leg_mass: Annotated[Positive, Field(description="mass of each leg [kg]")]
     leg_com: Annotated[NonNegative, Field(description="distance of the leg's centre of mass from the arc's centre [m]")]
-    leg_inertia: Annotated[
-        NonNegative, Field(description="moment of inertia of a leg about its centre of mass [kg m^2]")
-    ]
+    leg_inertia: Annotated[Inertia, Field(description="moment of inertia of a leg about its centre of mass [kg m^2]")]
     hip_mass: Annotated[NonNegative, Field(description="point mass at the hip [kg]")]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]

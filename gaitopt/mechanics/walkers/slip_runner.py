@@ -13,7 +13,8 @@ from casadi import SX, cos, if_else, pi, sin, sqrt, vertcat
 from pydantic import Field
 
 from gaitopt.mechanics.mechanism import Body, Mechanism, coil, polar
-from gaitopt.mechanics.units import Angle, Positive
+from gaitopt.mechanics.ranges import Within
+from gaitopt.mechanics.units import SMALLEST, Angle, Positive, Stiffness
 from gaitopt.mechanics.walker import Walker
 
 
@@ -31,9 +32,13 @@ class SlipRunner(Walker):
 
     mass: Annotated[Positive, Field(description="point mass [kg]")]
     leg_length: Annotated[Positive, Field(description="full length of a leg [m]")]
-    stiffness: Annotated[Positive, Field(description="stiffness of a leg [N/m]")]
-    attack: Annotated[Angle, Field(gt=0, lt=pi, description="angle of attack, from the ground [rad]")]
-    energy: Annotated[Positive, Field(description="mechanical energy, from the ground [J]")]
+    stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of a leg [N/m]")]
+    attack: Annotated[Angle, Field(ge=0.01, le=pi - 0.01, description="angle of attack, from the ground [rad]")]
+    energy: Annotated[
+        Positive,
+        Field(description="mechanical energy, from the ground [J]"),
+        Within(unit="torque", possible=(0, 1e4), usual=(0, 100)),
+    ]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
 
     @classmethod

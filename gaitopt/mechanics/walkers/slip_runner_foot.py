@@ -12,7 +12,7 @@ from casadi import SX, cos, pi, vertcat
 from pydantic import Field
 
 from gaitopt.mechanics.mechanism import Body, Mechanism, coil, inclined, polar
-from gaitopt.mechanics.units import Angle, Positive, Slope
+from gaitopt.mechanics.units import SMALLEST, Angle, Positive, Slope, Stiffness, TurningStiffness
 from gaitopt.mechanics.walker import Walker
 
 
@@ -31,9 +31,13 @@ class SlipRunnerFoot(Walker):
     body_mass: Annotated[Positive, Field(description="mass of the body [kg]")]
     foot_mass: Annotated[Positive, Field(description="mass of the foot [kg]")]
     leg_length: Annotated[Positive, Field(description="full length of the leg [m]")]
-    stiffness: Annotated[Positive, Field(description="stiffness of the leg [N/m]")]
-    hip_stiffness: Annotated[Positive, Field(description="stiffness of the spring that turns the leg [N m/rad]")]
-    hip_rest: Annotated[Angle, Field(description="angle of the leg at which that spring has no torque [rad]")]
+    stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of the leg [N/m]")]
+    hip_stiffness: Annotated[
+        TurningStiffness, Field(ge=SMALLEST, description="stiffness of the spring that turns the leg [N m/rad]")
+    ]
+    hip_rest: Annotated[
+        Angle, Field(ge=-pi, le=pi, description="angle of the leg at which that spring has no torque [rad]")
+    ]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
 

@@ -14,8 +14,8 @@ from casadi import cos, pi, vertcat
 from pydantic import Field
 
 from gaitopt.mechanics.mechanism import Body, Damper, Mechanism, coil, inclined, polar
-from gaitopt.mechanics.ranges import shorter
-from gaitopt.mechanics.units import NonNegative, Positive, Slope
+from gaitopt.mechanics.ranges import Within, shorter
+from gaitopt.mechanics.units import Damping, NonNegative, Positive, Slope, Stiffness
 from gaitopt.mechanics.walker import Walker
 
 
@@ -33,9 +33,13 @@ class TelescopicCompass(Walker):
     leg_mass: Annotated[Positive, Field(description="point mass on the sliding part of each leg [kg]")]
     leg_com: Annotated[Positive, Field(description="distance of this mass from the foot [m]")]
     hip_mass: Annotated[NonNegative, Field(description="point mass at the hip [kg]")]
-    stiffness: Annotated[NonNegative, Field(description="stiffness of the spring in each leg [N/m]")]
-    travel: Annotated[NonNegative, Field(description="by how much a leg is shortened where its spring is at rest [m]")]
-    damping: Annotated[NonNegative, Field(description="coefficient of the damper in each leg [N s/m]")]
+    stiffness: Annotated[Stiffness, Field(description="stiffness of the spring in each leg [N/m]")]
+    travel: Annotated[
+        NonNegative,
+        Field(description="by how much a leg is shortened where its spring is at rest [m]"),
+        Within(unit="length", possible=(0, 1)),
+    ]
+    damping: Annotated[Damping, Field(description="coefficient of the damper in each leg [N s/m]")]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
 

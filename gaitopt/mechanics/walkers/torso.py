@@ -14,7 +14,7 @@ from pydantic import Field
 
 from gaitopt.mechanics.mechanism import Body, Damper, Mechanism, inclined, polar
 from gaitopt.mechanics.ranges import shorter
-from gaitopt.mechanics.units import NonNegative, Positive, Slope
+from gaitopt.mechanics.units import Inertia, Positive, Slope, TurningDamping, TurningStiffness
 from gaitopt.mechanics.walker import Walker
 
 
@@ -33,9 +33,9 @@ class TorsoWalker(Walker):
     leg_com: Annotated[Positive, Field(description="distance of the leg's mass from its foot [m]")]
     torso_mass: Annotated[Positive, Field(description="mass of the torso [kg]")]
     torso_com: Annotated[Positive, Field(description="distance of the torso's centre of mass from the hip [m]")]
-    torso_inertia: Annotated[NonNegative, Field(description="moment of inertia about its centre of mass [kg m^2]")]
-    hip_stiffness: Annotated[NonNegative, Field(description="stiffness of the spring at each hip [N m/rad]")]
-    hip_damping: Annotated[NonNegative, Field(description="coefficient of the damper at each hip [N m s/rad]")]
+    torso_inertia: Annotated[Inertia, Field(description="moment of inertia about its centre of mass [kg m^2]")]
+    hip_stiffness: Annotated[TurningStiffness, Field(description="stiffness of the spring at each hip [N m/rad]")]
+    hip_damping: Annotated[TurningDamping, Field(description="coefficient of the damper at each hip [N m s/rad]")]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
 
