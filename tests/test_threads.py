@@ -15,7 +15,7 @@ import gaitopt
 from gaitopt import Mode, load_problem, prove, return_map, simulate, solve, verify
 from gaitopt.cli.signals import interruptible, listening
 from gaitopt.errors import StorageError
-from gaitopt.mechanics.buffered import buffered, buffered_map
+from gaitopt.mechanics.buffered import Buffers, buffered, buffered_map
 from gaitopt.nlp.family import Family
 from gaitopt.store.lock import only_writer
 from gaitopt.threads import per_thread
@@ -122,6 +122,32 @@ def test_buffers_of_one_function_are_not_shared_by_threads():
         )
 
     assert all(in_threads(called, range(THREADS)))
+
+
+def test_no_thread_uses_the_buffers_of_another(monkeypatch):
+    made = Buffers.__init__
+
+    def watched(buffers, *arguments, **options):
+        made(buffers, *arguments, **options)
+        evaluate, owner = buffers.evaluate, threading.get_ident()
+
+        def evaluate_here():
+            assert threading.get_ident() == owner, "buffers of another thread"
+            evaluate()
+
+        buffers.evaluate = evaluate_here
+
+    monkeypatch.setattr(Buffers, "__init__", watched)
+    problem = named("compass-passive-a").problem.replace({"friction": 0.1537})  # a value that nothing is kept for
+
+    def worked(_):
+        gait = solve(problem, progress=False)
+        section = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
+        return_map(problem, section[None], engine="scipy")
+        return verify(gait).passed and simulate(gait).complete_steps
+
+    assert all(in_threads(worked, range(THREADS)))
+    assert worked(0)
 
 
 def test_values_per_thread_are_kept_in_the_thread_and_made_anew_in_others():

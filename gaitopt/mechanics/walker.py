@@ -17,16 +17,20 @@ from itertools import product
 from operator import attrgetter
 from pickle import PicklingError
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict
-from pydantic._internal._model_construction import ModelMetaclass
 
 from gaitopt.errors import UnknownNameError
 from gaitopt.mechanics.mechanism import Mechanism
 from gaitopt.mechanics.modes import CONTACTS, STOP_STATES, SWITCH_STATES, Mode
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)  # pydantic has no public name for it
 
 
 class WalkerClass(ModelMetaclass):
