@@ -29,6 +29,9 @@ nothing where the slip has no unique solution), then the impact, which makes any
 void, then stops (without a name here), then changes of mode."""
 EDGE = 1e-12
 """A margin this close to zero is at its edge: rounding of contact forces in units of the weight."""
+AT_REST = EDGE
+"""A foot that starts with a slip no faster than this, in units of sqrt(g l), is at rest, for all engines: it would stop
+within an instant."""
 SIMULTANEOUS = 1e-12
 """Events this close in time are one instant: the accuracy to which the worst of them is located."""
 INSTANT = 1e-9

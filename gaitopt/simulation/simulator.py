@@ -18,7 +18,7 @@ from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
 from gaitopt.mechanics import ONSETS, Dynamics, Mode
 from gaitopt.mechanics.margins import PHASE_MARGINS
 from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
-from gaitopt.simulation.events import EDGE
+from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.sampling import sample
 from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
@@ -182,7 +182,7 @@ class Simulator:
     def _after_impact(self, state: Array) -> Array:
         z = _finite_vector("state", state, self.system.state_names)
         z[self.system.n_shape] = 0.0
-        return _at_rest(z) if abs(z[-1]) <= EDGE * self._units.speed else z
+        return _at_rest(z) if abs(z[-1]) <= AT_REST * self._units.speed else z
 
     def _first_mode(self, moment: _Moment) -> Mode | Termination:
         slip_velocity = moment.state.item(-1)

@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 pytest.importorskip("heyoka")
 
+import gaitopt as go
 from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, Mode, NoControl, margin_names
 from gaitopt.mechanics.walkers.compass_biped import CompassBiped
 from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import ScipyStepper, Simulator
 from gaitopt.simulation.batch.simulator import BatchSimulator
-from gaitopt.simulation.batch.steps import BatchSteps, stack_outcomes
+from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, phase_names, stack_outcomes
+from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.heyoka.stepper import HeyokaStepper
+from gaitopt.study.system import problem_dynamics
 
 Array = NDArray[np.float64]
 Case = tuple[HybridSystem, Array, Array]
@@ -209,3 +212,32 @@ def test_steps_are_the_same_in_other_units(metre: float, second: float, kilogram
         np.testing.assert_allclose(theirs.times / second, ours.times, rtol=0, atol=AGREEMENT)
         np.testing.assert_allclose(theirs.states / units, ours.states, rtol=0, atol=AGREEMENT)
         np.testing.assert_allclose(theirs.step_lengths / metre, ours.step_lengths, rtol=0, atol=AGREEMENT)
+
+
+@pytest.mark.parametrize(
+    ("friction", "ankle", "hip", "theta", "rates"),
+    [
+        (0.6153465655286028, 70.79121698547256, -545.7733214777641, 0.16833378363628648, (1.3693, -0.94431, -0.17561)),
+        (0.6220569384229458, 17.001915004904607, -1.1417184557132, 0.1538934531965863, (1.47091, 0.40447, -0.18081)),
+        (0.6195421413877503, -9.297814439477257, -3.489174235101138, -0.1580670265578898, (1.03003, -0.22391, 0.41305)),
+    ],
+)
+def test_a_slip_next_to_the_paradox_of_painleve_ends_alike(
+    friction: float, ankle: float, hip: float, theta: float, rates: tuple[float, float, float]
+) -> None:
+    """DOP853 ran out of steps where the apparent mass of the foot is 1e-8 of what it is in stick."""
+    values = {"friction": friction, "control.ankle": ankle, "control.hip": hip}
+    dynamics = problem_dynamics(go.load_problem("compass-torque-slip").replace(values))
+    states = [np.array([theta + shift, theta + shift, 0, *rates]) for shift in (0, 1e-12, -1e-12, 1e-9, -1e-9)]
+    alone, taylor, batch = steps_of(dynamics.system, dynamics.p, states)
+    assert "numerical" not in {ENDINGS[k] for k in alone.endings}
+    assert alone.endings.tolist() == taylor.endings.tolist() == batch.endings.tolist()
+
+
+@pytest.mark.parametrize(("slip", "rests"), [(0.9, True), (1.1, False)])
+def test_all_engines_take_the_same_slip_for_rest(slip: float, rests: bool) -> None:
+    dynamics = Dynamics(compass(), compass_parameters(0.5))
+    dx = slip * AT_REST * np.sqrt(1.6 * 9.8)
+    for steps in steps_of(dynamics.system, dynamics.p, [level(-0.15, 0.73, -0.5, dx)]):
+        first = phase_names(int(steps.phases[0]), CONTACTS)[0]
+        assert (first is Mode.STICK) is rests

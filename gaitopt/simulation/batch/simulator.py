@@ -14,7 +14,7 @@ from gaitopt.simulation.batch.resolver import BatchResolver, Landing
 from gaitopt.simulation.batch.stepper import HeyokaBatch
 from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, base, max_phases
 from gaitopt.simulation.contact_resolver import CANNOT_SLIP
-from gaitopt.simulation.events import EDGE
+from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES
 from gaitopt.simulation.stepper import Arrivals
@@ -49,7 +49,7 @@ class BatchSimulator:
 
     def step(self, states: Array) -> BatchSteps:
         """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
-        motion = _Motion(states, self.system.n_shape, EDGE * self._units.speed, self._modes)
+        motion = _Motion(states, self.system.n_shape, AT_REST * self._units.speed, self._modes)
         slips = motion.states[:, -1] != 0
         self._choose_at_rest(motion, np.flatnonzero(~slips))
         if self.system.walker.massless_feet:
