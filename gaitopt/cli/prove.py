@@ -180,7 +180,7 @@ def _print(console: "Console", record: dict[str, Any]) -> None:
     verdict = "proved" if record["proved"] else "NOT PROVED"
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
     console.print(f"{record['problem']}: {verdict}{stability}", style="bold")
-    section(console, "statement", ("", ""), _statement(record["statement"]))
+    section(console, "statement", ("hypothesis", "value"), _statement(record["statement"]))
     claims = ((c["claim"], "yes" if c["proved"] else "NO", c["words"], c["margin"] or "") for c in record["claims"])
     section(console, "claims", ("claim", "proved", "statement", "margin"), claims, numbers=(3,))
     bounds = {**(record["state"] or {}), **{name: record.get(name) for name in SCALARS}}

@@ -127,6 +127,8 @@ def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, Box]:
     deviation = [arb(0, arb(text).lower()) for text in record.radii]
     if not len(centre) == len(tilt) == len(deviation) == orbit.size:
         raise ValueError(f"a box of {len(centre)} entries does not fit {orbit.size} nodes and durations")
+    if not orbit.is_long and any(not v.is_zero() for v in tilt):
+        raise ValueError("a box is tilted, but no parameter varies along it")
     return orbit, Box(centre, tilt, deviation)
 
 

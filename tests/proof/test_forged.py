@@ -187,6 +187,12 @@ def test_a_problem_that_names_a_file_is_refused():
     assert "names another problem" in refusals(certificate)["statement"]
 
 
+def test_a_single_orbit_has_no_tilt():
+    certificate = spoiled(proved("rimless-wheel-stick"))
+    certificate["boxes"][0]["tilt"][-5] = "1"
+    assert "is tilted" in refusals(certificate)["statement"]
+
+
 def test_the_name_is_that_of_the_problem():
     assert "is about 'other'" in refusals(spoiled(proved("rimless-wheel-stick"), problem="other"))["statement"]
 

@@ -16,6 +16,7 @@ from gaitopt.proof import check, claims, krawczyk, orbit, prove_special  # noqa:
 from gaitopt.proof.branch import connection_claim  # noqa: E402
 from gaitopt.proof.certificate import read_certificate  # noqa: E402
 from gaitopt.proof.check import check_box  # noqa: E402
+from gaitopt.proof.field import Field  # noqa: E402
 from gaitopt.proof.graph import NotProved  # noqa: E402
 from gaitopt.proof.parameters import ball, exact_texts  # noqa: E402
 from gaitopt.proof.statement import restore_box, restore_statement  # noqa: E402
@@ -235,8 +236,19 @@ MUTATIONS = {
     "zero at the start of a slip": (claims, "_order_of_zero", lambda own: lambda *_: 0, "slip_velocity"),
     "end of an arc": (claims, "ENDS", lambda own: "p+", "cone_forward"),
     "touchdown": (claims, "TOUCHDOWN", lambda own: "p+", "touchdown"),
+    "apparent mass": (
+        Field,
+        "apparent_masses",
+        lambda own: property(lambda self: negated(own.func(self))),
+        "apparent mass",
+    ),
     "direction of the slip": (claims, "SLIPS", lambda own: own[::-1], "mode at rest"),
 }
+
+
+def negated(graph):
+    """A property that is a graph all of whose outputs have the other sign."""
+    return property(lambda self: lambda y: [[-value for value in values] for values in graph(self)(y)])
 
 
 def reversed_impact(impact, name):
