@@ -187,6 +187,19 @@ def test_a_problem_that_names_a_file_is_refused():
     assert "names another problem" in refusals(certificate)["statement"]
 
 
+def test_a_curve_takes_as_long_as_the_problem_says():
+    certificate = spoiled(unproved("compass-pd-designed"))
+    certificate["resolved"]["control"]["reference"]["curve"]["duration"] = 0.7
+    assert "that of its problem 0.7 s" in refusals(certificate)["statement"]
+
+
+def test_an_arc_does_not_end_at_a_breakpoint_that_is_not_there():
+    certificate = spoiled(unproved("compass-pd-designed"))
+    certificate["arcs"][-1]["event"] = "breakpoint"
+    certificate["arcs"].append(certificate["arcs"][-1] | {"segment": 2, "event": "touchdown"})
+    assert "ends with a breakpoint, but the control has 1" in refusals(certificate)["statement"]
+
+
 def test_a_single_orbit_has_no_tilt():
     certificate = spoiled(proved("rimless-wheel-stick"))
     certificate["boxes"][0]["tilt"][-5] = "1"

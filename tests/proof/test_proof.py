@@ -236,12 +236,7 @@ MUTATIONS = {
     "zero at the start of a slip": (claims, "_order_of_zero", lambda own: lambda *_: 0, "slip_velocity"),
     "end of an arc": (claims, "ENDS", lambda own: "p+", "cone_forward"),
     "touchdown": (claims, "TOUCHDOWN", lambda own: "p+", "touchdown"),
-    "apparent mass": (
-        Field,
-        "apparent_masses",
-        lambda own: property(lambda self: negated(own.func(self))),
-        "apparent mass",
-    ),
+    "apparent mass": (Field, "apparent_masses", lambda own: negated(own.func), "apparent mass"),
     "direction of the slip": (claims, "SLIPS", lambda own: own[::-1], "mode at rest"),
 }
 
