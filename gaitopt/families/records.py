@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from gaitopt.errors import StorageError
 from gaitopt.families.change import with_cycle
 from gaitopt.families.coefficients import with_friction
 from gaitopt.families.segment import Metric, Point, Segment, segment_through
@@ -77,15 +78,51 @@ def resumed_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[R
 
     A record of an earlier version does not hold what the walk needs: its gait is solved again. ``gait`` is the first of
     the family.
+
+    Raises
+    ------
+    StorageError
+        If the record does not hold a point from which a walk can go on.
     """
+    record = points[-1]
+    try:
+        if not record["length"] > 0:
+            raise ValueError(f"length {record['length']} is not positive")
+        return _resumed_point(gait, parameter, metric, points)
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise _unusable(record, error) from error
+
+
+def stored_metric(record: Record) -> Metric:
+    """What arclength is measured with on the walk of a stored point.
+
+    Raises
+    ------
+    StorageError
+        If the record does not hold a point from which a walk can go on.
+    """
+    try:
+        return Metric.from_array(WalkState.from_record(record["walk"]).metric)
+    except ValueError as error:
+        raise _unusable(record, error) from error
+
+
+def _unusable(record: Record, error: Exception) -> StorageError:
+    words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
+    return StorageError(f"the walk cannot go on from point {record.get('index')} of branch {record['branch']}: {words}")
+
+
+def _resumed_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[Record]) -> tuple[Segment, Point]:
     record = points[-1]
     value, steps = record["value"], record.get("steps", (record,))
     dynamics = gait.dynamics.at({parameter: value})
     states = np.array([[step["state"][name] for name in gait.system.state_names] for step in steps])
     problem = with_cycle(gait.problem.replace({parameter: value}), gait.system, Cycle.from_record(record), states[0])
     if record.get("walk"):
-        needed = points[-1 - record["walk"]["earlier"] :]
+        needed = points[-1 - WalkState.from_record(record["walk"]).earlier :]
         known = [WalkState.from_record(point["walk"]) for point in needed if point.get("walk")]
+        if known[-1].unknowns[-1] != value:
+            raise ValueError(f"value {value} is not the last of walk.unknowns, {known[-1].unknowns[-1]}")
         return Segment.resumed(problem, gait.dynamics, parameter, known, int(record["solver"]["iterations"]))
     durations = np.array([phase["duration"] for phase in record["phases"]])
     rolled = roll_out(dynamics, problem.cycle, states, durations)

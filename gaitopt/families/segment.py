@@ -22,6 +22,9 @@ from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
+SOLVED = 1e-10
+"""Violation of an equality in natural units below which stored unknowns are a gait; a walk writes 1e-13 or less."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metric:
@@ -219,18 +222,40 @@ class Segment:
         dynamics : at the values of all other parameters.
         states : of the last point, and before it those of the points from which the next one is extrapolated.
         iterations : what Newton's method took to get to the last point.
+
+        Raises
+        ------
+        ValueError
+            If the states do not fit the modes, or the last one is no gait of them.
         """
         *before, last = states
-        modes = problem.cycle.phases
+        cycle, system = problem.cycle, dynamics.system
+        n_nodes = sum(intervals for *_, intervals in last.arcs) + len(cycle.resets)
+        sizes = {state.unknowns.size for state in states} | {state.direction.size for state in states}
+        if [*dict.fromkeys(arc[0] for arc in last.arcs)] != list(range(len(cycle.phases))):
+            raise ValueError(f"walk.arcs do not cover the {len(cycle.phases)} phases in order")
+        if sizes != {n_nodes * system.n_z + len(cycle.phases) + 1}:
+            raise ValueError("walk.unknowns or walk.direction do not have the size that walk.arcs ask for")
+        if last.metric.size != system.n_z + 2 or last.metric.min() <= 0:
+            raise ValueError(f"walk.metric is not {system.n_z + 2} positive numbers")
+        objection = problem.objection(parameter, last.origin)
+        if objection is not None:
+            raise ValueError(f"walk.origin: {objection}")
         arcs = (
-            ArcLayout(phase=phase, mode=modes[phase], segment=segment, start=start, end=end, intervals=intervals)
+            ArcLayout(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
             for phase, segment, start, end, intervals in last.arcs
         )
-        transcription = transcribe(dynamics.system, Layout(cycle=problem.cycle, arcs=tuple(arcs)), (parameter,))
+        transcription = transcribe(system, Layout(cycle=cycle, arcs=tuple(arcs)), (parameter,))
         p = dynamics.at({parameter: last.origin}).p
         segment = Segment(problem, parameter, transcription, p, Metric.from_array(last.metric))
         earlier = tuple((state.unknowns, state.direction) for state in reversed(before))
-        return segment, segment._point(segment.curve.point(last.unknowns, last.direction, iterations, earlier))
+        curve_point = segment.curve.point(last.unknowns, last.direction, iterations, earlier)
+        if not curve_point.at.size < SOLVED:
+            raise ValueError("walk.unknowns are not a gait of these phases")
+        point = segment._point(curve_point)
+        if not segment.in_order(point):
+            raise ValueError("walk.arcs do not keep to the segments of the control")
+        return segment, point
 
     def _use(self, transcription: Transcription) -> None:
         section = transcription.system.section(transcription.layout.cycle.impact)

@@ -13,11 +13,11 @@ from gaitopt.families.coefficients import coefficient_bounds
 from gaitopt.families.continuer import Continuer
 from gaitopt.families.limits import Limits
 from gaitopt.families.position import Position
-from gaitopt.families.records import recorded_special, resumed_point
+from gaitopt.families.records import recorded_special, resumed_point, stored_metric
 from gaitopt.families.request import FOLLOWS, Request
 from gaitopt.families.segment import Metric
 from gaitopt.families.switching import Beginning, beginnings, started
-from gaitopt.gait import Gait, SpecialPoint, WalkState
+from gaitopt.gait import Gait, SpecialPoint
 
 Record = Mapping[str, Any]
 
@@ -59,9 +59,8 @@ class Walk:
 
     def with_metric_of(self, done: Sequence[Record]) -> "Walk":
         """The same walk, its arclength measured as in the records that are ``done``."""
-        states = (record["walk"] for record in done if record["record"] == "point" and record.get("walk"))
-        state = next(states, None)
-        return self if state is None else replace(self, metric=Metric.from_array(WalkState.from_record(state).metric))
+        metric = next((stored_metric(record) for record in done if record.get("walk")), None)
+        return self if metric is None else replace(self, metric=metric)
 
     def branches(self, special: SpecialPoint, numbers: Iterator[int]) -> tuple[SpecialPoint, list["Walk"]]:
         """A special point with the numbers of its other branches, if they are to be followed, and the walks on them."""

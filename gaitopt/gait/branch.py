@@ -47,15 +47,30 @@ class WalkState(ReadOnlyArrays):
 
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> "WalkState":
-        """The state that ``to_record`` has written, to the last bit."""
-        return WalkState(
-            unknowns=np.array(record["unknowns"], dtype=float),
-            direction=np.array(record["direction"], dtype=float),
-            arcs=tuple((phase, segment, start, end, n) for phase, segment, start, end, n in record["arcs"]),
-            origin=float(record["origin"]),
-            metric=np.array(record["metric"], dtype=float),
-            earlier=int(record["earlier"]),
-        )
+        """The state that ``to_record`` has written, to the last bit.
+
+        Raises
+        ------
+        ValueError
+            If an entry is missing or of another type.
+        """
+        try:
+            state = WalkState(
+                unknowns=np.array(record["unknowns"], dtype=float),
+                direction=np.array(record["direction"], dtype=float),
+                arcs=tuple(_arc(*arc) for arc in record["arcs"]),
+                origin=float(record["origin"]),
+                metric=np.array(record["metric"], dtype=float),
+                earlier=record["earlier"],
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"walk: an entry is missing or of another type ({error})") from error
+        vectors = (state.unknowns, state.direction, state.metric)
+        if not all(vector.ndim == 1 and np.isfinite(vector).all() for vector in vectors):
+            raise ValueError("walk: unknowns, direction and metric must be lists of finite numbers")
+        if not np.isfinite(state.origin) or state.earlier not in (0, 1):
+            raise ValueError("walk: origin must be finite, and earlier 0 or 1")
+        return state
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object; decimal digits keep every bit."""
@@ -276,6 +291,17 @@ def collected(parameter: str, records: Sequence[BranchPoint | SpecialPoint]) -> 
     points = tuple(record for record in records if isinstance(record, BranchPoint))
     specials = tuple(record for record in records if isinstance(record, SpecialPoint))
     return Branch(parameter=parameter, points=points, specials=specials)
+
+
+def _arc(
+    phase: int, segment: int, start: float | None, end: float | None, intervals: int
+) -> tuple[int, int, float | None, float | None, int]:
+    """An arc of a ``WalkState`` whose entries are of the right types."""
+    whole = all(isinstance(entry, int) for entry in (phase, segment, intervals))
+    times = all(entry is None or isinstance(entry, float) for entry in (start, end))
+    if not (whole and times and phase >= 0 and segment >= 0 and intervals >= 1):
+        raise ValueError(f"no arc: {[phase, segment, start, end, intervals]}")
+    return phase, segment, start, end, intervals
 
 
 def ends_by_request(record: Mapping[str, Any]) -> bool:

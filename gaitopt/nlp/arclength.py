@@ -122,7 +122,7 @@ class Curve:
         return self._correct(w, upright, None, self.coordinates(forward), at_parameter=True)
 
     def point(self, w: Array, tangent: Array, iterations: int, earlier: tuple[tuple[Array, Array], ...]) -> CurvePoint:
-        """The point with these entries, nothing being solved; see ``CurvePoint``."""
+        """The point with these entries, see ``CurvePoint``; nothing is solved."""
         at = linearise(self.transcription, w, self.p)
         bordered = self._bordered(at, self.coordinates(tangent))
         return CurvePoint(at=at, tangent=tangent, bordered=bordered, iterations=iterations, earlier=earlier)

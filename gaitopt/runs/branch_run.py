@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt.callbacks import Stop
+from gaitopt.errors import StorageError
 from gaitopt.families import Request, follow_family, resumable
-from gaitopt.gait import Gait, SpecialPoint
+from gaitopt.gait import BranchPoint, Gait, SpecialPoint
 from gaitopt.gait.branch import branch_header, branch_rows
 from gaitopt.problem import Problem
 from gaitopt.store import BRANCH_FILE, Table, growing, write_files
@@ -60,7 +61,7 @@ class BranchRun:
 
     def _new(self, start: Gait | SpecialPoint, done: list[Record], should_stop: Stop) -> Iterator[Record]:
         with growing(self.folder, BRANCH_FILE) as lines:
-            for point in follow_family(start, self.request, done=done, should_stop=should_stop):
+            for point in self._found(follow_family(start, self.request, done=done, should_stop=should_stop)):
                 record = point.to_record()
                 lines.append(record)
                 yield record
@@ -70,3 +71,12 @@ class BranchRun:
         header = branch_header(records)
         table = Table(header=tuple(header), rows=branch_rows(records, header))
         write_files(self.folder, {BRANCH_TABLE: csv_text(table)})
+
+    def _found(self, records: Iterator[BranchPoint | SpecialPoint]) -> Iterator[BranchPoint | SpecialPoint]:
+        """The records of a walk; stored ones from which it cannot go on are an error that names their file."""
+        try:
+            yield from records
+        except StorageError as error:
+            raise StorageError(
+                f"{self.folder / BRANCH_FILE}: {error}; delete the folder, or name another one"
+            ) from error

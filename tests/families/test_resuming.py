@@ -1,5 +1,6 @@
 """A walk taken up again is the same walk: killed after any line, it writes the same records as without the kill."""
 
+import copy
 import json
 from dataclasses import replace
 from functools import cache
@@ -10,6 +11,7 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt.errors import StorageError
 from gaitopt.families import Request, continuer, follow_family, resumable
 from gaitopt.study.verify import confirm
 
@@ -148,3 +150,31 @@ def test_a_point_that_the_simulator_refutes_is_solved_again_before_the_branch_en
     assert seen.count(True) == 2
     assert records[-1].type == "end"
     assert not records[-1].gait.verification["passed"]
+
+
+DAMAGES = {
+    "a point without its step length": lambda point: point.pop("length"),
+    "a length of nothing": lambda point: point.update(length=0.0),
+    "a value that is not that of the unknowns": lambda point: point.update(value=0.97),
+    "no state": lambda point: point.pop("state"),
+    "a walk that is a list": lambda point: point.update(walk=[1]),
+    "one unknown less": lambda point: point["walk"]["unknowns"].pop(0),
+    "an unknown that is no number": lambda point: point["walk"]["unknowns"].__setitem__(3, None),
+    "another unknown": lambda point: point["walk"]["unknowns"].__setitem__(1, 0.1),
+    "a short tangent": lambda point: point["walk"].update(direction=[1.0]),
+    "no arcs": lambda point: point["walk"].update(arcs=[]),
+    "a phase that is not there": lambda point: point["walk"].update(arcs=[[9, 0, None, None, 14]]),
+    "a segment that is not there": lambda point: point["walk"]["arcs"][0].__setitem__(1, 7),
+    "too many intervals": lambda point: point["walk"].update(arcs=[[0, 0, None, None, 10**9]]),
+    "a short metric": lambda point: point["walk"].update(metric=[1.0]),
+    "an origin out of range": lambda point: point["walk"].update(origin=-1e9),
+    "more earlier points than are there": lambda point: point["walk"].update(earlier=10**6),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_record_is_refused_by_name_and_not_continued(damage):
+    done = copy.deepcopy(whole("wheel")[:4])
+    DAMAGES[damage](done[-1])
+    with pytest.raises(StorageError, match=r"the walk cannot go on from point 3 of branch 0: "):
+        list(islice(walked("wheel", done), 1))
