@@ -12,13 +12,14 @@ from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.attractor import Attractor
 from gaitopt.gait.frames import data_set
+from gaitopt.gait.records import BasinRecord, differing
 from gaitopt.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.basin import Outcomes, claim, ending_name, outcome_counts
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.store import read_object, read_problem, read_sealed
 from gaitopt.store.manifest import read_manifest
-from gaitopt.store.records import validated
+from gaitopt.store.records import damaged, validated
 from gaitopt.store.tiles import TILE_FILE, read_tile
 
 if TYPE_CHECKING:
@@ -101,10 +102,15 @@ class Basin(Plotted, ReadOnlyArrays):
 def read_basin(place: Path) -> Basin:
     """The basin in its own folder, which lies in the run folder of its problem."""
     run, own = place.resolve().parent, place.resolve().name
-    stored = validated(_Stored, read_object(run, f"{own}/{BASIN_FILE}"), place / BASIN_FILE)
-    grid = validated(Grid, {"axes": stored.over}, place / BASIN_FILE)
+    record = read_object(run, f"{own}/{BASIN_FILE}")
+    stored = validated(BasinRecord, record, place / BASIN_FILE)
+    grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
     check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
-    return assembled(place, read_problem(run), grid, stored.base)
+    basin = assembled(place, read_problem(run), grid, stored["base"])
+    key = differing(record, basin.to_record())
+    if key:
+        raise damaged(place / BASIN_FILE, f"{key}: is not what its tiles give")
+    return basin
 
 
 def stored_attractor(place: Path, index: str) -> Attractor:
@@ -114,14 +120,6 @@ def stored_attractor(place: Path, index: str) -> Attractor:
         known = f"0 to {len(attractors) - 1}" if attractors else "none"
         raise StorageError(f"{place}@attractor.{index}: the attractors of this basin are {known}")
     return attractors[int(index)]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Stored:
-    """What is read of the file of a basin."""
-
-    over: list[dict[str, Any]]
-    base: dict[str, float]
 
 
 def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:

@@ -67,7 +67,7 @@ class BranchRun:
                 yield record
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
-        _, records = read_branch(self.folder)
+        _, records = read_branch(self.folder, self.problem)
         header = branch_header(records)
         table = Table(header=tuple(header), rows=branch_rows(records, header))
         write_files(self.folder, {BRANCH_TABLE: csv_text(table)})

@@ -4,27 +4,15 @@ A part is known by all that it depends on. What an earlier version has kept unde
 line without the entries of ``PartRecord`` is refused with file and line.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from gaitopt.callbacks import Counted, Stop
+from gaitopt.gait.records import PartRecord
 from gaitopt.runs.kept import ResultFile, kept_results
 from gaitopt.search.distinct import Gaits
 from gaitopt.search.find import Part, SearchPlan, Task, search
 from gaitopt.store import begin_run, writing
 from gaitopt.workers.jobs import Job, Workers
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PartRecord:
-    """What is read of a line of the file: the candidates of one part of a search, with its key."""
-
-    part: str
-    method: str
-    starts: int
-    candidates: list[dict[str, Any]]
-
 
 PARTS = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 
@@ -33,9 +21,12 @@ def find_durably(
     plan: SearchPlan, folder: Path, workers: Workers, *, progress: Counted = None, should_stop: Stop = None
 ) -> Gaits:
     """The search of a plan, with its parts kept in a run folder of its problem; errors as of ``kept_results``."""
+    states = plan.problem.walker.state_names()
 
     def run(task: Task, jobs: list[Job]) -> list[Part]:
-        results = kept_results(task, jobs, workers, folder, PARTS, progress=progress, should_stop=should_stop)
+        results = kept_results(
+            task, jobs, workers, folder, PARTS, progress=progress, should_stop=should_stop, states=states
+        )
         return [results[job.key] for job in jobs]
 
     with writing(folder, plan.problem):

@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, Any, overload
 
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
-from gaitopt.errors import ProblemError, StorageError, UnknownNameError
+from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import data_frame
+from gaitopt.gait.records import FrontRecord
 from gaitopt.problem import Problem
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.solved import problem_job, solve_all
 from gaitopt.store import begin_run, json_text, read_object, read_problem, write_files, writing
+from gaitopt.store.records import damaged, validated
 from gaitopt.workers.jobs import Workers
 
 if TYPE_CHECKING:
@@ -129,11 +131,15 @@ def read_fronts(folder: Path) -> list[Front]:
     problem, fronts = read_problem(folder), list[Front]()
     for path in sorted(folder.glob(front_file("*"))):
         record = read_object(folder, path.name)
-        try:
-            points = [FrontPoint(value=r["value"], gait=r, pareto=r["pareto"]) for r in record["points"]]
-            fronts.append(Front(problem=problem, key=record["over"].partition("=")[0], points=tuple(points)))
-        except (KeyError, TypeError, AttributeError) as error:
-            raise StorageError(f"{path} does not hold a front ({error!r})") from error
+        validated(FrontRecord, record, path, states=problem.walker.state_names())
+        points = [FrontPoint(value=r["value"], gait=r, pareto=r["pareto"]) for r in record["points"]]
+        front = Front(problem=problem, key=record["over"].partition("=")[0], points=tuple(points))
+        gaits = {point.value: point.gait for point in points}
+        best = all(point.pareto is _undominated(point.value, gaits, front.key) for point in points)
+        axis = Axis(key=front.key, lower=points[0].value, upper=points[-1].value, count=len(points))
+        if not best or path.name != front_file(front.key) or record["over"] != str(axis):
+            raise damaged(path, "over, or pareto of a point, is not what its points give")
+        fronts.append(front)
     return fronts
 
 

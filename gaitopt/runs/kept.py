@@ -3,7 +3,7 @@
 A result is on the disk before the next one is taken in.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ class ResultFile:
 
     name: str
     key: str
-    model: type[Any]
+    model: Any
 
 
 def kept_results(
@@ -33,6 +33,7 @@ def kept_results(
     known: Mapping[str, Any] | None = None,
     progress: Counted = None,
     should_stop: Stop = None,
+    states: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """Results of all jobs by their keys, those that the folder holds included; a ``FailedJob`` is not kept.
 
@@ -40,11 +41,12 @@ def kept_results(
     ----------
     folder : of the run, held for writing by the caller.
     known : results of parents that are not among the jobs.
+    states : names that every state of a result must have.
     progress : called with the number of jobs done and their total.
     """
     by_key, results = {job.key: job for job in jobs}, dict[str, Any]()
     for number, record in enumerate(stored_lines(folder, file.name), start=1):
-        validated(file.model, record, folder / file.name, number)
+        validated(file.model, record, folder / file.name, number, states=states)
         if record[file.key] in by_key:
             results[record[file.key]] = record
     missing = [job for key, job in by_key.items() if key not in results]

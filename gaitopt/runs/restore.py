@@ -1,7 +1,7 @@
 """Gaits and walks from run folders, with everything that fresh ones have except the solver's own nodes."""
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate, groupby, pairwise
 from pathlib import Path
@@ -11,10 +11,12 @@ import numpy as np
 
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait import Arc, Ending, Gait, Status, Step, Trajectory, measure
+from gaitopt.gait.records import GaitRecord, WalkRecord, differing
 from gaitopt.mechanics import Dynamics, Mode
 from gaitopt.nlp.assembly import impact_record
 from gaitopt.search.distinct import closed
-from gaitopt.store import Table, read_problem
+from gaitopt.store import GAIT_FILE, WALK_FILE, Table, read_problem
+from gaitopt.store.records import damaged, validated
 from gaitopt.store.run import WALK_FILES, read_run
 from gaitopt.study.simulate import Walk
 from gaitopt.study.system import problem_dynamics
@@ -32,8 +34,10 @@ def restore_gait(folder: Path) -> Gait:
         If the run holds a failed attempt.
     """
     (record, table), problem = read_run(folder), read_problem(folder)
-    if record.get("status") != Status.CONVERGED:
+    if record.get("status") in [status for status in Status if status is not Status.CONVERGED]:
         raise SolveError(f"{folder} holds no gait: {record.get('status')}, {record.get('message')}")
+    path = folder / GAIT_FILE
+    validated(GaitRecord, record, path, states=problem.walker.state_names())
     if problem.is_open:
         problem = replace(closed(problem, record), origin=problem)
     try:
@@ -45,7 +49,7 @@ def restore_gait(folder: Path) -> Gait:
         multipliers = np.array([complex(m["re"], m["im"]) for m in record["multipliers"]])
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
-    return Gait(
+    gait = Gait(
         problem=problem,
         dynamics=dynamics,
         status=Status.CONVERGED,
@@ -57,6 +61,8 @@ def restore_gait(folder: Path) -> Gait:
         solver=dict(record.get("solver", {})),
         verification=record.get("verification"),
     )
+    _check_same(path, record, gait.to_record())
+    return gait
 
 
 def restore_walk(folder: Path) -> Walk:
@@ -64,6 +70,7 @@ def restore_walk(folder: Path) -> Walk:
     record, table = read_run(folder, WALK_FILES)
     problem = read_problem(folder)
     try:
+        validated(WalkRecord, record, folder / WALK_FILE, states=problem.walker.state_names())
         dynamics = problem_dynamics(problem).at(record["parameters"])
         system = dynamics.system
         section = record["section"]
@@ -76,7 +83,17 @@ def restore_walk(folder: Path) -> Walk:
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: walk.json or walk.csv does not hold a walk ({error!r})") from error
     trajectory = Trajectory(names=system.state_names, start=start, steps=steps, ending=ending, message=message)
-    return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=np.array(gait))
+    states = np.array(gait).reshape(-1, len(system.state_names))
+    walk = Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states)
+    _check_same(folder / WALK_FILE, record, walk.to_record())
+    return walk
+
+
+def _check_same(path: Path, record: Mapping[str, Any], restored: Mapping[str, Any]) -> None:
+    """Refuse a record that differs from what its table says."""
+    key = differing(record, restored)
+    if key:
+        raise damaged(path, f"{key}: is not what the table beside it gives")
 
 
 def _table_steps(dynamics: Dynamics, table: Table, began: Sequence[float], impacts: Sequence[Mode]) -> tuple[Step, ...]:

@@ -5,13 +5,13 @@ A job is named by the hash of its resolved problem.
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait import Status
+from gaitopt.gait.records import JobRecord
 from gaitopt.problem import Problem
 from gaitopt.runs.kept import ResultFile, kept_results
 from gaitopt.search.solve import solve
@@ -21,22 +21,6 @@ from gaitopt.workers.jobs import FailedJob, Job, Workers
 
 SET_ASIDE = "set_aside"
 """Status of a job that has no result."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JobRecord:
-    """What is read of a line of the file: a gait or a failed attempt, with the key of its job."""
-
-    job: str
-    status: str
-    start: str = ""
-    message: str = ""
-    phases: list[dict[str, Any]] = field(default_factory=list)
-    impact: str | None = None
-    state: dict[str, float | None] | None = None
-    parameters: dict[str, float | None] = field(default_factory=dict)
-    verification: dict[str, Any] | None = None
-    solver: dict[str, Any] = field(default_factory=dict)
 
 
 JOBS = ResultFile(name="jobs.jsonl", key="job", model=JobRecord)
@@ -63,8 +47,9 @@ def solve_all(
     ----------
     jobs : with a ``Problem`` as argument; the gait of the parent is the guess that is tried first.
     """
+    states = jobs[0].argument.walker.state_names() if jobs else None
     results = kept_results(
-        solve_job, jobs, workers, folder, JOBS, known=known, progress=progress, should_stop=should_stop
+        solve_job, jobs, workers, folder, JOBS, known=known, progress=progress, should_stop=should_stop, states=states
     )
     return {
         key: {"status": SET_ASIDE, "message": result.reason} if isinstance(result, FailedJob) else result

@@ -12,6 +12,7 @@ from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait import Status
 from gaitopt.gait.frames import columns_of, data_frame, data_set
+from gaitopt.gait.records import SweepRecord, differing
 from gaitopt.mechanics.modes import Mode
 from gaitopt.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
@@ -19,8 +20,8 @@ from gaitopt.runs.grid import Grid
 from gaitopt.runs.solved import SET_ASIDE
 from gaitopt.store import Table, read_object, read_problem, read_sealed
 from gaitopt.store.files import parsed
-from gaitopt.store.records import validated
-from gaitopt.store.text import parse_cell
+from gaitopt.store.records import damaged, validated
+from gaitopt.store.text import cell_rows, parse_cell
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -82,14 +83,20 @@ def read_sweep(place: Path) -> Sweep:
     """Status and scalars of every point of the sweep in its own folder."""
     run, own = place.resolve().parent, place.resolve().name
     path = place / TABLE_FILE
-    grid = validated(Grid, {"axes": read_object(run, f"{own}/{SWEEP_FILE}").get("over")}, place / SWEEP_FILE)
+    record = read_object(run, f"{own}/{SWEEP_FILE}")
+    grid = validated(Grid, {"axes": validated(SweepRecord, record, place / SWEEP_FILE)["over"]}, place / SWEEP_FILE)
     rows = parsed(_parse_rows, read_sealed(run, f"{own}/{TABLE_FILE}"), path)
     if len(rows) != grid.size:
         raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was left alone")
     points = grid.points(np.arange(grid.size)).tolist()
     keys = [axis.key for axis in grid.axes]
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
-    return Sweep(problem=read_problem(run), grid=grid, records=records)
+    swept = Sweep(problem=read_problem(run), grid=grid, records=records)
+    told = {key: value for key, value in sweep_record(swept).items() if key != "set_aside"}  # its reasons are here only
+    key = differing(record, told)
+    if key:
+        raise damaged(place / SWEEP_FILE, f"{key}: is not what {TABLE_FILE} gives")
+    return swept
 
 
 def _parse_rows(text: str) -> list[dict[str, Any]]:
@@ -101,8 +108,8 @@ def _parse_rows(text: str) -> list[dict[str, Any]]:
         If a column is missing or a cell is no number; the message names the line.
     """
     reader, rows = csv.DictReader(text.splitlines()), list[dict[str, Any]]()
-    known = [name for name in SCALARS if name in (reader.fieldnames or ())]
-    for row in reader:
+    known = [name for name in SCALARS if name in (next(cell_rows(csv.reader(text.splitlines())), ()))]
+    for row in cell_rows(reader):
         try:
             passed = {"true": {"passed": True}, "false": {"passed": False}}.get(row["verified"])
             phases, _, impact = row["modes"].partition(" / ")

@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt.errors import StorageError
+from gaitopt.gait.records import ContinuationRecord, PointRecord, SpecialRecord
 from gaitopt.problem import Problem
 from gaitopt.store.folder import check_folder, stored_lines
 from gaitopt.store.lines import lines_text
 from gaitopt.store.manifest import read_manifest, write_files
+from gaitopt.store.records import damaged, validated
 from gaitopt.store.run import begin_run, run_folder
 
 BRANCH_FILE = "branch.jsonl"
@@ -49,7 +51,7 @@ def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -
     check_folder(folder, problem)
     if not (folder / BRANCH_FILE).is_file():
         return []
-    known, records = read_branch(folder)
+    known, records = read_branch(folder, problem)
     if known and _core(known) != _core(request):
         words = ", ".join(f"{key} {value}" for key, value in _core(known).items() if value is not None)
         raise StorageError(
@@ -58,13 +60,17 @@ def stored_records(folder: Path, problem: Problem, request: Mapping[str, Any]) -
     return records
 
 
-def read_branch(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """The request of the branch in a folder, and its records.
+def read_branch(folder: Path, problem: Problem) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The request of the branch of a problem in a folder, and its records; both empty if there is none.
 
     An end at a bound of the request has ``bound``, one at a limit of points or time ``open``, also where an earlier
     version has written it without.
     """
     request, *records = _lines(folder) or [{}]
+    if request:
+        validated(ContinuationRecord, request, folder / BRANCH_FILE, 1)
+    for line, record in enumerate(records, start=2):
+        _check(record, problem, request["parameter"], folder / BRANCH_FILE, line)
     bounds = _bounds(request, records)
     for record in records:
         if record.get("type") == "end" and any(math.isclose(record["value"], at, rel_tol=AT_BOUND) for at in bounds):
@@ -72,6 +78,21 @@ def read_branch(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         if record.get("type") == "end" and OLDER_LIMIT.fullmatch(record["reason"]):
             record["open"] = True
     return request, records
+
+
+def _check(record: Mapping[str, Any], problem: Problem, parameter: str, path: Path, line: int) -> None:
+    """Refuse a line that is neither a point nor a special point of a problem's gaits."""
+    model: Any = SpecialRecord if record.get("record") == "special" else PointRecord
+    validated(model, record, path, line, states=problem.walker.state_names())
+    objection = problem.objection(parameter, record["value"]) if parameter in problem.parameters else None
+    if objection:
+        raise damaged(path, f"value: {objection}", line)
+    stated = record.get("parameters", {}).get(parameter, record["value"])
+    if not math.isclose(stated, record["value"], rel_tol=AT_BOUND):
+        raise damaged(path, f"{parameter} is {stated:g}, but value is {record['value']:g}", line)
+    friction = record.get("friction") if parameter == "friction" else None
+    if isinstance(friction, float) and not math.isclose(friction, record["value"], rel_tol=AT_BOUND):
+        raise damaged(path, f"friction is {friction:g}, but value is {record['value']:g}", line)
 
 
 def _lines(folder: Path) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.problem import Problem, restore_problem
+from gaitopt.problem.record import digest_of
 from gaitopt.store.files import parsed
 from gaitopt.store.folder import check_folder, writing
 from gaitopt.store.lock import wait_for_writer
@@ -98,6 +99,8 @@ def read_problem(folder: Path) -> Problem:
     """
     resolved = read_object(folder, RESOLVED_FILE)
     text = parsed(str, read_sealed(folder, PROBLEM_FILE), folder / PROBLEM_FILE)
+    if digest_of(resolved) != read_manifest(folder).hash:
+        raise StorageError(f"{folder / RESOLVED_FILE} does not have the hash of the manifest; the run is broken")
     try:
         problem = replace(restore_problem(resolved), text=text)
     except (GaitoptError, ValueError, KeyError, TypeError, AttributeError) as error:

@@ -4,7 +4,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,10 +71,10 @@ def parse_csv(text: str) -> Table:
         If a row is cut off or a cell is not a number; the message names its line.
     """
     reader = csv.reader(io.StringIO(text))
-    header = tuple(next(reader, ()))
+    header = tuple(next(cell_rows(reader), ()))
     words = [name == MODE_COLUMN for name in header]
     rows: list[tuple[Cell, ...]] = []
-    for row in reader:
+    for row in cell_rows(reader):
         if len(row) != len(header):
             raise ValueError(f"line {reader.line_num} has {len(row)} cells where the header has {len(header)}")
         try:
@@ -82,6 +82,14 @@ def parse_csv(text: str) -> Table:
         except ValueError as error:
             raise ValueError(f"line {reader.line_num}: {error}") from error
     return Table(header=header, rows=tuple(rows))
+
+
+def cell_rows(reader: Any) -> Iterator[Any]:
+    """The rows of a table; a cell of more characters than the reader takes is a ValueError."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise ValueError(f"line {reader.line_num}: {error}") from error
 
 
 def parse_cell(cell: str) -> float:
