@@ -137,8 +137,8 @@ def _passed(record: Mapping[str, Any]) -> Mapping[str, Any]:
     if record["passed"] != all(claim["passed"] for claim in record["claims"]):
         raise PydanticCustomError("passed", "Must be true where all claims have passed, and only there")
     for claim in record["claims"]:
-        if claim["passed"] != (claim["figure"] is not None and claim["figure"] <= claim["tolerance"]):
-            raise PydanticCustomError("claim", "A claim passes where its figure is within its tolerance, only there")
+        if claim["passed"] and (claim["figure"] is None or claim["figure"] > claim["tolerance"]):
+            raise PydanticCustomError("claim", "A claim has passed with a figure beyond its tolerance")
     figures = {claim["name"]: claim["figure"] for claim in record["claims"]}
     for name in ("period", "state", "multiplier"):
         if record[f"{name}_error"] != figures.get("multipliers" if name == "multiplier" else name):
@@ -431,7 +431,7 @@ def differing(stated: Any, true: Any, rel: float = 1e-7, key: str = "") -> str:
             key if len(stated) != len(true) else next(filter(None, (differing(a, b, rel, n) for n, a, b in pairs)), "")
         )
     numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (stated, true))
-    if numbers and not (math.isfinite(true) and abs(stated) <= LARGEST):
+    if numbers and not (abs(true) <= LARGEST and abs(stated) <= LARGEST):
         return key
     same = math.isclose(stated, true, rel_tol=rel, abs_tol=1e-9) if numbers else stated == true
     if true is None or (isinstance(true, float) and math.isnan(true)):

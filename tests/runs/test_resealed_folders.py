@@ -152,7 +152,17 @@ NULLABLE = {"required_friction", "impulse_ratio", "min_normal_force", "foot_clea
 """Scalars that some gaits do not have; that one is missing cannot be seen in a record alone."""
 
 
-LOOSE = {"damping_loss", "tangent", "length", "bound", "verification", "parameters", "gait_states"}
+LOOSE = {
+    "damping_loss",
+    "tangent",
+    "length",
+    "bound",
+    "verification",
+    "parameters",
+    "gait_states",
+    "walk",
+    "multipliers",
+}
 """Entries that may be missing, or be empty lists."""
 
 
