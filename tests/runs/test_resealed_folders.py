@@ -167,10 +167,7 @@ LOOSE = {
 
 
 def is_free(path):
-    return bool(
-        (FREE | NULLABLE | {"damping_loss", "tangent", "length", "bound", "verification", "parameters", "gait_states"})
-        & {*path}
-    )
+    return bool((FREE | NULLABLE | LOOSE) & {*path})
 
 
 def outcome(read):
