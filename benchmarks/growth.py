@@ -11,12 +11,12 @@ from timing import Row, compared
 
 from gaitopt import load_problem, solve
 from gaitopt.mechanics import HybridSystem, Mode, NoControl
+from gaitopt.nlp.design.start import step_states
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.newton import linearise
+from gaitopt.nlp.newton import Solution
 from gaitopt.nlp.shooting_jacobian import stage_derivatives, step_derivatives
-from gaitopt.nlp.start import step_states
 
 INTERVALS = (16, 32, 64, 128)
 LINKS = (2, 4, 6, 8)
@@ -45,7 +45,7 @@ def interval_rows() -> list[Row]:
 
 def newton_step(transcription: MultipleShooting, w: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Equations, Jacobian and its solution."""
-    at = linearise(transcription, w, p)
+    at = Solution(transcription, w, p)
     return at.scaled.solve(at.residual)
 
 

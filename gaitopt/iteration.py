@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Generic, TypeVar
 
+import numpy as np
+
 Iterate = TypeVar("Iterate")
 
 NO_CONTRACTION = inf
@@ -51,6 +53,15 @@ def iterate(
             return Iterated(at=at, solved=False, count=count + 1)
         at = candidate
     return Iterated(at=at, solved=solved(at), count=most)
+
+
+def overflow_allowed() -> np.errstate:
+    """Decorator or context of what computes with trial points: one that diverges ends the attempt as data, in silence.
+
+    Its values overflow, and are seen by not being finite. Whether numpy would also warn of it depends on the vector
+    unit that computes them.
+    """
+    return np.errstate(over="ignore", invalid="ignore")
 
 
 def bracketed_root(function: Callable[[float], float], low: float, high: float, tolerance: float) -> float:

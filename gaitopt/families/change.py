@@ -17,9 +17,9 @@ from gaitopt.families.locate import Location, locate
 from gaitopt.families.monitors import MonitorKey, MonitorValue
 from gaitopt.families.segment import Point, Segment, segment_through
 from gaitopt.families.successors import halved_cycle, successors
+from gaitopt.iteration import overflow_allowed
 from gaitopt.mechanics import MARGINS, Cycle, Dynamics, HybridSystem, ModeSequence
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, cycle_data
 from gaitopt.study.verify import confirm
 

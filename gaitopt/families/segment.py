@@ -16,8 +16,7 @@ from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import ArcLayout, Layout, layout
 from gaitopt.nlp.multiple_shooting import transcribe
-from gaitopt.nlp.newton import Linearisation, linearise
-from gaitopt.nlp.refinement import Refined, halved, refine
+from gaitopt.nlp.newton import Solution, halved, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
@@ -160,16 +159,16 @@ class Segment:
 
     def remeshed(self, point: Point) -> Point | None:
         """The same gait on a finer mesh where its integration error needs one; None if that fails."""
-        refined = refine(self.transcription, point.curve_point.at)
+        refined = refine(point.curve_point.at)
         return point if refined.transcription is self.transcription else self._on(refined, point)
 
     def solved_again(self, point: Point) -> Point | None:
         """The same gait down to rounding with every interval cut in two; None if that fails."""
-        return self._on(halved(self.transcription, point.curve_point.at), point)
+        return self._on(halved(point.curve_point.at), point)
 
-    def _on(self, refined: Refined[Transcription], point: Point) -> Point | None:
+    def _on(self, refined: Solution[Transcription], point: Point) -> Point | None:
         """A point on another mesh, on which the segment goes on."""
-        old, at = self.transcription, linearise(refined.transcription, refined.at.w, refined.at.p)
+        old, at = self.transcription, Solution(refined.transcription, refined.w, refined.p)
         forward = resized(point.curve_point.tangent, old, refined.transcription)
         self._use(refined.transcription)
         curve_point = self.curve.through(at, self.curve.coordinates(forward))
@@ -264,15 +263,14 @@ class Segment:
 
     def assembled(self, w: Array) -> Gait:
         """The gait at ``w`` without Newton's method, which fails at a branch point."""
-        return self._gait(linearise(self.transcription, w, self.p), 0)
+        return self._gait(Solution(self.transcription, w, self.p), 0)
 
     def _point(self, curve_point: CurvePoint) -> Point:
         return Point(curve_point=curve_point, gait=self._gait(curve_point.at, curve_point.iterations))
 
-    def _gait(self, at: Linearisation, iterations: int) -> Gait:
+    def _gait(self, at: Solution[Transcription], iterations: int) -> Gait:
         return assemble_gait(
             self.problem.replace({self.parameter: float(at.w[-1])}),
-            self.transcription,
             at,
             errors=np.zeros(self.transcription.n_phases),
             message="continued",

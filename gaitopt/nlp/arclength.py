@@ -16,12 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.iteration import NO_CONTRACTION, iterate
-from gaitopt.nlp.extrapolation import extrapolation
-from gaitopt.nlp.newton import Linearisation, linearise
+from gaitopt.iteration import NO_CONTRACTION, iterate, overflow_allowed
+from gaitopt.nlp.newton import Solution, extrapolation
 from gaitopt.nlp.sparse import ScaledMatrix
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import overflow_allowed
 
 RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units; some thirty times the rounding of a step.
@@ -64,7 +62,7 @@ class CurvePoint:
     earlier : solution and tangent of the last points on the way here, the latest first.
     """
 
-    at: Linearisation
+    at: Solution[Transcription]
     tangent: Array
     bordered: ScaledMatrix
     iterations: int
@@ -123,7 +121,7 @@ class Curve:
 
     def point(self, w: Array, tangent: Array, iterations: int, earlier: tuple[tuple[Array, Array], ...]) -> CurvePoint:
         """The point with these entries, see ``CurvePoint``; nothing is solved."""
-        at = linearise(self.transcription, w, self.p)
+        at = Solution(self.transcription, w, self.p)
         bordered = self._bordered(at, self.coordinates(tangent))
         return CurvePoint(at=at, tangent=tangent, bordered=bordered, iterations=iterations, earlier=earlier)
 
@@ -170,7 +168,7 @@ class Curve:
         ----------
         along : ndarray, shape of y - tangent of the known branch in scaled coordinates.
         """
-        at = linearise(self.transcription, w, self.p)
+        at = Solution(self.transcription, w, self.p)
         bordered = self._bordered(at, along)
         vector = np.random.default_rng(0).standard_normal(w.size) / self._columns
         for _ in range(INVERSE_ITERATIONS):
@@ -213,7 +211,7 @@ class Curve:
             return w
 
         def following(at: _Trial) -> _Trial:
-            chord = at.chord or self._bordered(linearise(self.transcription, at.w, self.p), normal)
+            chord = at.chord or self._bordered(Solution(self.transcription, at.w, self.p), normal)
             return trial(moved(at, chord), chord, at.size)
 
         try:
@@ -231,10 +229,10 @@ class Curve:
             w = last.w if last.chord is None else moved(last, last.chord)
         except RuntimeError:  # singular
             return None
-        at = self._precise(linearise(self.transcription, w, self.p), normal, at_parameter=at_parameter)
+        at = self._precise(Solution(self.transcription, w, self.p), normal, at_parameter=at_parameter)
         return self.through(at, forward, end.count)
 
-    def _precise(self, at: Linearisation, normal: Array, *, at_parameter: bool) -> Linearisation:
+    def _precise(self, at: Solution[Transcription], normal: Array, *, at_parameter: bool) -> Solution[Transcription]:
         """The solution after as many Newton steps perpendicular to ``normal`` as ``PRECISION`` and rounding ask for."""
         last, best = np.inf, at
         while True:
@@ -250,9 +248,9 @@ class Curve:
             if size < PRECISION:
                 return at
             last, best = size, at
-            at = linearise(self.transcription, at.w - step, self.p)
+            at = Solution(self.transcription, at.w - step, self.p)
 
-    def through(self, at: Linearisation, forward: Array, iterations: int = 0) -> CurvePoint | None:
+    def through(self, at: Solution[Transcription], forward: Array, iterations: int = 0) -> CurvePoint | None:
         """A solution as a point of the curve, its tangent along ``forward`` (shape of y); None where it has none."""
         right = np.zeros(at.w.size)
         right[-1] = 1.0
@@ -264,6 +262,6 @@ class Curve:
         bordered = self._bordered(at, self.coordinates(tangent))
         return CurvePoint(at=at, tangent=tangent, bordered=bordered, iterations=iterations)
 
-    def _bordered(self, at: Linearisation, normal: Array) -> ScaledMatrix:
+    def _bordered(self, at: Solution[Transcription], normal: Array) -> ScaledMatrix:
         matrix = at.jacobian.with_row(self._indices, normal / self.scales)
         return ScaledMatrix(matrix, np.append(self._units.equalities, 1.0), self._columns)

@@ -10,7 +10,7 @@ from gaitopt.gait.gait import Shooting
 from gaitopt.mechanics import Cycle, Dynamics, Mode, ending_margin
 from gaitopt.mechanics.buffered import buffered
 from gaitopt.nlp.layout import COINCIDENT, ArcLayout
-from gaitopt.nlp.newton import Linearisation, return_map_jacobian
+from gaitopt.nlp.newton import Solution, return_map_jacobian
 from gaitopt.nlp.transcription import Transcription
 from gaitopt.problem import Problem
 
@@ -20,8 +20,7 @@ COUNTS = (33, 65, 129, 257)
 
 def assemble_gait(
     problem: Problem,
-    transcription: Transcription,
-    at: Linearisation,
+    at: Solution[Transcription],
     *,
     errors: Array,
     message: str,
@@ -32,9 +31,10 @@ def assemble_gait(
     Parameters
     ----------
     problem : the one that was solved.
-    at : the equalities at the solution.
+    at : the solution.
     errors : ndarray, shape (n_phases,) - estimated integration error.
     """
+    transcription = at.transcription
     w = _forward_in_time(transcription, at.w)
     nodes, _, freed = transcription.unpack(w)
     dynamics = transcription.dynamics(at.p, freed)
@@ -52,7 +52,7 @@ def assemble_gait(
             residual=at.size,
             errors=errors,
         ),
-        multipliers=floquet_multipliers(return_map_jacobian(transcription, at)),
+        multipliers=floquet_multipliers(return_map_jacobian(at)),
         measures=measure(dynamics, steps),
         freed=dict(zip(transcription.free, map(float, freed), strict=True)),
         solver=solver,

@@ -17,17 +17,14 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait import Cause, Gait, Status, in_words
-from gaitopt.iteration import iterate
+from gaitopt.iteration import iterate, overflow_allowed
 from gaitopt.mechanics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.extrapolation import extrapolation
 from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting, transcribe
-from gaitopt.nlp.newton import linearise, polish
-from gaitopt.nlp.refinement import Refined, refine
+from gaitopt.nlp.newton import Solution, extrapolation, polish, refine
 from gaitopt.nlp.solve import rejection_reason
-from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
 MAX_CHORDS = 10
@@ -65,7 +62,7 @@ class Family:
         self._transcription = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)))
         self._should_stop, self._solving = should_stop, threading.RLock()
         self._w = self._transcription.pack(gait.shooting.states.T, np.array(durations))
-        self._jacobian = linearise(self._transcription, self._w, gait.p).scaled
+        self._jacobian = Solution(self._transcription, self._w, gait.p).scaled
         self._solved = deque([(gait.p, self._w)], maxlen=REMEMBERED)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -103,19 +100,17 @@ class Family:
             result = self._program.solve(self._w, p)
             status, message, iterations = result.status, result.words, iterations + result.iterations
             if status is Status.CONVERGED:
-                refined = refine(self._transcription, polish(self._transcription, result.w, p).at)
+                refined = refine(polish(self._transcription, result.w, p))
                 wrong = rejection_reason(refined)
                 status, message = (Status.NOT_CONVERGED, in_words(wrong)) if wrong else (status, message)
         solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
         if refined is None or status is not Status.CONVERGED:
             return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
         self._remember(refined)
-        return assemble_gait(
-            problem, refined.transcription, refined.at, errors=refined.errors, message=message, solver=solver
-        )
+        return assemble_gait(problem, refined, errors=refined.errors, message=message, solver=solver)
 
     @overflow_allowed()
-    def _near(self, p: Array) -> tuple[Refined[MultipleShooting] | None, tuple[Cause, ...], int]:
+    def _near(self, p: Array) -> tuple[Solution[MultipleShooting] | None, tuple[Cause, ...], int]:
         """The solution by chords, what is wrong with it, and their number; no solution if they do not converge."""
         units = self._transcription.units(p).equalities
 
@@ -138,14 +133,14 @@ class Family:
             return None, (), end.count
         w, residual, _ = end.at
         w = w - self._jacobian.solve(residual)
-        refined = refine(self._transcription, polish(self._transcription, w, p).at)
+        refined = refine(polish(self._transcription, w, p))
         return refined, rejection_reason(refined), end.count + 1
 
-    def _remember(self, refined: Refined[MultipleShooting]) -> None:
+    def _remember(self, refined: Solution[MultipleShooting]) -> None:
         """Start the next solution from this one, unless it had to be refined."""
         if refined.transcription is self._transcription:
-            self._w, self._jacobian = refined.at.w, refined.at.scaled
-            self._solved.append((refined.at.p, refined.at.w))
+            self._w, self._jacobian = refined.w, refined.scaled
+            self._solved.append((refined.p, refined.w))
 
     def _start(self, p: Array) -> Array:
         """The solution at ``p`` as extrapolated along a line, or the last one where there is none."""
@@ -170,5 +165,5 @@ def _resumed(gait: Gait, solved: Sequence[tuple[Array, Array]]) -> Family:
     family = Family(gait)
     family._solved = deque(solved, maxlen=REMEMBERED)
     p, family._w = solved[-1]
-    family._jacobian = linearise(family._transcription, family._w, p).scaled
+    family._jacobian = Solution(family._transcription, family._w, p).scaled
     return family

@@ -21,17 +21,14 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait import Cause, Gait, Status, in_words
+from gaitopt.iteration import overflow_allowed
 from gaitopt.mechanics import Dynamics
-from gaitopt.nlp.extrapolation import extrapolation
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting, transcribe
-from gaitopt.nlp.nearby import solve_nearby
-from gaitopt.nlp.newton import linearise, polish
-from gaitopt.nlp.refinement import Refined, refine
+from gaitopt.nlp.newton import Solution, extrapolation, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import RESIDUAL_TOLERANCE, assembled, rejection_reason, vanished
-from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem
 
 JUMP = 0.1
@@ -49,7 +46,7 @@ class _Place:
     """A motion on the way, what keeps it from being a gait, and the last unknowns with their s, the latest first."""
 
     s: float
-    solution: Refined[MultipleShooting]
+    solution: Solution[MultipleShooting]
     wrong: tuple[Cause, ...] = ()
     passed: tuple[tuple[float, Array], ...]
 
@@ -132,9 +129,8 @@ def _first(start: Gait) -> _Place:
     durations = np.array([duration for _, duration in start.phases])
     plan = layout(start.problem.cycle, durations, start.system.control.breakpoints)
     transcription = transcribe(start.system, plan.refined(list(start.shooting.intervals)))
-    at = linearise(transcription, transcription.pack(start.shooting.states.T, durations), start.p)
-    solution = Refined(transcription=transcription, at=at, errors=start.shooting.errors)
-    return _Place(s=0.0, solution=solution, passed=((0.0, at.w),))
+    solution = Solution(transcription, transcription.pack(start.shooting.states.T, durations), start.p)
+    return _Place(s=0.0, solution=solution, passed=((0.0, solution.w),))
 
 
 @overflow_allowed()
@@ -142,19 +138,19 @@ def _next(here: _Place, s: float, p_start: Array, p_end: Array) -> tuple[_Place 
     """The gait at ``s``, None where it does not continue the one here; and the number of Newton steps."""
     p, transcription = _between(p_start, p_end, s), here.solution.transcription
     near = solve_nearby(transcription, _predicted(here.passed, s), p)
-    if not near.settled:
-        return None, near.steps
-    solution = refine(transcription, polish(transcription, near.w, p).at)
-    before, after = (at.w[: transcription.system.n_z] for at in (here.solution.at, solution.at))
-    solved = solution.at.size <= RESIDUAL_TOLERANCE and solution.accurate
+    if not near.converged:
+        return None, near.iterations
+    solution = refine(polish(transcription, near.w, p))
+    before, after = (at.w[: transcription.system.n_z] for at in (here.solution, solution))
+    solved = solution.size <= RESIDUAL_TOLERANCE and solution.accurate
     if not (solved and np.abs(after - before).max() < JUMP * np.abs(before).max()):
-        return None, near.steps
+        return None, near.iterations
     ordered = _in_order(solution)
     if ordered is None:
-        return None, near.steps
-    passed = ((s, ordered.at.w), *(here.passed if ordered.transcription is transcription else ()))
+        return None, near.iterations
+    passed = ((s, ordered.w), *(here.passed if ordered.transcription is transcription else ()))
     wrong = rejection_reason(ordered)
-    return _Place(s=s, solution=ordered, wrong=wrong, passed=passed[:REMEMBERED]), near.steps
+    return _Place(s=s, solution=ordered, wrong=wrong, passed=passed[:REMEMBERED]), near.iterations
 
 
 def _last_gait(gait: _Place, motion: _Place, p_start: Array, p_end: Array) -> _Place:
@@ -190,9 +186,9 @@ def _predicted(passed: Sequence[tuple[float, Array]], s: float) -> Array:
     return passed[0][1]
 
 
-def _in_order(solution: Refined[MultipleShooting]) -> Refined[MultipleShooting] | None:
+def _in_order(solution: Solution[MultipleShooting]) -> Solution[MultipleShooting] | None:
     """The solution on a new layout where a switch has passed a breakpoint of the control; None if that fails."""
-    transcription, at = solution.transcription, solution.at
+    transcription, at = solution.transcription, solution
     system, plan = transcription.system, transcription.layout
     durations, breakpoints = transcription.unpack(at.w).durations, system.control.breakpoints
     if plan.in_order(durations, breakpoints):
@@ -203,5 +199,5 @@ def _in_order(solution: Refined[MultipleShooting]) -> Refined[MultipleShooting] 
     durations = np.array(rolled.durations)
     changed = transcribe(system, layout(plan.cycle, durations, breakpoints))
     near = solve_nearby(changed, changed.pack(rolled.nodes(changed.layout), durations), at.p)
-    in_order = near.settled and changed.layout.in_order(changed.unpack(near.w).durations, breakpoints)
-    return refine(changed, polish(changed, near.w, at.p).at) if in_order else None
+    in_order = near.converged and changed.layout.in_order(changed.unpack(near.w).durations, breakpoints)
+    return refine(polish(changed, near.w, at.p)) if in_order else None

@@ -15,12 +15,11 @@ from casadi import Function
 
 from gaitopt.arrays import Array
 from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
-from gaitopt.iteration import bracketed_root
+from gaitopt.iteration import bracketed_root, overflow_allowed
 from gaitopt.mechanics import Cycle, Dynamics, HybridSystem, Mode, ending_margin, margin_names, margin_unit
 from gaitopt.mechanics.buffered import Buffers, buffered, buffered_map
 from gaitopt.nlp.integrator import shooting_step
 from gaitopt.nlp.layout import Layout
-from gaitopt.nlp.trial import overflow_allowed
 
 RTOL, ATOL = 1e-8, 1e-10
 """A guess needs no more; the absolute one in natural units."""

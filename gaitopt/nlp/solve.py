@@ -5,7 +5,7 @@ Where the guess is not close to a gait, or the gait there violates a margin, IPO
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait import Cause, Gait, Status, in_words
+from gaitopt.iteration import overflow_allowed
 from gaitopt.mechanics import Cycle, Dynamics, HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import early_event, largest_residual, missing_event, violations
@@ -20,12 +21,9 @@ from gaitopt.nlp.feasibility import Feasibility
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import transcribe
-from gaitopt.nlp.nearby import solve_nearby
-from gaitopt.nlp.newton import polish
-from gaitopt.nlp.refinement import Refined, refine
+from gaitopt.nlp.newton import Solution, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
 from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.trial import overflow_allowed
 from gaitopt.problem import Problem, lacks_energy
 from gaitopt.problem.plausibility import NO_ENERGY
 
@@ -38,17 +36,37 @@ VANISHING = 1e-7
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Attempt:
-    """One search on one layout: from ``start`` to ``w``, whose ``status`` says whether it solves the equations."""
+def find_gait(
+    problem: Problem,
+    system: HybridSystem,
+    *,
+    start: Gait | None = None,
+    progress: Progress | None = None,
+    should_stop: Stop = None,
+) -> Gait:
+    """The gait of ``problem``: designed where parameters are unknowns, solved otherwise.
 
-    transcription: Transcription
-    p: Array
-    start: Array
-    w: Array
-    status: Status
-    words: str
-    iterations: int
+    Parameters
+    ----------
+    start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
+    progress : called at every iteration with its number and the largest violation.
+    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+    """
+    began = time.perf_counter()
+    designed = free_parameters(problem, system)
+    first = start if designed and start else solve_gait(problem, system, progress=progress, should_stop=should_stop)
+    if not designed or first.status is Status.INTERRUPTED:
+        return first
+    from gaitopt.nlp.design import design_gait  # most problems have no unknowns, and need not wait for its modules
+
+    gait = design_gait(problem, system, first, progress=progress, should_stop=should_stop)
+    return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
+
+
+def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
+    """Bounds of all unknown parameters by dotted key: those of the file, and those of the control law itself."""
+    bounds = {key: (free.lower, free.upper) for key, free in problem.free.items()}
+    return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns.items()}
 
 
 def solve_gait(
@@ -81,7 +99,9 @@ def solve_gait(
     state = np.array([problem.guess.state[name] for name in system.state_names])
     guess = roll_out(dynamics, problem.cycle, state, problem.guess.durations)
     if guess.endless is None:
-        near = _in_order(problem.cycle, dynamics, guess, partial(_nearby, progress=progress, should_stop=should_stop))
+        near = _in_order(
+            problem.cycle, dynamics, guess, partial(solve_nearby, progress=progress, should_stop=should_stop)
+        )
         if near.status is Status.CONVERGED:
             gait = _finish(problem, near, _solver(near, began))
             if gait.converged:
@@ -102,7 +122,7 @@ def solve_gait(
     return _finish(problem, attempt, solver)
 
 
-def _solver(attempt: Attempt, began: float) -> dict[str, float]:
+def _solver(attempt: Solution[Transcription], began: float) -> dict[str, float]:
     return {"iterations": float(attempt.iterations), "seconds": time.perf_counter() - began}
 
 
@@ -110,8 +130,8 @@ def _in_order(
     cycle: Cycle,
     dynamics: Dynamics,
     guess: Rollout,
-    search: Callable[[Transcription, Array, Array], Attempt],
-) -> Attempt:
+    search: Callable[[Transcription, Array, Array], Solution[Transcription]],
+) -> Solution[Transcription]:
     """Search, and again with a new layout while a switch passes a breakpoint of the control."""
     rolled, breakpoints = guess, dynamics.system.control.breakpoints
     for _ in range(MAX_REORDERS):
@@ -128,27 +148,6 @@ def _in_order(
     return attempt
 
 
-def _nearby(
-    transcription: Transcription,
-    start: Array,
-    p: Array,
-    *,
-    progress: Progress | None,
-    should_stop: Stop,
-) -> Attempt:
-    """Newton's method if the guess is close to a solution."""
-    near = solve_nearby(transcription, start, p, progress, should_stop)
-    return Attempt(
-        transcription=transcription,
-        p=p,
-        start=start,
-        w=near.w,
-        status=Status.CONVERGED if near.settled else Status.NOT_CONVERGED,
-        words="solved" if near.settled else "no solution next to the guess",
-        iterations=near.steps,
-    )
-
-
 def _by_ipopt(
     transcription: Transcription,
     start: Array,
@@ -157,24 +156,18 @@ def _by_ipopt(
     progress: Progress | None = None,
     should_stop: Stop = None,
     relaxed: bool = False,
-) -> Attempt:
+) -> Solution[Transcription]:
     """Run IPOPT; ``relaxed`` leaves the margins out."""
     program = Feasibility(transcription, progress=progress, should_stop=should_stop, relaxed=relaxed)
     result = program.solve(start, p)
-    return Attempt(
-        transcription=transcription,
-        p=p,
-        start=start,
-        w=result.w,
-        status=result.status,
-        words=result.words,
-        iterations=result.iterations,
+    return Solution(
+        transcription, result.w, p, status=result.status, words=result.words, iterations=result.iterations, start=start
     )
 
 
-def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gait:
+def _finish(problem: Problem, attempt: Solution[Transcription], solver: dict[str, float]) -> Gait:
     """Polish, refine until the integration error is small, and assemble the gait."""
-    refined = refine(attempt.transcription, polish(attempt.transcription, attempt.w, attempt.p).at)
+    refined = refine(polish(attempt.transcription, attempt.w, attempt.p))
     wrong = rejection_reason(refined)
     if wrong:
         return Gait(
@@ -188,11 +181,9 @@ def _finish(problem: Problem, attempt: Attempt, solver: dict[str, float]) -> Gai
     return assembled(problem, refined, message=attempt.words, solver=solver)
 
 
-def assembled(problem: Problem, refined: Refined[Transcription], *, message: str, solver: dict[str, float]) -> Gait:
+def assembled(problem: Problem, refined: Solution[Transcription], *, message: str, solver: dict[str, float]) -> Gait:
     """The gait at a solution; its message says if the cycle is a shorter one walked several times."""
-    gait = assemble_gait(
-        problem, refined.transcription, refined.at, errors=refined.errors, message=message, solver=solver
-    )
+    gait = assemble_gait(problem, refined, errors=refined.errors, message=message, solver=solver)
     repetition = _repetition(gait)
     return replace(gait, message=f"{gait.message}; {repetition}") if repetition else gait
 
@@ -205,9 +196,9 @@ def _repetition(gait: Gait) -> str:
 
 
 @overflow_allowed()
-def rejection_reason(refined: Refined[Transcription]) -> tuple[Cause, ...]:
+def rejection_reason(refined: Solution[Transcription]) -> tuple[Cause, ...]:
     """What keeps a solution of the equations from being a gait; empty for a gait."""
-    transcription, at = refined.transcription, refined.at
+    transcription, at = refined.transcription, refined
     _, durations, _ = transcription.unpack(at.w)
     short = np.flatnonzero(durations < VANISHING * durations.sum())
     if short.size:
@@ -233,7 +224,7 @@ def vanished(cycle: Cycle, phase: int, duration: float) -> Cause:
 
 
 @overflow_allowed()
-def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
+def _causes(attempt: Solution[Transcription], guess: Rollout) -> tuple[Cause, ...]:
     """The worst violation: of margins, by a periodic motion solved with or without them, or else of the equations.
 
     A reference that ends before the step explains more than what motions beyond it violate.
@@ -243,7 +234,7 @@ def _causes(attempt: Attempt, guess: Rollout) -> tuple[Cause, ...]:
         missing = missing_event(transcription.layout.cycle, guess.endless, transcription.system.control)
         if missing.what == "reference":
             return (missing,)
-    relaxed = _by_ipopt(transcription, attempt.start, p, relaxed=True)
+    relaxed = _by_ipopt(transcription, attempt.w if attempt.start is None else attempt.start, p, relaxed=True)
     for w in (relaxed.w, attempt.w):
         residual = transcription.violation(w, p)
         if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:

@@ -41,7 +41,7 @@ def transcribed(gait, free):
 def scalars_at(t, w, p, freed):
     moved = w.copy()
     moved[-len(freed) :] = freed
-    return Scalars(sensitivity(t, polish(t, moved, p).at))
+    return Scalars(sensitivity(t, polish(t, moved, p)))
 
 
 def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaitopt.nlp.extrapolation import extrapolation
+from gaitopt.nlp.newton import extrapolation
 
 pytestmark = pytest.mark.portable
 

@@ -5,10 +5,10 @@ import pytest
 
 import gaitopt as go
 from gaitopt.mechanics import Dynamics
-from gaitopt.nlp import nearby, solve, solve_gait
+from gaitopt.nlp import newton, solve, solve_gait
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import transcribe
-from gaitopt.nlp.nearby import REACH, solve_nearby
+from gaitopt.nlp.newton import REACH, solve_nearby
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.study.system import build_system
 
@@ -40,7 +40,7 @@ def test_gait_is_that_of_ipopt_without_ipopt(name, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(solve, "Feasibility", None)
         near = solve_gait(problem, system)
-    monkeypatch.setattr(nearby, "REACH", 0.0)
+    monkeypatch.setattr(newton, "REACH", 0.0)
     searched = solve_gait(problem, system)
     assert near.converged
     assert searched.converged
@@ -51,7 +51,7 @@ def test_gait_is_that_of_ipopt_without_ipopt(name, monkeypatch):
 def test_solution_is_within_twice_the_longest_first_step():
     transcription, start, p = prepared("compass-passive-a")
     found = solve_nearby(transcription, start, p)
-    assert found.settled
+    assert found.converged
     assert np.abs((found.w - start) / transcription.units(p).unknowns).max() <= 2 * REACH
     assert np.abs(transcription.violation(found.w, p) / transcription.units(p).equalities).max() < 1e-12
 
@@ -60,14 +60,14 @@ def test_solution_is_within_twice_the_longest_first_step():
 def test_start_that_is_not_near_a_gait_is_left_to_ipopt(scale):
     transcription, start, p = prepared("compass-passive-a")
     away = np.random.default_rng(3).normal(scale=scale, size=start.size)
-    assert not solve_nearby(transcription, start + away, p).settled
+    assert not solve_nearby(transcription, start + away, p).converged
 
 
 def test_feet_that_stay_together_are_no_solution_nearby():
     transcription, start, p = prepared("rimless-wheel-stick")
     short = start.copy()
     short[-1] *= 1e-3
-    assert not solve_nearby(transcription, short, p).settled
+    assert not solve_nearby(transcription, short, p).converged
 
 
 def test_gait_that_violates_a_margin_is_searched_by_ipopt():
@@ -78,7 +78,7 @@ def test_gait_that_violates_a_margin_is_searched_by_ipopt():
 
 
 def test_request_to_stop_ends_it_at_once():
-    assert not solve_nearby(*prepared("compass-passive-a"), should_stop=lambda: True).settled
+    assert not solve_nearby(*prepared("compass-passive-a"), should_stop=lambda: True).converged
 
 
 def test_problems_that_differ_in_values_share_their_system():

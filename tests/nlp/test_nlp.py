@@ -15,7 +15,7 @@ from gaitopt.nlp.diagnosis import violations
 from gaitopt.nlp.integrator import ORDER, shooting_step
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.newton import integration_error, linearise, polish
+from gaitopt.nlp.newton import Solution, integration_error, polish
 from gaitopt.problem import load_problem
 
 STATE = np.array([-0.1408, -0.1408, 0.0, 0.7102, -0.5168, 0.3])
@@ -62,7 +62,7 @@ def test_jacobian_agrees_with_central_differences(compass):
     direction = np.random.default_rng(2).normal(size=w.size)
     eps = 1e-6
     plus, minus = (transcription.violation(w + s * eps * direction, PARAMETERS) for s in (1, -1))
-    exact = linearise(transcription, w, PARAMETERS).jacobian @ direction
+    exact = Solution(transcription, w, PARAMETERS).jacobian @ direction
     assert np.allclose(exact, (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-6)
 
 
@@ -102,8 +102,8 @@ def test_error_estimate_is_the_error():
     coarse = MultipleShooting(system, layout(problem.cycle, [gait.period], []).refined([5]))
     fractions = np.linspace(gait.shooting.times[0], gait.shooting.times[-1], 6)
     start = coarse.pack(integrate_to(system, Mode.STICK, gait.state, fractions, gait.p, np.zeros(0)).T, [fractions[-1]])
-    at = polish(coarse, start, gait.p).at
-    nodes, durations = integration_error(coarse, at)
+    at = polish(coarse, start, gait.p)
+    nodes, durations = integration_error(at)
     actual = gait.period - coarse.unpack(at.w)[1][0]
     assert abs(actual) > 1e-9
     assert durations[0] == pytest.approx(actual, rel=0.05)

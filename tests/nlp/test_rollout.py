@@ -110,7 +110,7 @@ def test_feet_that_stay_together_are_no_step():
     ],
 )
 def test_failures_are_told_in_words_of_the_walk(name, overrides, words):
-    gait = go.solve(go.load_problem(name).replace(overrides))
+    gait = go.solve(go.load_problem(name).replace(overrides).from_guess())
     assert gait.status in (go.Status.INFEASIBLE, go.Status.NOT_CONVERGED)
     assert re.search(words, gait.message)
     assert not re.search(r"t = -", gait.message)

@@ -13,8 +13,7 @@ from gaitopt.nlp.design.spectral_radius import certified_radius
 from gaitopt.nlp.family import Family
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.newton import polish
-from gaitopt.nlp.refinement import refine
+from gaitopt.nlp.newton import polish, refine
 from gaitopt.nlp.sparse import Pattern, ScaledMatrix, SparseMatrix
 
 pytestmark = pytest.mark.portable
@@ -51,8 +50,8 @@ def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
 @pytest.mark.parametrize("far", FAR)
 def test_what_is_polished_far_from_a_gait_is_none(far: float) -> None:
     equations, w = transcription()
-    refined = refine(equations, polish(equations, w * far, gait().p).at)
-    assert not refined.at.size < 1
+    refined = refine(polish(equations, w * far, gait().p))
+    assert not refined.size < 1
     assert not refined.accurate
 
 

@@ -20,15 +20,14 @@ from gaitopt.nlp.design.outcome import RADIUS
 from gaitopt.nlp.design.program import Program
 from gaitopt.nlp.design.reduced import Reduced
 from gaitopt.nlp.design.sqp import optimise
+from gaitopt.nlp.design.start import Start, guessed, known, rolled_states
 from gaitopt.nlp.design.trust_region import SMALL, freed_sizes
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import Layout, layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.newton import polish
-from gaitopt.nlp.refinement import refine
+from gaitopt.nlp.newton import polish, refine
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.solve import rejection_reason
-from gaitopt.nlp.start import Start, free_parameters, guessed, known, rolled_states
+from gaitopt.nlp.solve import free_parameters, rejection_reason
 from gaitopt.problem import Problem
 
 MAX_ROUNDS = 12
@@ -105,9 +104,9 @@ class _Design:
     def _optimum(self, transcription: MultipleShooting, w: Array, iterations: int, *, cautious: bool = False) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one; see ``optimise``."""
         reduced = Reduced(self._problem, self.free, self._bounds)
-        refined = refine(transcription, polish(transcription, w, self._dynamics.p).at)
+        refined = refine(polish(transcription, w, self._dynamics.p))
         for _ in range(MAX_MESHES):
-            point = reduced.first(refined.transcription, refined.at.w, self._dynamics.p)
+            point = reduced.first(refined.transcription, refined.w, self._dynamics.p)
             if point is None:
                 lost = rejection_reason(refined)
                 message = in_words(lost) or "the gait is lost on a finer mesh"
@@ -119,7 +118,7 @@ class _Design:
             )
             iterations += optimum.iterations
             s = optimum.point.sensitivity
-            refined = refine(s.transcription, s.at)
+            refined = refine(s.at)
             if refined.transcription is s.transcription or optimum.interrupted:
                 break
         solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.point.objective}
@@ -129,9 +128,7 @@ class _Design:
         if wrong or optimum.shortcoming:
             message = in_words(wrong) or str(optimum.shortcoming)
             return self._failed(Status.NOT_CONVERGED, message, solver, wrong)
-        gait = assemble_gait(
-            self._problem, refined.transcription, refined.at, errors=refined.errors, message="", solver=solver
-        )
+        gait = assemble_gait(self._problem, refined, errors=refined.errors, message="", solver=solver)
         return replace(gait, message=_verdict(gait))
 
     def _conflicts(self, start: Start) -> tuple[Cause, ...]:

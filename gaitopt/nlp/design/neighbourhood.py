@@ -16,12 +16,12 @@ from gaitopt.gait import Gait, curves
 from gaitopt.mechanics import margin_names, margin_scales
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.design.outcome import RADIUS
+from gaitopt.nlp.design.start import step_states
 from gaitopt.nlp.design.trust_region import SMALL, freed_sizes
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.newton import polish
-from gaitopt.nlp.refinement import refine
-from gaitopt.nlp.start import free_parameters, step_states
+from gaitopt.nlp.newton import polish, refine
+from gaitopt.nlp.solve import free_parameters
 
 RADII = (1e-2, 1e-3, 1e-4)
 """Distances of neighbours, relative to the sizes of the freed parameters."""
@@ -121,8 +121,8 @@ class _Search:
         plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
         coarse = MultipleShooting(gait.system, plan, tuple(free))
         w = coarse.pack(step_states(step, plan.node_times(durations)), durations, self.freed)
-        refined = refine(coarse, polish(coarse, w, gait.p).at)
-        self._transcription, self._w = refined.transcription, refined.at.w
+        refined = refine(polish(coarse, w, gait.p))
+        self._transcription, self._w = refined.transcription, refined.w
         self._slopes = np.zeros((self._w.size, self.freed.size))
         slopes, by_freed = [], []
         for step in np.diag(DIFFERENCE * self.sizes):
@@ -154,10 +154,10 @@ class _Search:
         t, gait = self._transcription, self._gait
         w = self._w + self._slopes @ (freed - self.freed)
         w[-freed.size :] = freed
-        at = polish(t, w, gait.p).at
+        at = polish(t, w, gait.p)
         if not at.size < SOLVED or not t.layout.in_order(t.unpack(at.w).durations, t.system.control.breakpoints):
             return None
-        solved = assemble_gait(gait.problem, t, at, errors=np.zeros(t.n_phases), message="", solver={})
+        solved = assemble_gait(gait.problem, at, errors=np.zeros(t.n_phases), message="", solver={})
         return _measured(solved, at.w)
 
 

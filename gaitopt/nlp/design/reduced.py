@@ -18,7 +18,7 @@ from gaitopt.nlp.design.sensitivity import Sensitivity, sensitivity
 from gaitopt.nlp.design.spectral_radius import ResponseSlope
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.newton import Linearisation, polish
+from gaitopt.nlp.newton import Solution, polish
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.problem import Problem
 
@@ -73,7 +73,7 @@ class Reduced:
 
         ``heights`` are the levels, at their extrema unless given.
         """
-        at = polish(transcription, w, p).at
+        at = polish(transcription, w, p)
         if not at.size < SOLVED or not (transcription.unpack(at.w).durations > 0).all():
             return None
         if not self._in_order(transcription, at.w):
@@ -96,10 +96,10 @@ class Reduced:
         rolled = roll_out(t.dynamics(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
         plan = layout(t.layout.cycle, durations, t.system.control.breakpoints)
         cut = MultipleShooting(t.system, plan, t.free)
-        at = polish(cut, cut.pack(rolled.nodes(plan), durations, freed), p).at
+        at = polish(cut, cut.pack(rolled.nodes(plan), durations, freed), p)
         return self._point(cut, at, heights) if at.size < SOLVED and self._in_order(cut, at.w) else None
 
-    def _point(self, t: MultipleShooting, at: Linearisation, heights: Array | None) -> Point | None:
+    def _point(self, t: MultipleShooting, at: Solution[MultipleShooting], heights: Array | None) -> Point | None:
         try:
             s = sensitivity(t, at)
         except RuntimeError:  # singular

@@ -61,7 +61,7 @@ class Radius:
 
     def __init__(self, s: Sensitivity, slope: ResponseSlope) -> None:
         self._s, self._slope = s, slope
-        self._V, self.M, self._adjoint = section_sensitivity(s.transcription, s.at)
+        self._V, self.M, self._adjoint = section_sensitivity(s.at)
         self.value = max(float(np.abs(np.linalg.eigvals(self.M)).max()), SMALLEST_RADIUS)
 
     def by_freed(self, weights: Array) -> Array:

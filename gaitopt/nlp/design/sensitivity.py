@@ -20,7 +20,7 @@ from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names
 from gaitopt.mechanics.buffered import buffered_map
 from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.newton import Linearisation
+from gaitopt.nlp.newton import Solution
 from gaitopt.nlp.shooting_jacobian import step_derivatives
 
 COUNTS = (17, 25, 33, 65, 129, 257)
@@ -86,7 +86,7 @@ class Sensitivity:
     """
 
     transcription: MultipleShooting
-    at: Linearisation
+    at: Solution[MultipleShooting]
     step: Step
     slopes: Array
     arcs: tuple[ArcCurves, ...]
@@ -97,7 +97,7 @@ class Sensitivity:
         return self.transcription.dynamics(self.at.p, self.transcription.unpack(self.at.w).freed)
 
 
-def sensitivity(transcription: MultipleShooting, at: Linearisation) -> Sensitivity:
+def sensitivity(transcription: MultipleShooting, at: Solution[MultipleShooting]) -> Sensitivity:
     """Curves and derivatives at a solution of the equalities.
 
     Raises
@@ -113,7 +113,7 @@ def sensitivity(transcription: MultipleShooting, at: Linearisation) -> Sensitivi
     return Sensitivity(transcription=transcription, at=at, step=step, slopes=slopes, arcs=arcs)
 
 
-def _arc_curves(t: MultipleShooting, at: Linearisation, slopes: Array, index: int, arc: Arc) -> ArcCurves:
+def _arc_curves(t: MultipleShooting, at: Solution[MultipleShooting], slopes: Array, index: int, arc: Arc) -> ArcCurves:
     layout, system = t.layout.arcs[index], t.system
     names = margin_names(arc.mode)
     starts, ends = _ends(t, slopes, index)
@@ -167,7 +167,9 @@ def _ends(t: MultipleShooting, slopes: Array, index: int) -> tuple[Array, Array]
     return by[:, 0] @ durations, by[:, 1] @ durations
 
 
-def _state_slopes(t: MultipleShooting, at: Linearisation, slopes: Array, index: int, arc: Arc, dt: Array) -> Array:
+def _state_slopes(
+    t: MultipleShooting, at: Solution[MultipleShooting], slopes: Array, index: int, arc: Arc, dt: Array
+) -> Array:
     """Derivatives of the states at the arc's Chebyshev points; shape (m, n_z, n_free)."""
     layout, n_z = t.layout.arcs[index], t.system.n_z
     fractions = (curves.points(arc.times.size) + 1) / 2

@@ -25,12 +25,11 @@ import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.iteration import bracketed_root
+from gaitopt.iteration import bracketed_root, overflow_allowed
 from gaitopt.mechanics import Mode
 from gaitopt.mechanics.buffered import BufferedFunction
 from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.newton import linearise, section_sensitivity
-from gaitopt.nlp.trial import overflow_allowed
+from gaitopt.nlp.newton import Solution, section_sensitivity
 
 EPSILON = 1e-6
 """A matrix of norm N is certified with a radius whose square exceeds that of its largest modulus by some eps N^2;
@@ -168,7 +167,7 @@ class _SensitivityCache:
         if not np.isfinite(w).all():
             return None
         try:
-            V, M, adjoint = section_sensitivity(self._t, linearise(self._t, w, p))
+            V, M, adjoint = section_sensitivity(Solution(self._t, w, p))
         except RuntimeError:  # singular
             return None
         if not np.isfinite(M).all():

@@ -9,6 +9,7 @@ from gaitopt.arrays import Array
 from gaitopt.gait import Gait, Step, curves
 from gaitopt.mechanics import Dynamics, HybridSystem
 from gaitopt.nlp.rollout import Rollout, roll_out
+from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem import Problem
 
 
@@ -26,12 +27,6 @@ class Start:
     durations: Array
     states: Callable[[Array], Array]
     freed: Array
-
-
-def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
-    """Bounds of all unknown parameters by dotted key: those of the file, and those of the control law itself."""
-    bounds = {key: (free.lower, free.upper) for key, free in problem.free.items()}
-    return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns.items()}
 
 
 def guessed(problem: Problem, system: HybridSystem) -> Start:
