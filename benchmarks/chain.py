@@ -5,8 +5,7 @@ from typing import Any
 
 from casadi import cos, sin, vertcat
 
-from gaitopt.mechanics.mechanism import Body, Mechanism, polar
-from gaitopt.mechanics.walker import Walker
+from gaitopt.model.walker import Body, Mechanism, Walker, polar
 
 
 def chain(links: int) -> type[Walker]:

@@ -16,10 +16,11 @@ from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 from pydrake.trajectories import PiecewisePolynomial
 
-from gaitopt.mechanics import Dynamics, Walker
-from gaitopt.nlp import roll_out
-from gaitopt.problem import Problem
-from gaitopt.study.system import build_system
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.walker import Walker
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.problem.problem import Problem
+from gaitopt.systems import build_system
 
 SAMPLES = 41
 

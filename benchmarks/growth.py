@@ -10,13 +10,13 @@ from reuse import solve_anew
 from timing import Row, compared
 
 from gaitopt import load_problem, solve
-from gaitopt.mechanics import HybridSystem, Mode, NoControl
-from gaitopt.nlp.design.start import step_states
-from gaitopt.nlp.integrator import shooting_step
+from gaitopt.design.design import step_states
+from gaitopt.model.control import NoControl
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.shooting_jacobian import stage_derivatives, step_derivatives
+from gaitopt.nlp.shooting import MultipleShooting, shooting_step, stage_derivatives, step_derivatives
 
 INTERVALS = (16, 32, 64, 128)
 LINKS = (2, 4, 6, 8)

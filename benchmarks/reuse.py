@@ -6,12 +6,10 @@ import numpy as np
 from timing import Row
 
 from gaitopt import load_problem, solve
-from gaitopt.gait import Gait
-from gaitopt.nlp import Family
-from gaitopt.nlp.conditions import conditions, differentiated
-from gaitopt.nlp.multiple_shooting import transcribe
-from gaitopt.nlp.shooting_jacobian import shooting_jacobian
-from gaitopt.problem import Problem
+from gaitopt.gait.gait import Gait
+from gaitopt.nlp.family import Family
+from gaitopt.nlp.shooting import conditions, differentiated, shooting_jacobian, transcribe
+from gaitopt.problem.problem import Problem
 
 REBUILT = 10
 """Values for which it is built anew; one takes as long as another."""

@@ -6,9 +6,11 @@ import io
 import numpy as np
 from rockit import FreeTime, MultipleShooting, Ocp
 
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode
-from gaitopt.nlp import roll_out
-from gaitopt.problem import Problem
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.problem.problem import Problem
 
 INTERVALS, SUBSTEPS = 20, 4
 

@@ -9,12 +9,13 @@ from reuse import solve_anew
 from timing import Row, compared, watched_memory
 
 from gaitopt import load_problem, return_map, solve
-from gaitopt.gait import Gait
-from gaitopt.mechanics import Mode
-from gaitopt.orbit import ReturnMap
-from gaitopt.simulation import Engine, ScipyStepper, Simulator
-from gaitopt.simulation.heyoka.stepper import HeyokaStepper
-from gaitopt.study.return_map import step_map
+from gaitopt.gait.gait import Gait
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.engine import Engine
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.scipy_stepper import ScipyStepper
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import ReturnMap, step_map
 
 ENGINES = {"scipy": ScipyStepper, "heyoka": HeyokaStepper}
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BACKEND = "gaitopt.library.display"
+
+BACKEND = "gaitopt.api.display"
 """The module whose functions ``plot``, ``animate``, ``report``, ``save`` and ``html`` do the work."""
 
 
@@ -64,7 +65,7 @@ class Reported(Plotted):
     __slots__ = ()
 
     def report(self) -> Page:
-        """Everything about it as one offline HTML page; see ``gaitopt.pages``."""
+        """Everything about it as one offline HTML page; see ``gaitopt.report``."""
         return _call("report", self)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gaitopt.problem import load_problem, problem_names
+from gaitopt.problem.problem import load_problem, problem_names
 from gaitopt.problem.source import parse_source
 
 VALUES = (

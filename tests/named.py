@@ -3,9 +3,9 @@
 from functools import cache
 
 from gaitopt import solve, verify
-from gaitopt.gait import Gait
-from gaitopt.problem import load_problem
-from gaitopt.study import Verification
+from gaitopt.gait.gait import Gait
+from gaitopt.problem.problem import load_problem
+from gaitopt.verification.verify import Verification
 
 
 @cache

@@ -14,9 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.mechanics import HybridSystem, Mode, NoControl, Walker
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.model.control import NoControl
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walker import Walker
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 Array = NDArray[np.float64]
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"

@@ -7,8 +7,8 @@ from named import named, verification
 from oracles import example
 
 from gaitopt import solve, verify
-from gaitopt.gait import Gait
-from gaitopt.problem import load_problem
+from gaitopt.gait.gait import Gait
+from gaitopt.problem.problem import load_problem
 
 TORSO = "docs/examples/torso-compass.yaml"
 SEQUENCES = ("compass-passive-a", "compass-passive-b", "compass-pd-impact-slip", "rimless-wheel-slip")

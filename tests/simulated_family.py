@@ -15,10 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from gaitopt.gait import Gait, Step, floquet_multipliers, observe
-from gaitopt.mechanics import Dynamics, Mode
-from gaitopt.orbit import ReturnMap
-from gaitopt.simulation import Simulator
+from gaitopt.gait.gait import Gait, floquet_multipliers
+from gaitopt.gait.measures import observe
+from gaitopt.gait.trajectory import Step
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import ReturnMap
 
 Array = NDArray[np.float64]
 

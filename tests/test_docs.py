@@ -11,8 +11,8 @@ import pytest
 from gaitopt import load_problem, simulate, solve, verify
 from gaitopt.cli import values
 from gaitopt.cli.main import main
-from gaitopt.gait import Ending
-from gaitopt.problem import parse_problem
+from gaitopt.gait.trajectory import Ending
+from gaitopt.problem.problem import parse_problem
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from named import named
 
-from gaitopt import (
+from gaitopt import (  # fmt: skip
     Mode,
     basin,
     continuation,
@@ -28,8 +28,8 @@ from gaitopt import (
     solve,
     sweep,
     verify,
-)  # fmt: skip
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+)
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.nlp.family import Family
 from gaitopt.workers.cluster import connected
 
@@ -112,7 +112,7 @@ def test_proofs_survive_pickles_ball_by_ball():
     pytest.importorskip("flint")
     from flint import arb, ctx  # an extra
 
-    from gaitopt.proof.outward import interval
+    from gaitopt.proof.graph import interval
 
     proof = prove(named(WHEEL), progress=False)
     again = sent(proof)
@@ -168,7 +168,7 @@ def test_workers_of_dask_compute_with_what_they_are_sent():
 
 
 PLUGIN = """
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 class HomeMadeWheel(RimlessWheel):
     pass

@@ -13,11 +13,11 @@ from named import named
 
 import gaitopt
 from gaitopt import Mode, load_problem, prove, return_map, simulate, solve, verify
-from gaitopt.cli.signals import interruptible, listening
+from gaitopt.cli.terminal import interruptible, listening
 from gaitopt.errors import StorageError
-from gaitopt.mechanics.buffered import Buffers, buffered, buffered_map
+from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.nlp.family import Family
-from gaitopt.store.lock import only_writer
+from gaitopt.store.files import only_writer
 from gaitopt.threads import per_thread
 from gaitopt.workers.cluster import METHOD, connected
 

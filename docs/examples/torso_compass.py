@@ -18,9 +18,8 @@ from typing import Annotated, Any, Self
 from casadi import cos, sin, vertcat
 from pydantic import Field, model_validator
 
-from gaitopt.mechanics.mechanism import Body, Mechanism, polar
-from gaitopt.mechanics.units import Angle, Positive
-from gaitopt.mechanics.walker import Walker
+from gaitopt.model.units import Angle, Positive
+from gaitopt.model.walker import Body, Mechanism, Walker, polar
 
 
 class TorsoCompass(Walker):

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from gaitopt.cli.printable import printable
+from gaitopt.cli.terminal import printable
 
 PIPED_WIDTH = 160
 """Columns where no terminal says how many it has."""

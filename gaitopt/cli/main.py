@@ -1,43 +1,69 @@
-"""The commands, and the one place where an ending becomes an exit code."""
+"""The commands, and the one place where an ending becomes an exit code.
+
+A command as Typer sees it: its argument ``terminal`` stands for the options --json, --quiet and --debug.
+"""
 
 import gc
 import os
 import sys
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, wraps
+from inspect import Parameter, Signature, signature
 from typing import Annotated, Any
 
 import typer
 
 from gaitopt import __version__
-from gaitopt.cli.basin import basin
-from gaitopt.cli.catalogue import list_problems, schema, show, validate
-from gaitopt.cli.command import JSON, JSON_LINES, QUIET, with_shared_options
-from gaitopt.cli.continuation import continue_
-from gaitopt.cli.endings import (
+from gaitopt.cli.families import basin, continue_, front, sweep
+from gaitopt.cli.gaits import explain, find, simulate, solve, verify
+from gaitopt.cli.pictures import plot, report, reproduce
+from gaitopt.cli.problems import list_problems, schema, show, validate
+from gaitopt.cli.prove import prove
+from gaitopt.cli.terminal import (
     BROKEN_PIPE,
     INTERNAL_ERROR,
     STORAGE,
     USAGE,
+    Terminal,
+    allow_any_encoding,
     check_working_folder,
     error_words,
     internal_error,
+    listening,
+    printable,
     shown_warnings,
 )
-from gaitopt.cli.explain import explain
-from gaitopt.cli.find import find
-from gaitopt.cli.front import front
-from gaitopt.cli.plot import plot
-from gaitopt.cli.printable import allow_any_encoding, printable
-from gaitopt.cli.prove import prove
-from gaitopt.cli.report import report
-from gaitopt.cli.reproduce import reproduce
-from gaitopt.cli.signals import listening
-from gaitopt.cli.simulate import simulate
-from gaitopt.cli.solve import solve
-from gaitopt.cli.sweep import sweep
-from gaitopt.cli.verify import verify
 from gaitopt.errors import GaitoptError
+
+Shared = tuple[str, Any]
+JSON: Shared = (
+    "json",
+    Annotated[bool, typer.Option("--json", help="Print one JSON object, floats to the last digit.")],
+)
+JSON_LINES: Shared = (
+    "json",
+    Annotated[bool, typer.Option("--json", help="Print one JSON object per line, as soon as it is found.")],
+)
+QUIET: Shared = ("quiet", Annotated[bool, typer.Option("--quiet", help="No narration and no progress on stderr.")])
+DEBUG: Shared = ("debug", Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")])
+
+
+def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callable[..., int]:
+    """The command with the ``shared`` options and --debug, which ``main`` reads, in place of ``terminal``."""
+    options = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind) for name, kind in (*shared, DEBUG)
+    ]
+    parameters = [entry for name, entry in signature(command).parameters.items() if name != "terminal"] + options
+
+    @wraps(command)
+    def run(**values: Any) -> int:
+        given = {option.name: values.pop(option.name) for option in options}
+        return command(**values, terminal=Terminal(json=given.get("json", False), quiet=given.get("quiet", False)))
+
+    run.__annotations__ = {entry.name: entry.annotation for entry in parameters}
+    run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
 
 LASTING = 100_000
 """New objects between two searches for cycles of them: modules and compiled functions last as long as the command does,

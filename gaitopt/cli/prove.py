@@ -5,18 +5,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.branches import SPECIAL, special_records
-from gaitopt.cli.endings import NOT_A_GAIT
-from gaitopt.cli.options import OutOption, SetOption
-from gaitopt.cli.runs import gait_of, report
-from gaitopt.cli.terminal import Terminal
-from gaitopt.cli.values import key_value
+from gaitopt.cli.runs import SPECIAL, gait_of, report, special_records
+from gaitopt.cli.terminal import NOT_A_GAIT, Terminal
+from gaitopt.cli.values import OutOption, SetOption, key_value
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from gaitopt.proof import Proof
+    from gaitopt.proof.statement import Proof
+
 
 CERTIFICATE_FILE = "proof.json"
 NARROWEST, WIDEST = 1e-14, 1.0
@@ -70,8 +68,8 @@ def prove(
 
 
 def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> int:
-    from gaitopt.library.stored import save
-    from gaitopt.proof import prove as prove_gait
+    from gaitopt.api.stored import save
+    from gaitopt.proof.prove import prove as prove_gait
 
     changes, intervals = _intervals(changes)
     gait, folder, fresh = gait_of(run, changes, output, terminal)
@@ -86,9 +84,9 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: T
 def _prove_special(target: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt import solve
     from gaitopt.problem.faults import shown
-    from gaitopt.proof import prove_special
-    from gaitopt.proof.branch import BRACKETED
-    from gaitopt.search.distinct import closed
+    from gaitopt.proof.check import BRACKETED
+    from gaitopt.proof.prove import prove_special
+    from gaitopt.search.find import closed
 
     run, _, number = target.rpartition(SPECIAL)
     problem, parameter, records = special_records(run)
@@ -109,7 +107,7 @@ def _prove_special(target: str, width: float | None, output: Path | None, termin
 
 
 def _keep(proof: "Proof", file: Path, terminal: Terminal) -> int:
-    from gaitopt.store import json_text, write_whole
+    from gaitopt.store.files import json_text, write_whole
 
     write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
     return _report(proof, file, terminal)
@@ -117,8 +115,8 @@ def _keep(proof: "Proof", file: Path, terminal: Terminal) -> int:
 
 def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, str]]:
     """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
-    from gaitopt.proof.outward import precision
-    from gaitopt.proof.parameters import INTERVAL, ball
+    from gaitopt.proof.graph import precision
+    from gaitopt.proof.statement import INTERVAL, ball
     from gaitopt.proof.taylor import PRECISION
 
     pairs = [key_value(text, "--set") for text in changes or ()]
@@ -132,8 +130,8 @@ def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, s
 
 
 def _checked(file: Path) -> "Proof":
-    from gaitopt.proof import check
     from gaitopt.proof.certificate import parse_certificate
+    from gaitopt.proof.check import check
 
     content = _read(file)
     try:
@@ -174,8 +172,8 @@ def _statement(words: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _print(console: "Console", record: dict[str, Any]) -> None:
-    from gaitopt.library.tables import section
-    from gaitopt.problem import SCALARS
+    from gaitopt.problem.scalars import SCALARS
+    from gaitopt.show.tables import section
 
     verdict = "proved" if record["proved"] else "NOT PROVED"
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]

@@ -1,28 +1,36 @@
-"""What a user means by RUN: a run folder, or a problem whose gait is in the store or is solved now."""
+"""What a user means by RUN: a run folder, or a problem whose gait is in the store or is solved now.
 
+The branch in a run folder, as the continuation wrote it, and its special points ``RUN@special.K``.
+
+Figures as files: of what a command has just computed, and of what is stored in a folder.
+"""
+
+from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from gaitopt.cli.endings import NOT_A_GAIT, NOT_VERIFIED
-from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
 from gaitopt.cli.values import overrides
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import StorageError, UnknownNameError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Any
 
-    from gaitopt.gait import Gait
-    from gaitopt.problem import Problem
+    from gaitopt.gait.gait import Gait
+    from gaitopt.problem.problem import Problem
+    from gaitopt.show.catalogue import Figures
+
 
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
 def load(problem: str, changes: list[str] | None, terminal: Terminal | None = None) -> "Problem":
     """The problem of a name or a file, with the ``--set`` options applied; what is unusual about it is remarked."""
-    from gaitopt.problem import load_problem
+    from gaitopt.problem.problem import load_problem
 
     stated = load_problem(problem)
     changed = stated.replace(overrides(changes), label="--set ") if changes else stated
@@ -40,8 +48,8 @@ def is_folder(run: str) -> bool:
     UnknownNameError
         If it is a path to nothing, and no problem file.
     """
-    from gaitopt.problem import problem_names
     from gaitopt.problem.faults import shown
+    from gaitopt.problem.problem import problem_names
 
     path = Path(run)
     if run in problem_names():
@@ -57,9 +65,8 @@ def is_folder(run: str) -> bool:
 
 def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
     """The gait in a run folder, and the folder; with ``--set`` that is an error, as a run is what it is."""
-    from gaitopt.runs.restore import restore_gait
-    from gaitopt.runs.within import refuse_other_results
-    from gaitopt.store import GAIT_FILE
+    from gaitopt.runs.restore import refuse_other_results, restore_gait
+    from gaitopt.store.folder import GAIT_FILE
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {run} is a finished run; give its problem instead")
@@ -71,7 +78,7 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
 
 def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> "tuple[Gait, Path, bool]":
     """A gait, its run folder, and whether it was solved just now (and is verified, but not stored)."""
-    from gaitopt.store import check_folder, is_complete, run_folder
+    from gaitopt.store.folder import check_folder, is_complete, run_folder
 
     if is_folder(run):
         return (*stored_gait(run, changes), False)
@@ -90,7 +97,7 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
     A gait that was stored is read back: times in a run folder are rounded sums, and the same command shall give the
     same figures to the last byte when it is repeated.
     """
-    from gaitopt.library.stored import save
+    from gaitopt.api.stored import save
     from gaitopt.runs.restore import restore_gait
 
     gaits, folders = list["Gait"](), list[Path]()
@@ -116,14 +123,14 @@ def solve_verified(problem: "Problem", terminal: Terminal) -> "Gait":
 
 def verified(gait: "Gait", terminal: Terminal) -> "Gait":
     """A gait with its verification; a failed attempt as it is."""
-    from gaitopt import study
+    from gaitopt.verification import verify as verification
 
     if not gait.converged:
         return gait
     if gait.message != "solved":
         terminal.say(gait.message)
     terminal.say("verifying by forward simulation")
-    return gait.verified(study.verify(gait).to_record())
+    return gait.verified(verification.verify(gait).to_record())
 
 
 def report(
@@ -135,8 +142,8 @@ def report(
     about: "Mapping[str, Any] | None" = None,
 ) -> int:
     """Print a gait (and what else is known about it) or its failure, store it if ``store``; returns the exit code."""
-    from gaitopt.library.print_gait import print_gait
-    from gaitopt.library.stored import save
+    from gaitopt.api.stored import save
+    from gaitopt.show.tables import print_gait
 
     def print_attempt(console: "Any", record: "Mapping[str, Any]") -> None:
         if gait.converged:
@@ -154,3 +161,94 @@ def report(
     if not gait.converged:
         return NOT_A_GAIT
     return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED
+
+
+SPECIAL = "@special."
+
+
+def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
+    """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error."""
+    from gaitopt.runs import restore as restore_branch
+    from gaitopt.runs.restore import kind_of
+
+    if kind_of(Path(run)) != "branch":
+        raise StorageError(f"{label}{run} holds no branch; `gaitopt continue` writes one")
+    return restore_branch.stored_branch(Path(run))
+
+
+def special_records(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
+    """Problem and parameter of a branch, and the records of its special points in the order of the table."""
+    problem, parameter, records = stored_branch(run, label)
+    return problem, parameter, [record for record in records if record.get("record") == "special"]
+
+
+DRAWN_AXES = 2
+ANIMATION = "animation"
+
+
+class Format(StrEnum):
+    """Formats of a figure."""
+
+    SVG = "svg"
+    PNG = "png"
+    PDF = "pdf"
+
+
+DEFAULT_FORMATS = (Format.SVG, Format.PNG)
+
+
+def save_figures(
+    figures: "Figures", folder: Path, what: Sequence[str] | None = None, formats: Sequence[str] = DEFAULT_FORMATS
+) -> list[Path]:
+    """Draw figures into a folder, those that show something if ``what`` names none; the files."""
+    from gaitopt.show.style import save
+    from gaitopt.store.files import write_whole
+
+    moving = [] if figures.animation is None else [ANIMATION]
+    known, written = (*figures.names, *moving), list[Path]()
+    unknown = [word for word in what or () if word not in known]
+    if unknown:
+        raise typer.BadParameter(f"--what {unknown[0]}: choose from {', '.join(known)}")
+    for word in what or (*figures.usual, *moving):
+        if word == ANIMATION and figures.animation is not None:
+            written.append(folder / f"{ANIMATION}.html")
+            write_whole(written[-1], figures.animation())
+        else:
+            written += save(figures.draw(word), folder / (figures.stem or word), formats)
+    return written
+
+
+def stored_figures(run: str) -> "list[Figures]":
+    """The figures of a run folder that holds a branch, a walk or fronts, and no gait; none of any other."""
+    from gaitopt.runs.front import read_fronts
+    from gaitopt.runs.restore import kind_of, restore_walk
+    from gaitopt.show.catalogue import branch_figures, front_figures, walk_figures
+
+    kind = kind_of(Path(run))
+    if kind == "branch":
+        return [branch_figures(*stored_branch(run))]
+    if kind == "walk":
+        return [walk_figures(restore_walk(Path(run)))]
+    return [front_figures(front) for front in read_fronts(Path(run))] if kind == "front" else []
+
+
+def map_in(run: str) -> str | None:
+    """Whether ``run`` is the folder of a ``basin`` or of a ``sweep``, by the word that its name begins with."""
+    from gaitopt.store.folder import MANIFEST_FILE
+
+    folder = Path(run)
+    kind = folder.name.partition("-")[0]
+    own = kind in ("basin", "sweep") and folder.is_dir() and not (folder / MANIFEST_FILE).exists()
+    return kind if own else None
+
+
+def map_figures(kind: str, folder: Path) -> "Figures":
+    """The figures of the finished ``basin`` or ``sweep`` in its own folder."""
+    from gaitopt.runs.basin import read_basin
+    from gaitopt.runs.sweep import Sweep, read_sweep
+    from gaitopt.show.catalogue import basin_figures, sweep_figures
+
+    result = read_basin(folder) if kind == "basin" else read_sweep(folder)
+    if len(result.grid.axes) > DRAWN_AXES:
+        raise typer.BadParameter(f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two")
+    return sweep_figures(result) if isinstance(result, Sweep) else basin_figures(result)

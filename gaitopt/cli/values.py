@@ -1,8 +1,12 @@
-"""How the texts of options are read: ``KEY=VALUE``, ranges, grids, states and numbers; angles may carry deg or rad."""
+"""How the texts of options are read: ``KEY=VALUE``, ranges, grids, states and numbers; angles may carry deg or rad.
+
+The arguments and options that several commands take.
+"""
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +14,7 @@ from gaitopt.errors import ProblemError
 
 if TYPE_CHECKING:
     from gaitopt.runs.grid import Axis, Grid
+
 
 LONGEST_COUNT = 100
 """Characters of a number of values that are read; far fewer are accepted."""
@@ -26,7 +31,7 @@ def key_value(text: str, option: str) -> tuple[str, str]:
 
 def overrides(texts: Texts) -> dict[str, object]:
     """Values by dotted key from ``--set`` options, as YAML reads them; the last one counts."""
-    from gaitopt.problem import parse_value
+    from gaitopt.problem.source import parse_value
 
     values: dict[str, object] = {}
     for key, text in (key_value(entry, "--set") for entry in texts or ()):
@@ -87,8 +92,8 @@ def state(texts: Texts) -> dict[str, float]:
 
 def number(text: str, option: str) -> float:
     """A number as YAML reads it, or an angle."""
-    from gaitopt.mechanics.units import parse_angle
-    from gaitopt.problem import parse_value
+    from gaitopt.model.units import parse_angle
+    from gaitopt.problem.source import parse_value
 
     wrong = typer.BadParameter(f"{option} {text}: write a number, or an angle such as 2 deg")
     try:
@@ -102,7 +107,7 @@ def number(text: str, option: str) -> float:
 
 def counts(texts: Texts) -> dict[str, int]:
     """How many times branches of each kind are followed, from ``--follow KIND=N``."""
-    from gaitopt.families.request import FOLLOWS
+    from gaitopt.branches.request import FOLLOWS
 
     numbers = dict.fromkeys(FOLLOWS.values(), 0)
     for text in texts or ():
@@ -112,3 +117,42 @@ def counts(texts: Texts) -> dict[str, int]:
             raise typer.BadParameter(f"--follow {text}: write --follow with one of {kinds} and a whole number N")
         numbers[key] = int(value)
     return numbers
+
+
+ProblemArgument = Annotated[str, typer.Argument(metavar="PROBLEM", help="A name from `gaitopt list`, or a .yaml file.")]
+RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run folder, or a PROBLEM.")]
+RunArguments = Annotated[list[str], typer.Argument(metavar="RUN...", help="Run folders, or PROBLEMs.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a value of the problem: friction=0.2, walker.slope='2 deg'."
+    ),
+]
+GuessOption = Annotated[
+    bool,
+    typer.Option(
+        "--from-guess",
+        help="Solve changed problems from the guess of the file; by default the file's gait is followed to them.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="DIR", help="Run folder; by default results/NAME-HASH.", show_default=False),
+]
+EngineOption = Annotated[
+    str, typer.Option("--engine", metavar="auto|scipy|heyoka", help="Integrator of the simulation; auto chooses.")
+]
+OverOption = Annotated[
+    list[str], typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key; repeat it for a grid.")
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, max=1024, help="Processes; by default one per core.", show_default=False),
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask scheduler, tcp://host:8786.")
+]
+SamplesOption = Annotated[
+    int, typer.Option("--starts", min=1, max=1_000_000, help="Start states of the search by simulation.")
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the sampled guesses.")]

@@ -1,20 +1,171 @@
-"""A gait: a periodic cycle of steps solved by the NLP, with everything that is known of it."""
+"""A gait: a periodic cycle of steps solved by the NLP, with everything that is known of it.
 
-from collections.abc import Iterable, Mapping
+Why there is no gait: one violated condition, in words and in numbers.
+
+Floquet multipliers: eigenvalues of the return map's derivative at a periodic gait.
+
+A motion of a problem's walker, and its table: time, mode, state, contact force and torques along its steps.
+"""
+
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.display import Moving
 from gaitopt.errors import SolveError
-from gaitopt.gait.cause import Cause
-from gaitopt.gait.measures import MEASURES
-from gaitopt.gait.motion import WalkerMotion
-from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import Mode
+from gaitopt.gait.measures import MEASURES, observe
+from gaitopt.gait.trajectory import Arc, Step, data_frame, sample_set
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import state_unit, unit_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """One condition of a gait that does not hold.
+
+    Attributes
+    ----------
+    what : the quantity: ``friction``, ``normal_force``, ``duration``, ``touchdown``, the name of a constraint, ...
+    words : the whole in words.
+    phase : index of the phase through all steps; None for an impact, and where no phase is concerned.
+    step : index of the step.
+    time : since the last impact [s], None where there is no one time.
+    needed, available : the quantity as the gait needs it and as it is, in SI; None where there are no two numbers.
+    severity : the violation relative to what is usual for the quantity.
+    """
+
+    what: str
+    words: str
+    phase: int | None = None
+    step: int = 0
+    time: float | None = None
+    needed: float | None = None
+    available: float | None = None
+    severity: float = 0.0
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object with the keys of the command line; phases are counted from 1."""
+        numbers = {"time": self.time, "needed": self.needed, "available": self.available}
+        phase = None if self.phase is None else self.phase + 1
+        return {"what": self.what, "phase": phase, **numbers, "words": self.words}
+
+
+def in_words(causes: tuple[Cause, ...] | list[Cause]) -> str:
+    """All of them as one line."""
+    return "; ".join(cause.words for cause in causes)
+
+
+TIE_DIGITS = 10
+"""Moduli that agree to so many digits count as equal, so that rounding does not decide their order."""
+
+
+def floquet_multipliers(return_map: Array) -> NDArray[np.complex128]:
+    """Eigenvalues of a return map's derivative, largest modulus first; shape (n_xi,)."""
+    values = np.linalg.eigvals(return_map).astype(complex)
+    return values[np.lexsort((-values.imag, -values.real, -np.round(np.abs(values), TIE_DIGITS)))]
+
+
+def multiplier_distance(
+    first: NDArray[np.complex128], second: NDArray[np.complex128], *, relative: bool = False
+) -> float:
+    """Largest distance between two sets of multipliers, paired so that the sum of distances is the least.
+
+    Parameters
+    ----------
+    first, second : complex ndarrays, shape (n,).
+    relative : divide each distance by the modulus of the second multiplier where that exceeds one.
+    """
+    distances = np.abs(first[:, None] - second[None, :])
+    distances /= np.maximum(1.0, np.abs(second)) if relative else 1.0
+    closest = distances.argmin(axis=1) if distances.size else np.arange(0)
+    if len({*closest.tolist()}) == closest.size:  # nobody's closest partner is also another's
+        return float(distances.min(axis=1, initial=np.inf).max(initial=0.0))
+    from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import, and is seldom needed
+
+    rows, columns = linear_sum_assignment(distances)
+    return float(distances[rows, columns].max(initial=0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkerMotion(Moving, ReadOnlyArrays):
+    """What a gait and a simulated walk have in common.
+
+    Attributes
+    ----------
+    problem : whose walker, control and friction were used.
+    dynamics : the hybrid system at its parameters.
+    """
+
+    problem: Problem
+    dynamics: Dynamics
+
+    @property
+    def system(self) -> HybridSystem:
+        """The hybrid system that moves."""
+        return self.dynamics.system
+
+    @property
+    def p(self) -> Array:
+        """Parameter vector, shape (n_p,); see ``Dynamics``."""
+        return self.dynamics.p
+
+    def to_frame(self) -> "DataFrame":
+        """All steps as a pandas data frame: the columns of the table in a run folder, units in ``attrs["units"]``."""
+        steps, attributes = self._tabulated()
+        rows = trajectory_rows(self.dynamics, steps)
+        return data_frame(trajectory_header(self.system), rows, _units(self.system), **attributes)
+
+    def to_xarray(self) -> "Dataset":
+        """The same as an xarray dataset over ``sample``, with the time as a coordinate and units as attributes."""
+        steps, attributes = self._tabulated()
+        rows = trajectory_rows(self.dynamics, steps)
+        return sample_set(trajectory_header(self.system), rows, _units(self.system), **attributes)
+
+    @abstractmethod
+    def _tabulated(self) -> tuple[tuple[Step, ...], dict[str, str]]:
+        """The steps of the table, and its attributes."""
+
+    def _state_record(self, state: Array) -> dict[str, float]:
+        return dict(zip(self.system.state_names, map(float, state), strict=True))
+
+
+def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
+    """Names of the columns: t [s], mode, the state in SI, f_t and f_n [N], and the torque of every actuator [N m]."""
+    return ("t", "mode", *system.state_names, "f_t", "f_n", *system.walker.actuators)
+
+
+def trajectory_rows(dynamics: Dynamics, steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:
+    """Rows under ``trajectory_header``; time runs on over the steps, x counts from each step's own stance foot.
+
+    Both ends of an arc have a row, so that a time that occurs twice separates two arcs.
+    """
+    began = 0.0
+    for step in steps:
+        for arc in step.arcs:
+            observed = observe(dynamics, arc)
+            numbers = np.hstack([arc.states, observed.force, observed.torque])
+            for t, row in zip(arc.times, numbers, strict=True):
+                yield (began + float(t), str(arc.mode), *map(float, row))
+        began += step.period
+
+
+def _units(system: HybridSystem) -> dict[str, str]:
+    states = {name: state_unit(name) for name in system.state_names}
+    return {name: unit_of(name, system.walker.actuators) for name in trajectory_header(system)} | states
+
 
 REPEATED = 1e-6
 """Largest difference of the states of steps that are the same, relative to the largest coordinate in natural units."""

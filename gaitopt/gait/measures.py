@@ -11,8 +11,10 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.mechanics import Dynamics, HybridSystem, Scales
-from gaitopt.mechanics.buffered import buffered, buffered_map
+from gaitopt.model.buffered import buffered, buffered_map
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.units import Scales
 from gaitopt.problem.scalars import SCALARS
 
 MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")

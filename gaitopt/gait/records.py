@@ -27,7 +27,8 @@ from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict
 
 from gaitopt.gait.gait import Status
-from gaitopt.mechanics import Cycle, Mode
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.modes import Mode
 from gaitopt.problem.scalars import SCALARS
 
 LARGEST, MOST, MOST_STEPS, MOST_MULTIPLIERS = 1e30, 1_000_000_000, 64, 100

@@ -5,14 +5,19 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.gait import Arc, Gait, ImpactRecord, Status, Step, curves, floquet_multipliers, measure
-from gaitopt.gait.gait import Shooting
-from gaitopt.mechanics import Cycle, Dynamics, Mode, ending_margin
-from gaitopt.mechanics.buffered import buffered
+from gaitopt.gait import curves
+from gaitopt.gait.gait import Gait, Shooting, Status, floquet_multipliers
+from gaitopt.gait.measures import measure
+from gaitopt.gait.trajectory import Arc, ImpactRecord, Step
+from gaitopt.model.buffered import buffered
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import ending_margin
+from gaitopt.model.modes import Mode
 from gaitopt.nlp.layout import COINCIDENT, ArcLayout
 from gaitopt.nlp.newton import Solution, return_map_jacobian
-from gaitopt.nlp.transcription import Transcription
-from gaitopt.problem import Problem
+from gaitopt.nlp.shooting import Transcription
+from gaitopt.problem.problem import Problem
 
 COUNTS = (33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved."""

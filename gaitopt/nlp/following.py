@@ -20,16 +20,16 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.gait import Cause, Gait, Status, in_words
+from gaitopt.gait.gait import Cause, Gait, Status, in_words
 from gaitopt.iteration import overflow_allowed
-from gaitopt.mechanics import Dynamics
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting, transcribe
 from gaitopt.nlp.newton import Solution, extrapolation, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.nlp.solve import RESIDUAL_TOLERANCE, assembled, rejection_reason, vanished
-from gaitopt.problem import Problem
+from gaitopt.problem.problem import Problem
 
 JUMP = 0.1
 """Largest change of the state after impact on one step, relative to its largest entry."""

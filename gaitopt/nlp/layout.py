@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import Cycle, Mode
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.modes import Mode
 
 INTERVALS = 14
 """Intervals of a first layout, shared among the arcs by length: about ten digits on the gaits of the paper."""

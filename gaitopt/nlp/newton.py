@@ -20,15 +20,13 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.gait import Status
+from gaitopt.gait.gait import Status
 from gaitopt.iteration import iterate, overflow_allowed
-from gaitopt.mechanics import Mode
-from gaitopt.mechanics.buffered import buffered
-from gaitopt.nlp.integrator import ORDER
+from gaitopt.model.buffered import buffered
+from gaitopt.model.modes import Mode
 from gaitopt.nlp.ipopt import Progress
+from gaitopt.nlp.shooting import ORDER, Transcription, Units
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
-from gaitopt.nlp.transcription import Transcription
-from gaitopt.nlp.units import Units
 
 REACH = 0.2
 """Longest first step in natural units: a guess farther off is none."""

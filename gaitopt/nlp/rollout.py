@@ -14,12 +14,16 @@ import numpy as np
 from casadi import Function
 
 from gaitopt.arrays import Array
-from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
+from gaitopt.integration import CompiledStep, Integration, StepSizeError
 from gaitopt.iteration import bracketed_root, overflow_allowed
-from gaitopt.mechanics import Cycle, Dynamics, HybridSystem, Mode, ending_margin, margin_names, margin_unit
-from gaitopt.mechanics.buffered import Buffers, buffered, buffered_map
-from gaitopt.nlp.integrator import shooting_step
+from gaitopt.model.buffered import Buffers, buffered, buffered_map
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import ending_margin, margin_names, margin_unit
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.layout import Layout
+from gaitopt.nlp.shooting import shooting_step
 
 RTOL, ATOL = 1e-8, 1e-10
 """A guess needs no more; the absolute one in natural units."""

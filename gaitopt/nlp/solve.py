@@ -12,20 +12,20 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.gait import Cause, Gait, Status, in_words
+from gaitopt.gait.gait import Cause, Gait, Status, in_words
 from gaitopt.iteration import overflow_allowed
-from gaitopt.mechanics import Cycle, Dynamics, HybridSystem
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.diagnosis import early_event, largest_residual, missing_event, violations
-from gaitopt.nlp.feasibility import Feasibility
+from gaitopt.nlp.diagnosis import Feasibility, early_event, largest_residual, missing_event, violations
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.newton import Solution, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
-from gaitopt.nlp.transcription import Transcription
-from gaitopt.problem import Problem, lacks_energy
-from gaitopt.problem.plausibility import NO_ENERGY
+from gaitopt.nlp.shooting import Transcription, transcribe
+from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
+from gaitopt.problem.problem import Problem
 
 MAX_REORDERS = 6
 """Times that switches and breakpoints may change their order; each is a new layout."""
@@ -57,7 +57,7 @@ def find_gait(
     first = start if designed and start else solve_gait(problem, system, progress=progress, should_stop=should_stop)
     if not designed or first.status is Status.INTERRUPTED:
         return first
-    from gaitopt.nlp.design import design_gait  # most problems have no unknowns, and need not wait for its modules
+    from gaitopt.design.design import design_gait  # most problems have no unknowns, and need not wait for its modules
 
     gait = design_gait(problem, system, first, progress=progress, should_stop=should_stop)
     return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})

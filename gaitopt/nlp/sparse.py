@@ -14,7 +14,7 @@ from casadi import MX, Function, Linsol, Sparsity
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics.buffered import BufferedFunction
+from gaitopt.model.buffered import BufferedFunction
 
 SINGULAR = 1e-300
 """Diagonal of R below which a matrix is singular: far below 1e-16, which means something where a phase vanishes."""

@@ -4,17 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from gaitopt.figures.branches import over_parameter
-from gaitopt.figures.force import force_ratio
-from gaitopt.figures.labels import Parameter, label
-from gaitopt.figures.motion import Motion, motion_of
-from gaitopt.figures.portrait import phase_portrait
-from gaitopt.figures.style import COLOURS, entry, legend_below, panels
-from gaitopt.gait import Gait
-from gaitopt.paper.archive import Archive, Records
-from gaitopt.paper.copied_torques import copied_torques
-from gaitopt.paper.gaits import FAMILIES, family_of, gait_of
-from gaitopt.paper.needs import SHOWN
+from gaitopt.gait.gait import Gait
+from gaitopt.paper.gaits import FAMILIES, SHOWN, Archive, Records, copied_torques, family_of, gait_of
+from gaitopt.show.families import over_parameter
+from gaitopt.show.motion import Motion, force_ratio, motion_of, phase_portrait
+from gaitopt.show.style import COLOURS, Parameter, entry, label, legend_below, panels
 
 Draw = Callable[[Archive, Mapping[str, str]], Figure]
 

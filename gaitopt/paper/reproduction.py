@@ -6,11 +6,8 @@ from pathlib import Path
 from gaitopt.callbacks import Counted
 from gaitopt.errors import UnknownNameError
 from gaitopt.paper import table
-from gaitopt.paper.archive import Archive
-from gaitopt.paper.needs import EVERYTHING, SHOWN, TABLE, Need, cost, needs
-from gaitopt.paper.preparation import prepared
-from gaitopt.store import json_file, write_whole
-from gaitopt.store.files import clear_leftovers, make_folder
+from gaitopt.paper.gaits import EVERYTHING, SHOWN, TABLE, Archive, Need, cost, needs, prepared
+from gaitopt.store.files import clear_leftovers, json_file, make_folder, write_whole
 from gaitopt.workers.jobs import Workers
 
 PAPERS = ("gamus-or-2013",)
@@ -78,8 +75,8 @@ def _percent(met: Sequence[bool], needed: Sequence[Need], count: int, written: i
 
 
 def _figure(archive: Archive, folder: Path, name: str) -> list[Path]:
-    from gaitopt.figures.style import save  # Matplotlib, which the processes that compute need not wait for
     from gaitopt.paper.figures import draw
+    from gaitopt.show.style import save  # Matplotlib, which the processes that compute need not wait for
 
     return save(draw(archive, name), folder / name)
 

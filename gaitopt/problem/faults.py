@@ -2,6 +2,8 @@
 
 A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into the key that
 was overridden, with the words of whoever did it.
+
+What a word stands for that a problem file does not take: where it belongs instead, or that nothing expresses it.
 """
 
 import difflib
@@ -16,8 +18,30 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics.units import LARGEST, SMALLEST
-from gaitopt.problem.beyond import beyond
+from gaitopt.model.units import LARGEST, SMALLEST
+
+BEYOND: Mapping[str, str] = {
+    "knee": "a knee is a joint stop: kneed_walker has one, and its phases state it, {mode: stick, knee: free}",
+    "roll|round|arc": "round_feet_compass has feet that roll: they stick where they touch the ground",
+    "spring|stiff|damp": "torso_walker and telescopic_compass have springs and dampers, or a class of your own",
+    "torso|trunk": "torso_walker has a torso",
+    "telescop|retract": "telescopic_compass has telescopic legs",
+    "push": "push_off_compass pushes off with its stance foot",
+    "hop|jump|fly|airborne|running": "hopper and slip_runner leave the ground, in phases called flight",
+    "limp|other_leg": "the legs of unequal_compass may differ",
+    "support|both_feet": "both feet are on the ground in the instant of an impact alone",
+    "bounc|rebound|restitution|elastic": "impacts are plastic, and nothing bounces",
+    "stair|step_height|rough|terrain|obstacle": "the ground is a plane slope",
+    "lateral|yaw|3d|width": "all motion is in a plane",
+    "delay|observer|sampl|cpg": "a control is a function of the shape, its rates and the time since the impact",
+}
+"""By words that name it; what is said on the page on scope."""
+
+
+def beyond(word: str) -> str:
+    """Where what a word stands for belongs, in words; empty for most words."""
+    return next((words for pattern, words in BEYOND.items() if re.search(pattern, word.lower())), "")
+
 
 Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""

@@ -14,18 +14,29 @@ import numpy as np
 from casadi import SX, Function
 from pydantic import BaseModel
 
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, Scales, Walker
-from gaitopt.mechanics.buffered import buffered
-from gaitopt.mechanics.consistency import FALLEN
-from gaitopt.mechanics.declaration import state_mechanism
-from gaitopt.mechanics.lagrangian import parameter_namespace
-from gaitopt.mechanics.ranges import Within, symmetric
-from gaitopt.problem.control_sections import ConstantTorqueSpec, CurveReference, NoControlSpec, PDSpec, torques_section
+from gaitopt.model.buffered import buffered
+from gaitopt.model.checks import FALLEN
+from gaitopt.model.control import NoControl
+from gaitopt.model.declaration import state_mechanism
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.lagrangian import parameter_namespace
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.units import Scales, Within, symmetric
+from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key
 from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
-from gaitopt.problem.section import DURATION
-from gaitopt.problem.sections import HeadSection, state_section
-from gaitopt.problem.statement import ProblemStatement
+from gaitopt.problem.schema import (
+    DURATION,
+    ConstantTorqueSpec,
+    CurveReference,
+    HeadSection,
+    NoControlSpec,
+    PDSpec,
+    ProblemStatement,
+    state_section,
+    torques_section,
+)
 
 FEET_APART = 1e-6
 """Least distance of the feet at the start of a step, in leg lengths."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-from gaitopt.mechanics.ranges import Interval, Within, symmetric
-from gaitopt.mechanics.registry import registered_walkers
+from gaitopt.model.registry import registered_walkers
+from gaitopt.model.units import Interval, Within, symmetric
 
 POSITIVE: Interval = (0, inf)
 MOTORS, PUSH, DAMPERS = "motors", "push", "dampers"

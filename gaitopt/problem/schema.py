@@ -1,32 +1,619 @@
-"""JSON Schema of a problem file, so that an editor completes keys and shows units and ranges while one types."""
+"""JSON Schema of a problem file, so that an editor completes keys and shows units and ranges while one types.
 
-from typing import Any
+What a problem consists of besides its walker and its control, in SI: unknowns, ranges, open sequences, guesses.
 
-from pydantic import BaseModel
+The base of the sections of a problem file: a model that takes no other keys than its own.
 
-from gaitopt.mechanics.ranges import Within
-from gaitopt.mechanics.registry import registered_walkers
-from gaitopt.mechanics.units import ANGLE_UNITS
-from gaitopt.mechanics.walker import Walker
-from gaitopt.problem.control_sections import (
-    Curve,
-    CurveReference,
-    GaitReference,
-    NoControlSpec,
-    PDSpec,
-    torques_section,
+The sections of a problem file, one model per mapping: keys, units, ranges and meaning.
+
+The same models validate a file and describe it to an editor. Sections that depend on the walker (its state, its
+torques) are made from the walker's own names.
+
+The control section of a problem file, one model per kind of control.
+
+Objective and constraints of a design on scalars of the gait, and whether the unknowns suffice.
+
+What a problem says of a gait: walker, friction, control, modes, guess and unknowns, complete and in SI.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from math import pi
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+    model_validator,
 )
-from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, Scalar
-from gaitopt.problem.section import is_angle
-from gaitopt.problem.sections import (
-    CycleSection,
-    FrictionCoefficients,
-    GaitSection,
-    GuessSection,
-    HeadSection,
-    OpenGaitSection,
-    state_section,
+from pydantic.fields import FieldInfo
+
+from gaitopt.display import Tabulated
+from gaitopt.errors import ProblemError
+from gaitopt.model.control import BeyondEnd
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.registry import registered_walkers
+from gaitopt.model.units import (
+    ANGLE_UNITS,
+    SMALLEST,
+    Angle,
+    Finite,
+    NonNegative,
+    Number,
+    Within,
+    parse_angle,
+    symmetric,
 )
+from gaitopt.model.walker import Walker
+from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
+from gaitopt.problem.scalars import DESIGN_SCALARS, MOTORS, PUSH, SCALARS, Scalar
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Free:
+    """A parameter that is an unknown, in SI: its bounds and its first guess."""
+
+    lower: float
+    upper: float
+    guess: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """A constraint on a scalar, in SI: -inf or inf where it is open, both equal for an equality."""
+
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenSequence:
+    """A mode sequence that is to be found: its impact if that is known, and the largest number of steps of a cycle."""
+
+    impact: Mode | None = None
+    steps: int = 1
+
+    def __str__(self) -> str:
+        return f"to be found; {self.impact or 'to be found'}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guess:
+    """First guess of a gait.
+
+    Attributes
+    ----------
+    state : the whole state just after the impact by name [rad, m, rad/s, m/s].
+    durations : of the phases [s]; None where the solver is to find them.
+    """
+
+    state: Mapping[str, float]
+    durations: tuple[float, ...] | None
+
+
+Name = Annotated[str, Field(min_length=1, max_length=1000)]
+"""Of another problem: a name, or a path."""
+DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
+Duration = Annotated[Finite, Field(ge=SMALLEST)]
+
+
+class Section(BaseModel):
+    """Base of every section: its fields are all the keys there are."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def is_angle(field: FieldInfo) -> bool:
+    """Whether a field takes angles with a unit."""
+    return any(isinstance(part, BeforeValidator) and part.func is parse_angle for part in field.metadata)
+
+
+def section_model(name: str, keys: Mapping[str, Any], *, required: bool = True) -> type[Section]:
+    """A section whose keys depend on the walker."""
+    default = ... if required else None
+    fields: dict[str, Any] = {key: (annotation, default) for key, annotation in keys.items()}
+    return create_model(name, __base__=Section, **fields)
+
+
+MAX_STEPS = 64
+"""Of a cycle; beyond that a walk is taken for irregular."""
+MAX_PHASES = 64
+"""Of one step: known gaits have up to five, and the equations grow with them."""
+FRICTION = Within(usual=(0, 3))
+DRAG = Within(unit="drag", possible=(0, 1e4), usual=(0, 100))
+RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
+SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
+POSITION = Within(unit="length", possible=symmetric(1000))
+LENGTH = Within(unit="length", possible=symmetric(1))
+
+
+class HeadSection(Section):
+    """The keys at the top of a file that are not mappings."""
+
+    name: Annotated[
+        str,
+        Field(
+            pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
+            max_length=80,
+            description="name of the problem, also of its run folder: letters, digits, dot, dash and underscore",
+        ),
+    ]
+    about: Annotated[str, Field(description="what the gait is, in a sentence")] = ""
+    friction: Annotated[NonNegative, Field(le=1000, description="coefficient of friction mu"), FRICTION]
+    impact_law: Annotated[
+        ImpactLaw, Field(description="tangential law of a slipping impact: Coulomb friction, or no tangential impulse")
+    ] = ImpactLaw.COULOMB
+
+
+class FrictionCoefficients(Section):
+    """Friction of a foot that sticks, and of one that slips: |f_t| <= mu_s f_n,  f_t = -s mu_k f_n - c dx."""
+
+    static: Annotated[
+        NonNegative, Field(le=1000, description="coefficient mu_s that bounds the force of a sticking foot"), FRICTION
+    ]
+    kinetic: Annotated[
+        NonNegative, Field(le=1000, description="coefficient mu_k of a slipping foot, at most the static one"), FRICTION
+    ]
+    viscous: Annotated[NonNegative, Field(le=1e6, description="drag c of a slip besides that [N s/m]"), DRAG] = 0.0
+
+    @model_validator(mode="after")
+    def _static_is_larger(self) -> Self:
+        if self.static < self.kinetic:
+            raise ValueError(
+                f"static = {self.static:g} is below kinetic = {self.kinetic:g}: "
+                "a foot that sticks would then need less force to slip than it meets once it slips"
+            )
+        return self
+
+
+class StepSection(Section):
+    """The mode sequence of one step."""
+
+    phases: Annotated[tuple[Mode, ...], Field(max_length=MAX_PHASES, description="modes of the stance foot in order")]
+    impact: Annotated[Mode, Field(description="what the colliding foot does just after the impact that ends the step")]
+
+
+class GaitSection(StepSection):
+    """A gait that repeats itself after one step, and a first guess."""
+
+    guess: Annotated[dict[str, Any], Field(description="first guess of state and durations")]
+
+
+class CycleSection(Section):
+    """A gait that repeats itself after several steps, and a first guess."""
+
+    steps: Annotated[
+        tuple[StepSection, ...], Field(min_length=1, max_length=MAX_STEPS, description="the steps in order")
+    ]
+    guess: Annotated[dict[str, Any], Field(description="first guess of state and durations of all phases")]
+
+
+class OpenGaitSection(Section):
+    """A gait whose mode sequence is to be found."""
+
+    phases: Annotated[Literal["auto"], Field(description="the modes are to be found")]
+    impact: Annotated[
+        Mode | None, Field(description="what the colliding foot does just after the impact; any mode if left out")
+    ] = None
+    steps: Annotated[int, Field(ge=1, le=MAX_STEPS, strict=True, description="steps of a cycle, at most")] = 1
+    guess: Annotated[dict[str, Any] | None, Field(description="state near which a gait is preferred")] = None
+
+
+class GuessSection(Section):
+    """First guess: state after impact, and phase durations."""
+
+    state: Annotated[
+        dict[str, Any], Field(description="state just after impact; what is left out follows from the section")
+    ]
+    durations: Annotated[
+        tuple[Duration, ...] | None, Field(description="of the phases [s], one each; optional"), DURATION
+    ] = None
+
+
+class FreeSection(Section):
+    """An unknown in place of a number."""
+
+    free: Annotated[list[Any], Field(min_length=2, max_length=2, description="bounds [lo, hi] of the unknown")]
+    guess: Annotated[Any, Field(description="first guess, within the bounds")]
+
+
+class RangeSection(Section):
+    """Bounds of a scalar, in SI."""
+
+    min: Annotated[Number | None, Field(description="lower bound, none if left out")] = None
+    max: Annotated[Number | None, Field(description="upper bound, none if left out")] = None
+
+
+class AngleRangeSection(RangeSection):
+    """Bounds of an angle."""
+
+    min: Annotated[Angle | None, Field(description="lower bound [rad], none if left out")] = None
+    max: Annotated[Angle | None, Field(description="upper bound [rad], none if left out")] = None
+
+
+SECTION_KEYS = ("walker", "control", "gait", "objective", "constraints")
+"""Keys of a file besides those of its head."""
+
+
+@lru_cache
+def state_section(walker: type[Walker]) -> type[Section]:
+    """State of a walker: one optional key per name."""
+
+    def entry(name: str) -> Any:
+        if name in {*walker.shape} - {*walker.lengths}:
+            largest = walker.largest_angle
+            return Annotated[Angle, Field(ge=-largest, le=largest, description="[rad]")]
+        known = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}
+        known |= dict.fromkeys((*walker.lengths, "y"), ("[m]", LENGTH))
+        known |= dict.fromkeys((*(f"d{length}" for length in walker.lengths), "dy"), ("[m/s]", SLIP))
+        words, within = known.get(name, ("[rad/s]", RATE))
+        return Annotated[Finite, Field(description=words), within]
+
+    return section_model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
+
+
+TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
+
+
+class GaitReference(Section):
+    """The angles of another gait, over the time since the impact."""
+
+    gait: Annotated[Name, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
+    beyond_end: Annotated[
+        BeyondEnd,
+        Field(
+            description="after the reference's end: its motion flows on (flow), its last rate is kept (linear), "
+            "its last angle is held (hold), or there is no torque (off)"
+        ),
+    ]
+
+
+class Curve(Section):
+    """A smooth curve per tracked joint whose coefficients are unknowns."""
+
+    degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
+    start: Annotated[Name, Field(description="problem whose gait gives the first guess: a name, or a path")]
+    within: Annotated[
+        Angle,
+        Field(
+            ge=SMALLEST,
+            le=pi,
+            description="bound of the curves' angles on both sides of zero [rad], kept by construction",
+        ),
+        Within(usual=(0.01, pi)),
+    ] = 0.6
+    duration: Annotated[
+        Duration | None,
+        Field(description="of the curves [s]; the period of the start's gait if left out"),
+        Within(unit="time", possible=DURATION.possible, usual=(0.1, DURATION.usual[1])),
+    ] = None
+    points: Annotated[
+        dict[str, tuple[Angle, ...]] | None,
+        Field(
+            description="first guess of the degree + 1 Bezier control points of each tracked joint [rad]; "
+            "those that come closest to the start's angles if left out"
+        ),
+    ] = None
+
+
+class CurveReference(Section):
+    """A reference that is to be designed."""
+
+    curve: Curve
+    beyond_end: Annotated[
+        Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
+        Field(
+            description="after the curve's end: its last rate is kept (linear), its last angle is held (hold), "
+            "or there is no torque (off); a curve has no motion of its own that could flow on"
+        ),
+    ]
+
+
+class NoControlSpec(Section):
+    """A passive walker."""
+
+    type: Literal["none"] = Field("none", description="no torques")
+
+
+class ConstantTorqueSpec(Section):
+    """Constant torques by the walker's actuator names [N m]."""
+
+    type: Literal["constant_torque"] = "constant_torque"
+    torques: Mapping[str, Finite]
+
+
+class PDSpec(Section):
+    """PD tracking of a reference whose clock restarts at every impact.
+
+    u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)
+    """
+
+    type: Literal["pd"] = Field("pd", description="PD tracking of a reference")
+    kp: Annotated[
+        Finite,
+        Field(ge=0, description="gain on the angle [N m/rad]"),
+        Within(unit="torque", possible=(0, 1000), usual=(0, 30)),
+    ]
+    kd: Annotated[
+        Finite,
+        Field(ge=0, description="gain on the rate [N m s/rad]"),
+        Within(unit="damping", possible=(0, 100), usual=(0, 10)),
+    ]
+    reference: Annotated[GaitReference | CurveReference, Field(description="motion that the joints track")]
+
+
+ControlSpec = NoControlSpec | ConstantTorqueSpec | PDSpec
+
+
+@lru_cache
+def torques_section(walker: type[Walker]) -> type[Section]:
+    """Constant torques of a walker: one key per actuator."""
+    torque = {
+        name: Annotated[Finite, Field(description=f"torque of the {name} [N m]"), TORQUE] for name in walker.actuators
+    }
+    kind = Annotated[Literal["constant_torque"], Field(description="constant torques [N m]")]
+    return section_model("TorquesSection", {"type": kind, **torque})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scope:
+    """What the names in an objective or a constraint may refer to; None where it is open or at fault."""
+
+    walker: type[Walker]
+    control: ControlSpec | None
+    cycle: Cycle | None
+    free: Mapping[str, Free]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name that may be used."""
+        return (*DESIGN_SCALARS, *(f"state.{name}" for name in self.walker.state_names()), *self.free)
+
+    def objection(self, name: str) -> str | None:
+        """Why ``name`` cannot be used, if so."""
+        if name not in self.names:
+            return f"is no scalar of a gait and no freed parameter{near_miss(name, self.names)}"
+        powers = (() if isinstance(self.control, NoControlSpec) else (MOTORS,)) + (
+            (PUSH,) if self.walker.pushes else ()
+        )
+        if name in SCALARS and SCALARS[name].needs and not {*SCALARS[name].needs} & {*powers}:
+            return (
+                "is a quantity of the motors, and this walker is passive: give it a control, or choose another scalar"
+            )
+        if name == "required_friction" and self.cycle and Mode.STICK not in self.cycle.phases:
+            return "is defined by sticking phases, and this gait has none"
+        return None
+
+    def is_angle(self, name: str) -> bool:
+        """Whether values of ``name`` may carry a unit of angle."""
+        group, _, key = name.partition(".")
+        fields = self.walker.model_fields
+        return (group == "state" and key in self.walker.shape) or (
+            group == "walker" and key in fields and is_angle(fields[key])
+        )
+
+    @property
+    def unknowns(self) -> int:
+        """Number of free parameters, coefficients of a free curve included."""
+        count = len(self.free)
+        if isinstance(self.control, PDSpec) and isinstance(self.control.reference, CurveReference):
+            count += (self.control.reference.curve.degree + 1) * len(self.walker.tracked)
+        return count
+
+
+def read_objective(data: object, scope: Scope, faults: list[Fault]) -> dict[str, float]:
+    """Weights by name, of a single name or a mapping; empty if there is no objective."""
+    path: Key = ("objective",)
+    if data is None:
+        return {}
+    if isinstance(data, str):
+        faults += [Fault(path, f"{data} {why}") for why in [scope.objection(data)] if why]
+        return {data: 1.0}
+    if not isinstance(data, Mapping) or not data:
+        faults.append(Fault(path, f"{shown(data)} is neither a NAME nor a mapping {{NAME: weight}}"))
+        return {}
+    weights = {}
+    for name, value in data.items():
+        why, weight = scope.objection(name), _number(value)
+        if why:
+            faults.append(Fault((*path, name), why))
+        elif weight is None or abs(weight) < SMALLEST:
+            message = (
+                f"{shown(value)} is not a weight: give a number, negative to maximise, at least {SMALLEST:g} in size"
+            )
+            faults.append(Fault((*path, name), message))
+        else:
+            weights[name] = weight
+    return weights
+
+
+def read_constraints(data: object, scope: Scope, faults: list[Fault]) -> dict[str, Range]:
+    """Ranges by name; a single value is an equality."""
+    if data is None:
+        return {}
+    if not isinstance(data, Mapping):
+        faults.append(
+            Fault(("constraints",), f"{shown(data)} is not a mapping {{NAME: value}} or {{NAME: {{min, max}}}}")
+        )
+        return {}
+    ranges = {}
+    for name, value in data.items():
+        why = scope.objection(name)
+        if why:
+            faults.append(Fault(("constraints", name), why))
+        elif interval := _read_range(value, scope.is_angle(name), ("constraints", name), faults):
+            ranges[name] = interval
+            faults += _contradiction(name, interval, scope.free)
+    return ranges
+
+
+def check_unknowns(
+    scope: Scope, objective: Mapping[str, float], constraints: Mapping[str, Range], faults: list[Fault]
+) -> None:
+    """Whether the free parameters are neither too few nor too many for objective and constraints."""
+    if scope.unknowns and scope.cycle is not None and len(scope.cycle.steps) > 1:
+        message = "several steps and unknown parameters do not go together yet: give numbers, or a gait of one step"
+        faults.append(Fault(("gait", "steps"), message))
+    equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
+    if not scope.unknowns and (objective or constraints):
+        path: Key = ("objective",) if objective else ("constraints",)
+        remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
+        faults.append(Fault(path, f"too few unknowns: the gait has no free parameter to choose; {remedy}"))
+    elif len(equalities) > scope.unknowns:
+        given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {scope.unknowns} free parameters"
+        faults.append(Fault(("constraints",), f"too few unknowns: {given}; free more, or turn a value into a range"))
+    elif scope.unknowns and not objective and not constraints:
+        key = next(iter(scope.free), "control.reference")
+        remedy = "add an objective or constraints, or give numbers"
+        faults.append(
+            Fault(tuple(key.split(".")), f"too many unknowns: no objective or constraint determines them; {remedy}")
+        )
+
+
+def _read_range(value: object, angle: bool, path: Key, faults: list[Fault]) -> Range | None:
+    if not isinstance(value, Mapping):
+        number = _number(value, angle=angle)
+        if number is None:
+            form = "a number or {min: a, max: b}, in SI" + (" or with deg" if angle else "")
+            faults.append(Fault(path, f"{shown(value)} is not a constraint: {form}"))
+            return None
+        return Range(minimum=number, maximum=number)
+    span = read_section(AngleRangeSection if angle else RangeSection, value, path, faults)
+    if span is None:
+        return None
+    if span.min is None and span.max is None:
+        faults.append(Fault(path, "has neither min nor max: give one or both"))
+        return None
+    interval = Range(
+        minimum=-math.inf if span.min is None else span.min, maximum=math.inf if span.max is None else span.max
+    )
+    if interval.minimum > interval.maximum:
+        faults.append(Fault(path, f"is empty: min = {interval.minimum:g} is above max = {interval.maximum:g}"))
+    return interval
+
+
+def _contradiction(name: str, span: Range, free: Mapping[str, Free]) -> list[Fault]:
+    """A constraint on a freed parameter has to leave something of the parameter's own bounds."""
+    if name not in free or not (span.minimum > free[name].upper or span.maximum < free[name].lower):
+        return []
+    bounds = f"[{free[name].lower:g}, {free[name].upper:g}]"
+    return [Fault(("constraints", name), f"contradicts the bounds {bounds} of {name}: no value satisfies both")]
+
+
+def _number(value: object, *, angle: bool = False) -> float | None:
+    try:
+        return TypeAdapter[float](Angle if angle else Number).validate_python(value)
+    except ValidationError:
+        return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProblemStatement(Tabulated):
+    """The statement of one gait.
+
+    Attributes
+    ----------
+    name, about : from the file.
+    walker : the walker with its parameters; a freed parameter has its guess, here and below.
+    friction : coefficient of friction mu, or static and kinetic coefficient and drag.
+    impact_law : tangential law of a slipping impact.
+    control : what the motors do.
+    modes : those of the step, or of the steps, after which the gait repeats itself, and their impacts; or what is
+        known of a sequence that is open.
+    start : first guess of the gait, its state complete; None only where the sequence is open.
+    free : the unknown parameters by dotted key.
+    objective : weights of the scalars whose sum is minimised; empty if there is none.
+    constraints : ranges of scalars by name.
+    """
+
+    name: str
+    about: str = ""
+    walker: Walker
+    friction: float | FrictionCoefficients
+    impact_law: ImpactLaw = ImpactLaw.COULOMB
+    control: ControlSpec
+    modes: Cycle | OpenSequence
+    start: Guess | None
+    free: Mapping[str, Free] = field(default_factory=dict)
+    objective: Mapping[str, float] = field(default_factory=dict)
+    constraints: Mapping[str, Range] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Problem {self.name}: {self.walker.model}, {self.modes}>"
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the mode sequence is to be found."""
+        return isinstance(self.modes, OpenSequence)
+
+    @property
+    def is_design(self) -> bool:
+        """Whether some of its numbers, or the control points of a reference, are unknowns."""
+        reference = self.control.reference if isinstance(self.control, PDSpec) else None
+        return bool(self.free) or isinstance(reference, CurveReference)
+
+    @property
+    def cycle(self) -> Cycle:
+        """The mode sequences of the steps after which the gait repeats itself.
+
+        Raises
+        ------
+        ProblemError
+            If they are open.
+        """
+        if isinstance(self.modes, OpenSequence):
+            raise self._open_error()
+        return self.modes
+
+    @property
+    def guess(self) -> Guess:
+        """The first guess.
+
+        Raises
+        ------
+        ProblemError
+            If the sequence is open and there is none.
+        """
+        if self.start is None:
+            raise self._open_error()
+        return self.start
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Every scalar parameter by dotted key, in a fixed order: walker, friction, control."""
+        walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
+        scalars = self.control.model_dump(exclude={"type", "reference"})
+        control = {f"control.{key}": value for key, value in scalars.get("torques", scalars).items()}
+        numbers = self.friction_data
+        friction = (
+            {f"friction.{k}": v for k, v in numbers.items()} if isinstance(numbers, dict) else {"friction": numbers}
+        )
+        return {**walker, **friction, **control}
+
+    @property
+    def static_friction(self) -> float:
+        """Coefficient that bounds the force of a sticking foot."""
+        return self.friction if isinstance(self.friction, float) else self.friction.static
+
+    @property
+    def friction_data(self) -> float | dict[str, float]:
+        """The coefficient of friction, or the coefficients by name, as in a file."""
+        return self.friction if isinstance(self.friction, float) else self.friction.model_dump()
+
+    def _open_error(self) -> ProblemError:
+        return ProblemError(
+            f"{self.name}: its mode sequence is open (gait.phases: auto), and this needs one: `gaitopt find` lists the "
+            "gaits that there are; give the phases and the impact of one of them"
+        )
+
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 ANGLE_TEXT = {
@@ -113,18 +700,18 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
     """The schema of one section, without references to others; angles take units, numbers may be unknowns."""
     schema = _inlined(model.model_json_schema())
     schema.pop("title", None)
-    for key, field in model.model_fields.items():
+    for key, entry_field in model.model_fields.items():
         entry = schema["properties"][key]
         entry.pop("title", None)
-        ranges = [str(part) for part in field.metadata if isinstance(part, Within)]
+        ranges = [str(part) for part in entry_field.metadata if isinstance(part, Within)]
         if ranges:
             entry["description"] = "; ".join([entry.get("description", ""), *ranges])
         number = entry.get("type") == "number" or {"type": "number"} in entry.get("anyOf", [])
-        if not number or not (is_angle(field) or key in may_be_free):
+        if not number or not (is_angle(entry_field) or key in may_be_free):
             continue
         own = {LIMIT_NAMES[k]: v for k, v in entry.items() if k in LIMIT_NAMES}
         value = {k: v for k, v in entry.items() if k != "description" and k not in LIMIT_NAMES} | own
-        if is_angle(field):
+        if is_angle(entry_field):
             value = {"anyOf": [*value.get("anyOf", [value]), ANGLE_TEXT]}
         choices = [value, _free(value)] if key in may_be_free else [value]
         schema["properties"][key] = {"description": entry.get("description", ""), "anyOf": choices}

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gaitopt.errors import StorageError
-from gaitopt.mechanics import (
+from gaitopt.model.control import (
     BeyondEnd,
     BezierTracking,
     ConstantTorque,
@@ -25,11 +25,11 @@ from gaitopt.mechanics import (
     Piece,
     ProportionalDerivative,
     Reference,
+    continued,
 )
-from gaitopt.mechanics.control.reference import continued
-from gaitopt.problem import CurveReference, PDSpec, Problem, restore_problem
-from gaitopt.problem.control_sections import ConstantTorqueSpec
 from gaitopt.problem.faults import shown
+from gaitopt.problem.problem import Problem, restore_problem
+from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, PDSpec
 
 SCHEMA = "gaitopt-proof-5"
 LARGEST_FILE = 64 * 2**20
@@ -62,7 +62,7 @@ class _Record(BaseModel):
 
 
 class PieceRecord(_Record):
-    """A piece of a tracked motion, see ``gaitopt.mechanics.Piece``."""
+    """A piece of a tracked motion, see ``gaitopt.model.control.Piece``."""
 
     start: Real
     end: Real

@@ -2,21 +2,127 @@
 
 Every claim holds for all orbits in the proved box. One that cannot be shown raises ``NotProved`` with where and by how
 much.
+
+The sign of a function of time on a whole arc, from its enclosed Taylor series.
+
+Every step is divided until each part is of one kind, written as a letter
+
+    p  positive      n  negative      u  rising      d  falling      ?  none of it could be shown
+
+so that a claim on an arc is a pattern: ``p+`` positive throughout, ``p*d+`` positive until it falls to the zero at its
+end, ``n*u*p+d+`` a touchdown, the first fall to zero after having been positive. Where a function is known to start
+with a zero of order k, its sign just after it is that of its series divided by t^k.
+
+Measures of a proved gait as balls: period, step length, speed, work, cost of transport, required friction.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import groupby
 from math import isfinite
 
-from casadi import SX, simplify
+from casadi import SX, Function, simplify
 from flint import arb
 
-from gaitopt.mechanics import CONTACTS, MARGINS, Control, Cycle, HybridSystem, ImpactLaw, Mode, margin_names
-from gaitopt.proof.graph import NotProved, Refuted
+from gaitopt.model.control import Control
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.margins import MARGINS, margin_names
+from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.proof.graph import Graph, NotProved, Refuted, hull
 from gaitopt.proof.orbit import BREAKPOINT, Arc, Orbit, Passage
-from gaitopt.proof.signs import ENDS, POSITIVE, TOUCHDOWN, Part, check_pattern, parts, smallest
-from gaitopt.proof.tilted import hull
+from gaitopt.proof.taylor import Series, evaluate
+
+POSITIVE = "p+"
+ENDS = "p*d+"
+TOUCHDOWN = "n*u*p+d+"
+FINEST = 14
+"""How often a step is halved at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of an arc on which a function is of one kind.
+
+    Attributes
+    ----------
+    start, end : time since the start of the arc [s].
+    value : the function there; divided by t^order next to a zero.
+    order : of the zero with which the part starts.
+    within : whether all of it is before the end of the arc, which is only enclosed.
+    """
+
+    kind: str
+    start: arb
+    end: arb
+    value: arb
+    order: int
+    within: bool
+
+
+def parts(steps: Iterable[tuple[Series, arb]], order: int = 0, *, monotone: bool = True) -> Iterator[Part]:
+    """Parts of an arc in order of time.
+
+    Parameters
+    ----------
+    steps : the function on every step, and the step's length.
+    order : of the zero with which it starts.
+    monotone : whether it is enough to know that a part rises or falls.
+    """
+    began = arb(0)
+    for k, (series, h) in enumerate(steps):
+        pending = [(arb(0), arb(h.upper()), FINEST)]
+        while pending:
+            start, end, depth = pending.pop()
+            t, zero = start.union(end), order if k == 0 and start.is_zero() else 0
+            value = evaluate(series.value[zero:], t)
+            kind = "p" if value > 0 else "n" if value < 0 else "?"
+            if kind == "?" and monotone:
+                rate = evaluate(series.rate, t)
+                kind = "u" if rate > 0 else "d" if rate < 0 else "?"
+            if kind == "?" and depth and value.is_finite():
+                middle = ((start + end) / 2).mid()
+                pending += [(middle, end, depth - 1), (start, middle, depth - 1)]
+            else:
+                yield Part(kind, began + start, began + end, value, zero, bool(end <= h.lower()))
+        began += h.mid()
+
+
+def check_pattern(name: str, along: Sequence[Part], pattern: str) -> str:
+    """The kinds of all parts, repeated ones counted, if they match a pattern.
+
+    Raises
+    ------
+    NotProved
+        If they do not; the message says when, and which values the function may have there. ``Refuted`` if it is
+        negative there.
+    """
+    kinds = "".join(part.kind for part in along)
+    if not re.fullmatch(pattern, kinds):
+        negative = [] if pattern == TOUCHDOWN else [part for part in along if part.kind == "n" and part.within]
+        fitting = max(k for k in range(len(kinds) + 1) if re.fullmatch(pattern.replace("+", "*"), kinds[:k]))
+        part = min(negative, key=lambda part: part.value.upper(), default=along[min(fitting, len(along) - 1)])
+        when = f"between {float(part.start):.6g} and {float(part.end):.6g} s of the arc"
+        words = f"{name} is {part.value.str(6)} {when}: {_SHAPES[pattern]} is"
+        if negative:
+            raise Refuted(f"{words} false", name)
+        raise NotProved(f"{words} not shown")
+    return " ".join(f"{kind}{len(list(group))}" for kind, group in groupby(kinds))
+
+
+def smallest(along: Sequence[Part]) -> arb | None:
+    """A lower bound of the function over the parts where it is positive and not divided by a power of time."""
+    return min((part.value.lower() for part in along if part.kind == "p" and not part.order), default=None)
+
+
+_SHAPES = {
+    POSITIVE: "that it is positive throughout",
+    ENDS: "that it is positive and falls to zero only at the end",
+    TOUCHDOWN: "that it falls to zero for the first time after having been positive at the end",
+}
+
 
 SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")
 WORDS = {
@@ -271,3 +377,71 @@ def _all_positive(needed: Mapping[str, arb]) -> arb:
         if not value > 0:
             raise NotProved(f"{name} is {value.str(6)}, not shown to be positive")
     return min(value.lower() for value in needed.values())
+
+
+SHARP = 1e-12
+"""Relative excess of an upper bound that is not worth another division."""
+
+
+def measures(orbit: Orbit, passage: Passage, period: arb) -> dict[str, arb | None]:
+    """The measures of every gait in the box, by the names of a gait's record."""
+    work, forces = arb(0), list[tuple[Series, Series, arb, arb]]()
+    for j, arc in enumerate(orbit.arcs):
+        observation = orbit.field(arc.mode, j).observation
+        along = [step.along(observation) for step in passage.steps[j]]
+        starts = [(f_t.value[0], f_n.value[0]) for f_t, f_n, _ in along]
+        ends = [*starts[1:], tuple(map(hull, observation(passage.ends[j])[0][:2]))]
+        for step, (f_t, f_n, power), end in zip(passage.steps[j], along, ends, strict=True):
+            work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(power.value))], hull(step.h))
+            if arc.mode.sticks:
+                forces.append((f_t, f_n, hull(step.h), abs(end[0] / end[1])))
+    length = arb(0)
+    for k, impact in enumerate(orbit.sequence.impacts):
+        j = orbit.arcs_of(k)[-1]
+        length += orbit.impact(impact, j)(passage.ends[j])[1][orbit.system.n_shape]
+    p = SX.sym("p", len(orbit.p))
+    weight = Graph(Function("weight", [p], [orbit.system.weight(p)]), [])(orbit.p)[0][0]
+    return {
+        "period": period,
+        "step_length": length,
+        "speed": length / period,
+        "work": work,
+        "cost_of_transport": work / (weight * length),
+        "required_friction": largest_ratio(forces) if forces else None,
+    }
+
+
+def largest_ratio(steps: Iterable[tuple[Series, Series, arb, arb]]) -> arb:
+    """The maximum of |f_t| / f_n over steps of some lengths, given with the ratio at their ends; f_n is positive.
+
+    A part of a step counts by its ends where the ratio is monotone, else by the mean value theorem, or is halved.
+    """
+    lower, upper = arb(0), arb(0)
+    for f_t, f_n, h, at_end in steps:
+        lower, pending = max(lower, at_end.lower()), [(arb(0), arb(h.upper()), FINEST)]
+        while pending:
+            start, end, depth = pending.pop()
+            first, last = (
+                abs(evaluate(f_t.value, t) / evaluate(f_n.value, t)) if t < h else at_end for t in (start, end)
+            )
+            lower = max(lower, first.lower() if first.is_finite() else lower)
+            bound = _largest_on(f_t, f_n, start, end, (first, last))
+            if bound <= lower:
+                continue
+            if depth and not bound <= lower * (1 + SHARP):
+                middle = ((start + end) / 2).mid()
+                pending += [(middle, end, depth - 1), (start, middle, depth - 1)]
+            else:
+                upper = max(upper, bound)
+    return lower.union(max(lower, upper))
+
+
+def _largest_on(f_t: Series, f_n: Series, start: arb, end: arb, at_ends: tuple[arb, arb]) -> arb:
+    """An upper bound of |f_t| / f_n between two times."""
+    t = start.union(end)
+    force, normal = evaluate(f_t.value, t), evaluate(f_n.value, t)
+    slope = (evaluate(f_t.rate, t) * normal - force * evaluate(f_n.rate, t)) / normal**2
+    bound = max(at_ends[0].upper(), at_ends[1].upper())
+    if not (slope > 0 or slope < 0):
+        bound = (at_ends[0] + abs(slope) * (end - start)).upper()
+    return bound if normal > 0 and bound.is_finite() else arb("inf")

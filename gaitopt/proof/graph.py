@@ -2,17 +2,32 @@
 
 The values may be real balls or truncated power series of real balls (``arb``, ``arb_series`` of python-flint); every
 result encloses the exact one, and is not finite where the function may not be defined.
+
+Numbers that depend on a parameter, as a value and a slope in balls.
+
+    a(s) in a.value + a.slope s      for every s in [-1, 1]
+
+Both may be balls, power series of time or matrices. A number that does not depend on the parameter is no ``Tilted``
+but the ball itself. Every operation is exact up to the variation of slopes, as in the mean value theorem
+
+    f(a(s)) in f(a.value) + f'(a([-1, 1])) a.slope s
+
+Balls: their precision, as decimal strings rounded outward, which enclose what is proved, and in pickles.
 """
 
+import copyreg
 import operator
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
 from math import pi
 from typing import Any
 
 import casadi as ca
 from casadi import Function
-from flint import arb, fmpq
+from flint import acb, arb, ctx, fmpq
 
 LARGEST_DENOMINATOR = 360
 """A constant next to n pi / d with d up to this, and n up to its double, stands for that multiple of pi."""
@@ -184,3 +199,184 @@ def _operation(function: Function, operation: int, operands: int) -> Callable[..
     if operation not in table:
         raise ValueError(f"{function.name()}: CasADi's operation {operation} is not analytic; state it without kinks")
     return table[operation]
+
+
+UNIT = arb(0, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Tilted:
+    """A number, a series or a matrix for every s; see the module."""
+
+    value: Any
+    slope: Any
+
+    def at(self, s: arb) -> Any:
+        """An enclosure for some s."""
+        return self.value + self.slope * s
+
+    def __neg__(self) -> "Tilted":
+        return Tilted(-self.value, -self.slope)
+
+    def __add__(self, other: Any) -> "Tilted":
+        if isinstance(other, Tilted):
+            return Tilted(self.value + other.value, self.slope + other.slope)
+        return Tilted(self.value + other, self.slope)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> "Tilted":
+        return self + -other
+
+    def __rsub__(self, other: Any) -> "Tilted":
+        return -self + other
+
+    def __mul__(self, other: Any) -> "Tilted":
+        if isinstance(other, Tilted):
+            return Tilted(self.value * other.value, self.value * other.slope + self.slope * hull(other))
+        return Tilted(self.value * other, self.slope * other)
+
+    def __rmul__(self, other: Any) -> "Tilted":
+        return Tilted(other * self.value, other * self.slope)
+
+    def __truediv__(self, other: Any) -> "Tilted":
+        return self * (other.inv() if isinstance(other, Tilted) else 1 / other)
+
+    def __rtruediv__(self, other: Any) -> "Tilted":
+        return other * self.inv()
+
+    def __pow__(self, n: int) -> Any:
+        total: Any = arb(1)
+        for _ in range(n):
+            total = self * total
+        return total
+
+    def inv(self) -> "Tilted":
+        """1 / a."""
+        inverse: Callable[[Any], Any] = (lambda a: a.inv()) if hasattr(self.value, "nrows") else (lambda a: 1 / a)
+        value = inverse(self.value)
+        return Tilted(value, -value * self.slope * inverse(hull(self)))
+
+    def sqrt(self) -> "Tilted":
+        """Square root of it."""
+        return Tilted(self.value.sqrt(), self.slope / (2 * hull(self).sqrt()))
+
+    def exp(self) -> "Tilted":
+        """Exponential of it."""
+        return Tilted(self.value.exp(), hull(self).exp() * self.slope)
+
+    def log(self) -> "Tilted":
+        """Logarithm of it."""
+        return Tilted(self.value.log(), self.slope / hull(self))
+
+    def sin(self) -> "Tilted":
+        """Sine of it."""
+        return Tilted(self.value.sin(), hull(self).cos() * self.slope)
+
+    def cos(self) -> "Tilted":
+        """Cosine of it."""
+        return Tilted(self.value.cos(), -hull(self).sin() * self.slope)
+
+    def atan(self) -> "Tilted":
+        """Arc tangent of it."""
+        return Tilted(self.value.atan(), self.slope / (1 + hull(self) * hull(self)))
+
+
+def at(a: Any, s: arb) -> Any:
+    """An enclosure for some values of the parameter."""
+    return a.at(s) if isinstance(a, Tilted) else a
+
+
+def hull(a: Any) -> Any:
+    """One enclosure for all values of the parameter."""
+    return at(a, UNIT)
+
+
+def gathered(entries: Sequence[Any], build: Callable[[list[Any]], Any]) -> Any:
+    """What ``build`` makes of entries, a series or a matrix, which is tilted where an entry is."""
+    if not any(isinstance(entry, Tilted) for entry in entries):
+        return build(list(entries))
+    values = [entry.value if isinstance(entry, Tilted) else entry for entry in entries]
+    return Tilted(build(values), build([entry.slope if isinstance(entry, Tilted) else 0 for entry in entries]))
+
+
+def scattered(a: Any, entries: Callable[[Any], Sequence[Any]]) -> list[Any]:
+    """The entries of a series or a matrix."""
+    if not isinstance(a, Tilted):
+        return list(entries(a))
+    return [Tilted(value, slope) for value, slope in zip(entries(a.value), entries(a.slope), strict=True)]
+
+
+EXTRA_DIGITS = 2
+"""Digits printed beyond the first one in which the bounds differ."""
+MOST_DIGITS = 30
+BITS = 128
+"""Of the bounds, before they become decimals."""
+RADIUS_BITS = 64
+"""More than the 30 bits of a radius."""
+_COMPUTING = threading.RLock()
+"""Held while balls are computed: FLINT's precision and length of series hold for the whole process."""
+
+
+@contextmanager
+def precision(bits: int) -> Iterator[None]:
+    """Compute with balls of this precision within the block; other threads that do so wait for its end."""
+    with _COMPUTING, ctx.workprec(bits):
+        length = ctx.cap
+        try:
+            yield
+        finally:
+            ctx.cap = length
+
+
+def interval(ball: arb) -> list[str]:
+    """[lo, hi] as decimals."""
+    with precision(BITS):
+        lower, upper = _fraction(ball.lower()), _fraction(ball.upper())
+    places = _places(upper - lower)
+    scale = 10**places
+    return [_decimal((lower * scale).__floor__(), places), _decimal((upper * scale).__ceil__(), places)]
+
+
+def complex_interval(ball: acb) -> dict[str, list[str]]:
+    """Real and imaginary part as intervals."""
+    return {"re": interval(ball.real), "im": interval(ball.imag)}
+
+
+def _fraction(exact: arb) -> Fraction:
+    mantissa, exponent = exact.man_exp()
+    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+def _places(width: Fraction) -> int:
+    """Decimal places that resolve a width."""
+    places = 0
+    while width and places < MOST_DIGITS and width * 10**places < 1:
+        places += 1
+    return MOST_DIGITS if width == 0 else min(places + EXTRA_DIGITS, MOST_DIGITS)
+
+
+def _decimal(units: int, places: int) -> str:
+    """units / 10^places."""
+    sign, digits = "-" if units < 0 else "", str(abs(units)).rjust(places + 1, "0")
+    return f"{sign}{digits[:-places]}.{digits[-places:]}" if places else f"{sign}{digits}"
+
+
+def _pickled(ball: arb) -> tuple[Any, ...]:
+    """What a pickle holds of a ball: mantissa and exponent of its middle and its radius."""
+    if not ball.is_finite():
+        return arb, (str(ball),)
+    return _ball, tuple((int(m), int(e)) for m, e in (ball.mid().man_exp(), ball.rad().man_exp()))
+
+
+def _ball(middle: tuple[int, int], radius: tuple[int, int]) -> arb:
+    """The same ball: FLINT rounds a radius up to the next one that it can hold, even if it can hold this one."""
+    mantissa, exponent = radius
+    if mantissa == 0:
+        return arb(middle)
+    ball = arb(middle, arb((mantissa * 2**RADIUS_BITS - 1, exponent - RADIUS_BITS)))
+    return ball if ball.rad() >= arb(radius) else arb(middle, arb(radius))
+
+
+copyreg.pickle(arb, _pickled)
+copyreg.pickle(acb, lambda ball: (acb, (ball.real, ball.imag)))

@@ -7,17 +7,120 @@ Taylor coefficients F_k(y) of the motion that starts at y
 
 The same holds for any analytic g(y) along the motion, and for the first variation Phi, whose N-th coefficient at a
 later time is Phi_N(B) Phi. Everything holds for every y0 in a box, and every h in a ball.
+
+One mode on one segment of the control as an autonomous vector field with everything that is observed along it.
+
+    dy/dt = F(y),   y = (z, t)      or  y = (z, t, mu),  dmu/dt = 0
+
+t, the time since the last impact, is a state like the others, so that events at fixed times and events of the state
+are treated alike; and so is a parameter that varies, so that derivatives in it are derivatives in the state.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
+from casadi import SX, Function, cse, jacobian, sum1, vertcat
 from flint import arb, arb_mat, arb_series, ctx
 
-from gaitopt.proof.field import Field
-from gaitopt.proof.graph import Graph, NotProved
-from gaitopt.proof.tilted import gathered, hull, scattered
+from gaitopt.model.margins import margin_names
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.proof.graph import Graph, NotProved, gathered, hull, scattered
+
+
+@dataclass(frozen=True, slots=True)
+class States:
+    """The states y of a system in the steps of one side.
+
+    Attributes
+    ----------
+    varied : index of the parameter that is a state, if one is.
+    side : which leg stands, see ``Walker.side``.
+    """
+
+    system: HybridSystem
+    varied: int | None
+    side: int
+
+    @property
+    def n(self) -> int:
+        """Their number."""
+        return self.system.n_z + 1 + (self.varied is not None)
+
+    def symbols(self) -> tuple[SX, SX, SX]:
+        """y, p, and the parameters of this side, with the one that varies taken from y."""
+        y, p = SX.sym("y", self.n), SX.sym("p", len(self.system.parameters))
+        return y, p, self.side_of(y, p, self.side)
+
+    def side_of(self, y: SX, p: SX, side: int) -> SX:
+        """The parameters of a side."""
+        values = vertcat(*(y[-1] if k == self.varied else p[k] for k in range(p.numel())))
+        return self.system.walker.standing(values, side)
+
+
+class Field:
+    """The flow of a mode, its Jacobian, and its margins, force and power, in balls.
+
+    Parameters
+    ----------
+    states : in which the field lives.
+    p, r : parameters and segment data.
+    """
+
+    def __init__(self, states: States, mode: Mode, p: Sequence[arb], r: Sequence[arb]) -> None:
+        self.mode, self.n = mode, states.n
+        self._states, self._constants = states, (p, r)
+
+    @cached_property
+    def rate(self) -> Graph:
+        """y -> dy/dt."""
+        return self._graph("rate")
+
+    @cached_property
+    def jacobian(self) -> Graph:
+        """y -> d(dy/dt)/dy, columns one after the other."""
+        return self._graph("jacobian")
+
+    @cached_property
+    def margins(self) -> Graph:
+        """y -> margins of the mode in the order of ``margin_names``."""
+        return self._graph("margins")
+
+    @cached_property
+    def apparent_masses(self) -> Graph:
+        """y -> apparent mass of the foot if it slipped forward, and if it slipped backward."""
+        return self._graph("apparent_masses")
+
+    @cached_property
+    def observation(self) -> Graph:
+        """y -> contact force f_t, f_n, and the power of all motors."""
+        return self._graph("observation")
+
+    def _graph(self, name: str) -> Graph:
+        return Graph(_function(self._states, self.mode, name), self._constants)
+
+
+@lru_cache(maxsize=256)
+def _function(states: States, mode: Mode, name: str) -> Function:
+    system, r = states.system, SX.sym("r", states.system.n_r)
+    y, p, values = states.symbols()
+    of_state = (y[system.n_z], y[: system.n_z], values, r)
+    if name in ("rate", "jacobian"):
+        expression = vertcat(system.flow(mode)(*of_state), 1, SX.zeros(int(states.varied is not None)))
+    elif name == "margins":
+        expression = system.margins(mode)(*of_state)
+    elif name == "apparent_masses":
+        slips = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
+        expression = vertcat(*(system.margins(slip)(*of_state)[margin_names(slip).index("painleve")] for slip in slips))
+    else:
+        force, _, power, *_ = system.observation(mode)(*of_state)
+        expression = vertcat(force, sum1(power))
+    if name == "jacobian":
+        expression = jacobian(expression, y)
+    return Function(name, [y, p, r], cse([expression]))
+
 
 PRECISION = 128
 """Bits."""

@@ -1,5 +1,5 @@
 """Long work that is kept in a run folder: sweeps, fronts, basins, many starts, searches; and runs read back.
 
-Every function raises a ``StorageError`` where the folder cannot be used or does not hold what it should, and a
-``KeyboardInterrupt`` where ``should_stop`` became true; what is finished is kept, and the same call resumes from there.
+Every function raises a ``StorageError`` if the folder cannot be used, and ``KeyboardInterrupt`` when ``should_stop``
+returns True; finished parts are kept, and the same call resumes.
 """

@@ -1,21 +1,52 @@
 """Basins of attraction: where does every state go, step after step?
 
 xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot continue.
+
+A basin in its folder: tiles of states, and where every state of the grid goes.
+
+A basin on disk: tiles of states, stored as they finish, so that a run that was killed resumes where it stopped.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
-from gaitopt.gait.attractor import Attractor
-from gaitopt.mechanics import CONTACTS
-from gaitopt.problem import Problem
-from gaitopt.simulation.batch.steps import ENDINGS, phase_names
-from gaitopt.study.return_map import StepMap
+from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.callbacks import Counted, Stop
+from gaitopt.display import Plotted
+from gaitopt.errors import SolveError, StorageError
+from gaitopt.gait.branch import Attractor
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import BasinRecord, differing
+from gaitopt.gait.trajectory import data_set
+from gaitopt.model.modes import CONTACTS
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import state_unit
+from gaitopt.runs.grid import Grid, check_room
+from gaitopt.simulation.batch import ENDINGS, phase_names
+from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.store.files import damaged, json_file, make_folder, validated
+from gaitopt.store.folder import (
+    MANIFEST_FILE,
+    begin_run,
+    read_manifest,
+    read_object,
+    read_problem,
+    read_sealed,
+    seal,
+    write_files,
+    writing,
+)
+from gaitopt.store.lines import TILE_FILE, has_tile, read_tile, write_tile
+from gaitopt.verification.return_map import StepMap, section_states, step_map
+from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
 
 Codes = NDArray[np.int64]
 
@@ -142,3 +173,249 @@ def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:
 def ending_name(code: int) -> str:
     """How a walk failed; ``undecided`` where it neither settled nor failed."""
     return "undecided" if code == UNDECIDED else str(ENDINGS[code])
+
+
+Labels = NDArray[np.int32]
+
+STATE_BYTES_MEMORY = 16
+"""Of the labels and step counts that are held of the whole grid at once."""
+BASIN_FILE = "basin.json"
+NUMBER = "number"
+"""Key of a tile's own number in its file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Basin(Plotted, ReadOnlyArrays):
+    """Where every state of a grid goes.
+
+    Attributes
+    ----------
+    problem, grid : of the request.
+    base : the section coordinates that the grid does not vary.
+    attractors : the gaits on which states settle; ``labels`` are indices into them.
+    labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
+    endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Outcomes``.
+    steps : ndarray, grid's shape - steps until it settled or failed.
+    """
+
+    problem: Problem
+    grid: Grid
+    base: dict[str, float]
+    attractors: tuple[Attractor, ...]
+    labels: Labels
+    endings: Labels
+    steps: Labels
+
+    def __repr__(self) -> str:
+        shares = [f"{gait.count / self.grid.size:.1%} {gait}" for gait in self.attractors]
+        axes = ", ".join(axis.key for axis in self.grid.axes)
+        return f"<Basin {self.problem.name} over {axes}: {self.grid.size} states, {', '.join(shares) or 'no gait'}>"
+
+    def to_xarray(self) -> "Dataset":
+        """Where each state goes, over the coordinates: ``gait`` (index in ``attractors``, or -1) and ``steps``.
+
+        ``ending`` names why a walk failed; it is empty where the state settled on a gait.
+        """
+        keys = tuple(axis.key for axis in self.grid.axes)
+        names = {code: ending_name(int(code)) for code in np.unique(self.endings)}
+        failed = np.array([names[code] for code in self.endings.ravel()]).reshape(self.grid.shape)
+        endings = np.where(self.labels < 0, failed, "")
+        variables = {"gait": (keys, self.labels), "steps": (keys, self.steps), "ending": (keys, endings)}
+        places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
+        return data_set(variables, places, {key: state_unit(key) for key in keys}, problem=self.problem.name)
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object: the gaits with their shares, and the failures by name."""
+        names = self.problem.walker.section_names(slipping=True)
+        gaits = [
+            {
+                "kind": str(gait),
+                "period": gait.period,
+                "phases": [str(mode) for mode in gait.phases],
+                "impact": str(gait.impact),
+                "state": dict(zip(names, gait.state.tolist(), strict=True)),
+                "states": gait.count,
+                "share": gait.count / self.grid.size,
+            }
+            for gait in self.attractors
+        ]
+        return {
+            "problem": self.problem.name,
+            "over": [asdict(axis) for axis in self.grid.axes],
+            "base": self.base,
+            "states": self.grid.size,
+            "gaits": gaits,
+            "failures": outcome_counts(self.endings),
+        }
+
+
+def read_basin(place: Path) -> Basin:
+    """The basin in its own folder, which lies in the run folder of its problem."""
+    run, own = place.resolve().parent, place.resolve().name
+    record = read_object(run, f"{own}/{BASIN_FILE}")
+    stored = validated(BasinRecord, record, place / BASIN_FILE)
+    grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
+    check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
+    basin = assembled(place, read_problem(run), grid, stored["base"])
+    key = differing(record, basin.to_record())
+    if key:
+        raise damaged(place / BASIN_FILE, f"{key}: is not what its tiles give")
+    return basin
+
+
+def stored_attractor(place: Path, index: str) -> Attractor:
+    """The attractor with a number, counted from 0 in the order of the table, of the basin in a folder."""
+    attractors = read_basin(place).attractors
+    if not index.isdecimal() or int(index) >= len(attractors):
+        known = f"0 to {len(attractors) - 1}" if attractors else "none"
+        raise StorageError(f"{place}@attractor.{index}: the attractors of this basin are {known}")
+    return attractors[int(index)]
+
+
+def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
+    """The whole basin from its tiles, one after the other."""
+    gaits = list[Attractor]()
+    labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
+    done, tile = 0, 0
+    while done < grid.size:
+        outcomes = _tile_outcomes(place, tile, grid.size - done)
+        rows = slice(done, done + len(outcomes.steps))
+        labels[rows], endings[rows], steps[rows] = claim(outcomes, gaits, problem), outcomes.endings, outcomes.steps
+        done, tile = rows.stop, tile + 1
+    return Basin(
+        problem=problem, grid=grid, base=base, attractors=tuple(gaits),
+        labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
+    )  # fmt: skip
+
+
+def _tile_outcomes(place: Path, tile: int, most: int) -> Outcomes:
+    """The outcomes of one tile, of no more than ``most`` states."""
+    arrays = read_tile(place, tile)
+    run, own = place.resolve().parent, place.resolve().name
+    name = TILE_FILE.format(tile)
+    if f"{own}/{name}" in read_manifest(run).files:
+        read_sealed(run, f"{own}/{name}")
+    number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Outcomes)}
+    counts = {len(np.atleast_1d(array)) for array in arrays.values()}
+    if number != tile or arrays.keys() != names or len(counts) != 1 or not 0 < min(counts) <= most:
+        raise StorageError(f"{place / name} is not tile {tile}: delete it, and its states are walked again")
+    return Outcomes(**arrays)
+
+
+TILE, SCIPY_TILE = 4096, 64
+"""States of one tile on heyoka and on scipy: some seconds of walking, and what is lost by a kill."""
+STEPS_OF_A_STATE = 10
+"""About so many steps a state takes until it settles or fails."""
+STATE_BYTES_DISK = 48
+"""Of the outcome of one state, compressed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BasinPlan:
+    """What is to be walked, and where it is kept.
+
+    Attributes
+    ----------
+    problem : whose walker walks.
+    p : its parameters, where they are not those of the problem.
+    base : the section coordinates that the grid does not vary.
+    max_steps : steps after which a state is undecided.
+    folder : of the run; the basin has a folder of its own in it.
+    """
+
+    problem: Problem
+    p: tuple[float, ...] | None
+    base: dict[str, float]
+    grid: Grid
+    max_steps: int
+    engine: str
+    folder: Path
+
+    @classmethod
+    def around(cls, start: Problem | Gait, grid: Grid, *, max_steps: int, engine: str, folder: Path) -> Self:
+        """The basin of a grid around the state of a gait, or around a problem's guess."""
+        if isinstance(start, Gait):
+            problem, p = start.problem, tuple(start.p.tolist())
+            state = dict(zip(start.system.state_names, start.state.tolist(), strict=True))
+        else:
+            problem, p, state = start, None, dict(start.guess.state)
+        varied = {axis.key for axis in grid.axes}
+        names = (name for name in problem.walker.section_names(slipping=True) if name not in varied)
+        base = {name: float(state[name]) for name in names}
+        return cls(problem=problem, p=p, base=base, grid=grid, max_steps=max_steps, engine=engine, folder=folder)
+
+    @property
+    def key(self) -> str:
+        """Names the basin by all that its tiles depend on."""
+        identity = {"grid": [*map(str, self.grid.axes)], "base": self.base, "steps": self.max_steps}
+        return key_of(identity | {"engine": str(self.chosen_engine), "tile": self.tile_size})[:8]
+
+    @property
+    def chosen_engine(self) -> Engine:
+        """What ``engine`` means for so many states."""
+        return choose_engine(self.engine, steps=self.grid.size * STEPS_OF_A_STATE)
+
+    @property
+    def tile_size(self) -> int:
+        """States of one tile."""
+        return TILE if self.chosen_engine is Engine.HEYOKA else min(TILE, SCIPY_TILE)
+
+    @property
+    def place(self) -> Path:
+        """The basin's own folder."""
+        return self.folder / f"basin-{self.key}"
+
+    @property
+    def tiles(self) -> range:
+        """Numbers of the tiles."""
+        return range(-(-self.grid.size // self.tile_size))
+
+
+def check_basin(plan: BasinPlan) -> None:
+    """Refuse a basin that cannot be walked or kept, before it starts; its errors are those of ``gaitopt.basin``."""
+    plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
+    choose_engine(plan.engine)
+    check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
+
+
+def walk_basin(plan: BasinPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Basin:
+    """Walk what is not yet on disk, and say where every state goes; a tile that kills its workers is a SolveError."""
+    with writing(plan.folder, plan.problem):
+        if not (plan.folder / MANIFEST_FILE).exists():
+            begin_run(plan.folder, plan.problem)
+        make_folder(plan.place, parents=False)
+        _walk_tiles(plan, workers, progress, should_stop)
+        basin = assembled(plan.place, plan.problem, plan.grid, plan.base)
+        own = plan.place.name
+        seal(plan.folder, *(f"{own}/{TILE_FILE.format(tile)}" for tile in plan.tiles))
+        write_files(plan.folder, {f"{own}/{BASIN_FILE}": json_file(basin.to_record())})
+    return basin
+
+
+def _walk_tiles(plan: BasinPlan, workers: Workers, progress: Counted, should_stop: Stop) -> None:
+    """Walk the tiles that are not on disk, each written as soon as it is finished."""
+    missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
+    done, total = len(plan.tiles) - len(missing), len(plan.tiles)
+    fixed = replace(plan, engine=plan.chosen_engine)  # a worker might choose another one
+    jobs = [Job(key=f"{plan.key}-{tile}", argument=(fixed, tile)) for tile in missing]
+    for key, outcomes in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
+        tile = int(key.rpartition("-")[2])
+        if isinstance(outcomes, FailedJob):
+            raise SolveError(f"tile {tile} of the basin was given up: {outcomes.reason}; the others are kept")
+        write_tile(plan.place, tile, {NUMBER: tile, **{f.name: getattr(outcomes, f.name) for f in fields(outcomes)}})
+        done += 1
+        if progress is not None:
+            progress(done, total)
+    if done < total:
+        raise KeyboardInterrupt
+
+
+def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop = None) -> Outcomes:
+    """Outcomes of the states of one tile; runs in any process."""
+    plan, tile = argument
+    numbers = np.arange(tile * plan.tile_size, min((tile + 1) * plan.tile_size, plan.grid.size))
+    values = dict(zip([axis.key for axis in plan.grid.axes], plan.grid.points(numbers).T, strict=True))
+    names = plan.problem.walker.section_names(slipping=True)
+    xi = np.column_stack([values.get(name, np.full(len(numbers), plan.base.get(name))) for name in names])
+    walk = step_map(plan.problem, plan.p, plan.chosen_engine)
+    return follow(walk, section_states(plan.problem, xi), plan.max_steps, should_stop=should_stop)

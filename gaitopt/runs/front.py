@@ -12,20 +12,21 @@ from typing import TYPE_CHECKING, Any, overload
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.gait import Status
-from gaitopt.gait.frames import data_frame
+from gaitopt.gait.gait import Status
 from gaitopt.gait.records import FrontRecord
-from gaitopt.problem import Problem
+from gaitopt.gait.trajectory import data_frame
 from gaitopt.problem.faults import nearest_keys
+from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
-from gaitopt.runs.solved import problem_job, solve_all
-from gaitopt.store import begin_run, json_text, read_object, read_problem, write_files, writing
-from gaitopt.store.records import damaged, validated
+from gaitopt.runs.jobs import problem_job, solve_all
+from gaitopt.store.files import damaged, json_text, validated
+from gaitopt.store.folder import begin_run, read_object, read_problem, write_files, writing
 from gaitopt.workers.jobs import Workers
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
 
 Record = dict[str, Any]
 TIE = 1e-9

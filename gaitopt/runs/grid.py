@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
-from gaitopt.mechanics.units import parse_angle
-from gaitopt.problem import Problem
+from gaitopt.model.units import parse_angle
 from gaitopt.problem.faults import nearest_keys
+from gaitopt.problem.problem import Problem
 
 Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from gaitopt.callbacks import Counted, Stop
-from gaitopt.gait import Status
-from gaitopt.mechanics import BezierTracking
-from gaitopt.problem import Problem
+from gaitopt.gait.gait import Status
+from gaitopt.model.control import BezierTracking
+from gaitopt.problem.problem import Problem
 from gaitopt.runs.grid import check_jobs_fit
-from gaitopt.runs.solved import problem_job, solve_all
-from gaitopt.search.distinct import grouped
-from gaitopt.store import begin_run, writing
-from gaitopt.study.system import build_system
-from gaitopt.study.warm import free_guesses
+from gaitopt.runs.jobs import problem_job, solve_all
+from gaitopt.search.find import grouped
+from gaitopt.store.folder import begin_run, writing
+from gaitopt.systems import build_system
+from gaitopt.verification.warm import free_guesses
 from gaitopt.workers.jobs import Workers
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3

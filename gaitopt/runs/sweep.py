@@ -1,20 +1,176 @@
-"""A grid of problems, each solved and verified: what a gait becomes over one or several parameters."""
+"""A grid of problems, each solved and verified: what a gait becomes over one or several parameters.
 
-from dataclasses import dataclass
+A finished sweep: the gait of every point of its grid as a table, in a folder and in memory.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gaitopt.callbacks import Counted, Stop
-from gaitopt.problem import Problem
+from gaitopt.display import Plotted
+from gaitopt.errors import StorageError
+from gaitopt.gait.gait import Status
+from gaitopt.gait.records import SweepRecord, differing
+from gaitopt.gait.trajectory import columns_of, data_frame, data_set
+from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
-from gaitopt.runs.solved import problem_job, solve_all
-from gaitopt.runs.sweep_table import SWEEP_FILE, TABLE_FILE, Sweep, sweep_record, sweep_table
-from gaitopt.store import begin_run, json_file, write_files, writing
-from gaitopt.store.files import make_folder
-from gaitopt.store.text import csv_text
+from gaitopt.runs.jobs import SET_ASIDE, problem_job, solve_all
+from gaitopt.store.files import (
+    Table,
+    cell_rows,
+    csv_text,
+    damaged,
+    json_file,
+    make_folder,
+    parse_cell,
+    parsed,
+    validated,
+)
+from gaitopt.store.folder import begin_run, read_object, read_problem, read_sealed, write_files, writing
 from gaitopt.workers.jobs import Job, Workers, key_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+
+
+TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
+WORDS = ("status", "verified", "start", "modes")
+"""Columns between those that hold words."""
+STOPS_SEPARATOR = "; "
+"""Between modes that state stops; others are separated by a space."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep(Plotted):
+    """The gaits of a problem over a grid of its parameters.
+
+    Attributes
+    ----------
+    problem, grid : of the request.
+    records : of every point in the order of the grid: ``at`` (values by dotted key), ``status``, and where there is a
+        gait its scalars; after a fresh sweep all keys of a gait.
+    """
+
+    problem: Problem
+    grid: Grid
+    records: Sequence[Mapping[str, Any]]
+
+    def __repr__(self) -> str:
+        axes = ", ".join(f"{axis.key} {axis.lower:g} to {axis.upper:g} ({axis.count})" for axis in self.grid.axes)
+        solved = sum(record["status"] == Status.CONVERGED for record in self.records)
+        return f"<Sweep {self.problem.name} over {axes}: {solved} of {len(self)} points have a gait>"
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def column(self, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """A scalar at every point, NaN where there is no gait; of the grid's shape."""
+        values = [record.get(name) if record["status"] == Status.CONVERGED else None for record in self.records]
+        return np.array([np.nan if value is None else value for value in values], dtype=float).reshape(self.grid.shape)
+
+    def to_frame(self) -> "DataFrame":
+        """One row per point: the columns of ``table.csv``, units in ``attrs["units"]``."""
+        table = sweep_table(self.grid, self.records)
+        units = {name: unit_of(name) for name in table.header}
+        return data_frame(table.header, table.rows, units, problem=self.problem.name)
+
+    def to_xarray(self) -> "Dataset":
+        """The same as an xarray dataset over the parameters, with units as attributes."""
+        table = sweep_table(self.grid, self.records)
+        keys = tuple(axis.key for axis in self.grid.axes)
+        columns = columns_of(table.header, table.rows)
+        variables = {n: (keys, v.reshape(self.grid.shape)) for n, v in columns.items() if n not in keys}
+        places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
+        units = {name: unit_of(name) for name in table.header}
+        return data_set(variables, places, units, problem=self.problem.name)
+
+
+def read_sweep(place: Path) -> Sweep:
+    """Status and scalars of every point of the sweep in its own folder."""
+    run, own = place.resolve().parent, place.resolve().name
+    path = place / TABLE_FILE
+    record = read_object(run, f"{own}/{SWEEP_FILE}")
+    grid = validated(Grid, {"axes": validated(SweepRecord, record, place / SWEEP_FILE)["over"]}, place / SWEEP_FILE)
+    rows = parsed(_parse_rows, read_sealed(run, f"{own}/{TABLE_FILE}"), path)
+    if len(rows) != grid.size:
+        raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was left alone")
+    points = grid.points(np.arange(grid.size)).tolist()
+    keys = [axis.key for axis in grid.axes]
+    records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
+    swept = Sweep(problem=read_problem(run), grid=grid, records=records)
+    told = {key: value for key, value in sweep_record(swept).items() if key != "set_aside"}  # its reasons are here only
+    key = differing(record, told)
+    if key:
+        raise damaged(place / SWEEP_FILE, f"{key}: is not what {TABLE_FILE} gives")
+    return swept
+
+
+def _parse_rows(text: str) -> list[dict[str, Any]]:
+    """Words and scalars of every row of the table.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing or a cell is no number; the message names the line.
+    """
+    reader, rows = csv.DictReader(text.splitlines()), list[dict[str, Any]]()
+    known = [name for name in SCALARS if name in (next(cell_rows(csv.reader(text.splitlines())), ()))]
+    for row in cell_rows(reader):
+        try:
+            passed = {"true": {"passed": True}, "false": {"passed": False}}.get(row["verified"])
+            phases, _, impact = row["modes"].partition(" / ")
+            words = {"status": row["status"], "start": row["start"], "verification": passed, "impact": impact}
+            modes = {"phases": [Mode(mode).record for mode in phases.split(STOPS_SEPARATOR if "," in phases else None)]}
+            rows.append(words | modes | {name: parse_cell(row[name]) for name in known})
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"line {reader.line_num}: {error!r}") from error
+    return rows
+
+
+def sweep_record(sweep: Sweep) -> dict[str, Any]:
+    """One JSON object about a whole sweep."""
+    records = sweep.records
+    statuses = [record["status"] for record in records]
+    verified = [(record.get("verification") or {}).get("passed") for record in records]
+    return {
+        "problem": sweep.problem.name,
+        "over": [asdict(axis) for axis in sweep.grid.axes],
+        "jobs": len(records),
+        "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
+        "verified": verified.count(True),
+        "refuted": verified.count(False),
+        "set_aside": [
+            {"at": record["at"], "reason": record.get("message", "")}
+            for record in records
+            if record["status"] == SET_ASIDE
+        ],
+    }
+
+
+def sweep_table(grid: Grid, records: Sequence[Mapping[str, Any]]) -> Table:
+    """One row per point: the grid's values, status, whether it was verified, start, modes and the scalars."""
+    keys = [axis.key for axis in grid.axes]
+    scalars = [name for name in SCALARS if name not in keys]
+
+    def row(record: Mapping[str, Any]) -> list[Any]:
+        verification, phases = record.get("verification"), record.get("phases") or ()
+        passed = "" if verification is None else str(verification["passed"]).lower()
+        names = [Mode.from_record(phase) for phase in phases]
+        modes = (STOPS_SEPARATOR if any(mode.stops for mode in names) else " ").join(names)
+        values = [record.get(name) for name in scalars]
+        texts = [record["status"], passed, record.get("start", ""), f"{modes} / {record['impact']}" if names else ""]
+        return [*record["at"].values(), *texts, *(float("nan") if v is None else v for v in values)]
+
+    return Table(header=(*keys, *WORDS, *scalars), rows=[row(record) for record in records])
 
 
 @dataclass(frozen=True)

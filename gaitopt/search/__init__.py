@@ -1,4 +1,4 @@
-"""Search for gaits: over all mode sequences, from the gait of a problem's file, and why there is none.
+"""All gaits of a problem, whatever their mode sequence; the one that ``solve`` returns; why there is none.
 
-Every search ends with a ``KeyboardInterrupt`` where ``should_stop`` became true.
+Every search raises ``KeyboardInterrupt`` when ``should_stop`` returns True.
 """

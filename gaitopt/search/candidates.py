@@ -3,6 +3,11 @@
 Two searches propose them. Walks of the simulator, which chooses its own modes, end near gaits or are led to them by
 Newton's method on the return map. A program with complementarity conditions in place of a mode sequence finds motions
 of any sequence, also where parameters are free and where no walk leads.
+
+Gaits of other mode sequences next to a known one: its family is followed a little way, and may come back.
+
+Where a mode sequence is about to change, the branch turns or other branches begin, several gaits exist side by side,
+of which some attract no walk. Each time that a branch of the family crosses the parameter's own value there is one.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,18 +17,24 @@ from typing import Any
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.branches.family import follow_family
+from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
-from gaitopt.gait import Status, Step
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode
-from gaitopt.nlp import free_parameters
-from gaitopt.nlp.complementarity.program import Complementarity, Proposal
-from gaitopt.nlp.complementarity.swing import shapes_before, swing
-from gaitopt.orbit import ReturnMap
-from gaitopt.orbit.damped import damped_fixed_point
-from gaitopt.problem import Problem
-from gaitopt.simulation import Engine, Simulator, choose_engine, make_stepper
-from gaitopt.simulation.batch.functions import RowMap
-from gaitopt.study.return_map import step_map
+from gaitopt.errors import ProblemError, SolveError
+from gaitopt.gait.branch import BranchPoint
+from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.trajectory import Step
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.nlp.ipopt import Complementarity, Proposal, shapes_before, swing
+from gaitopt.nlp.solve import free_parameters
+from gaitopt.problem.problem import Problem
+from gaitopt.simulation.engine import Engine, choose_engine, make_stepper
+from gaitopt.simulation.heyoka_batch import RowMap
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import solve_sequence
+from gaitopt.verification.return_map import ReturnMap, damped_fixed_point, step_map
 
 Record = dict[str, Any]
 Phases = tuple[tuple[Mode, float], ...]
@@ -246,3 +257,54 @@ def _repeats(states: Sequence[Array], n: int) -> bool:
     """Whether a cycle of states is one of ``n`` states several times over."""
     size = np.abs(states[0]).max()
     return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
+
+
+REACH = 0.25
+"""Part of a parameter's value by which a family is followed to either side."""
+MAX_POINTS = 150
+"""Bound on the work for one direction; without folds there are forty."""
+
+
+def varied(problem: Problem) -> list[str]:
+    """Parameters along which families are followed: the coefficients of friction and the slope."""
+    keys = [key for key in problem.parameters if key.partition(".")[0] == "friction" or key == "walker.slope"]
+    return [key for key in keys if problem.parameters[key]]
+
+
+def search_family(job: SearchJob, _: None = None, should_stop: Stop = None) -> Record:
+    """Candidates on the family of one gait, that of the job's closed problem, along the job's parameter."""
+    gait = solve_sequence(job.problem, should_stop=should_stop)
+    candidates = list[Record]()
+    if gait.converged:
+        value, start = job.problem.parameters[job.parameter], f"{job.method} {job.number}, {job.parameter}"
+        for side in (-1, 1):
+            candidates += [
+                cycle_record(gait.system, crossing.steps, start)
+                for crossing in _crossings(gait, job, value * (1 + side * REACH), should_stop)
+            ]
+    if should_stop is not None and should_stop():
+        raise KeyboardInterrupt
+    return {"method": job.method, "starts": 1, "candidates": candidates}
+
+
+def _crossings(gait: Gait, job: SearchJob, to: float, should_stop: Stop) -> Iterator[Gait]:
+    """Gaits of a family next to which a branch crosses the value at which it begins, on the way to another one."""
+    value = job.problem.parameters[job.parameter]
+    request = Request(
+        parameter=job.parameter,
+        to=(to,),
+        max_points=MAX_POINTS,
+        verify_every=0,
+        follow={"branch_points": 1, "mode_changes": 1, "doublings": job.n_steps // (2 * len(gait.steps))},
+    )
+    before: BranchPoint | None = None
+    try:
+        for record in follow_family(gait, request, should_stop=should_stop):
+            if not isinstance(record, BranchPoint):
+                continue
+            same = before is not None and before.branch == record.branch
+            if before is not None and same and (before.value - value) * (record.value - value) < 0:
+                yield min(before, record, key=lambda point: abs(point.value - value)).gait
+            before = record
+    except (ProblemError, SolveError):  # the family cannot be followed in this parameter at all, or no further
+        return

@@ -12,16 +12,16 @@ from functools import lru_cache
 
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait import Gait, Status
-from gaitopt.gait.attractor import Attractor
-from gaitopt.nlp import follow
-from gaitopt.orbit import ReturnMap
-from gaitopt.problem import Problem, lacks_energy
+from gaitopt.gait.branch import Attractor
+from gaitopt.gait.gait import Gait, Status
+from gaitopt.nlp.following import follow
+from gaitopt.problem.plausibility import lacks_energy
+from gaitopt.problem.problem import Problem
 from gaitopt.search.candidates import cycle_record
-from gaitopt.search.distinct import closed
-from gaitopt.search.find import find_best
-from gaitopt.simulation import Simulator
-from gaitopt.study.system import problem_dynamics, solve_sequence
+from gaitopt.search.find import closed, find_best
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics, solve_sequence
+from gaitopt.verification.return_map import ReturnMap
 
 KEPT = 16
 """Gaits of files that a process keeps, for the points of a sweep follow the same one."""

@@ -24,9 +24,11 @@ from typing import NamedTuple
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import ONSETS, Dynamics, ImpactLaw, Mode, margin_names
-from gaitopt.mechanics.buffered import Buffers
+from gaitopt.gait.trajectory import Ending, ImpactRecord
+from gaitopt.model.buffered import Buffers
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import ONSETS, margin_names
+from gaitopt.model.modes import ImpactLaw, Mode
 from gaitopt.simulation.events import EDGE, LOOK, Point, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import PAINLEVE, PointFunctions, units
 

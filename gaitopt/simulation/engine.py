@@ -4,7 +4,7 @@ from enum import StrEnum
 from importlib.util import find_spec
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.mechanics import Dynamics
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.stepper import Stepper
 
@@ -55,6 +55,6 @@ def make_stepper(dynamics: Dynamics, engine: str = Engine.AUTO, *, steps: int = 
     """
     if choose_engine(engine, steps=steps) is Engine.SCIPY:
         return ScipyStepper(dynamics)
-    from gaitopt.simulation.heyoka.stepper import HeyokaStepper  # optional, and 0.2 s to import
+    from gaitopt.simulation.heyoka_stepper import HeyokaStepper  # optional, and 0.2 s to import
 
     return HeyokaStepper(dynamics)

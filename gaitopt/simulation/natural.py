@@ -14,8 +14,11 @@ import numpy as np
 from casadi import SX, Function, cse, repmat, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode, margin_names, margin_scales
-from gaitopt.mechanics.buffered import Buffers
+from gaitopt.model.buffered import Buffers
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import margin_names, margin_scales
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
 from gaitopt.simulation.events import Point
 
 PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")

@@ -6,9 +6,11 @@ import numpy as np
 from casadi import SX, Function, if_else, logic_and, logic_or, sum1
 
 from gaitopt.arrays import Array
-from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
-from gaitopt.mechanics import Dynamics, Mode, margin_names
-from gaitopt.mechanics.buffered import Buffers
+from gaitopt.integration import CompiledStep, Integration, StepSizeError
+from gaitopt.model.buffered import Buffers
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import margin_names
+from gaitopt.model.modes import Mode
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
 from gaitopt.simulation.stepper import Arrival

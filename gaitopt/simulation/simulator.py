@@ -14,15 +14,15 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.gait import Arc, Ending, ImpactRecord, Step, Trajectory
-from gaitopt.mechanics import ONSETS, Dynamics, Mode
-from gaitopt.mechanics.margins import PHASE_MARGINS
+from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import ONSETS, PHASE_MARGINS
+from gaitopt.model.modes import Mode
 from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
 from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.natural import units
-from gaitopt.simulation.sampling import sample
 from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
-from gaitopt.simulation.stepper import Arrival, Stepper
+from gaitopt.simulation.stepper import Arrival, Stepper, sample
 
 MAX_STEP_TIME = 50.0
 """A walker that has not touched down by then, in units of sqrt(l / g), no longer walks: 20 s for legs of 1.6 m."""

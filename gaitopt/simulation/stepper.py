@@ -1,12 +1,14 @@
 """The seam between the hybrid simulator and the integrator: advance along one arc, until an event or a time limit.
 
-A mode assumes its margins (``gaitopt.mechanics.margin_names``); an event is a margin falling through zero.
+A mode assumes its margins (``gaitopt.model.margins.margin_names``); an event is a margin falling through zero.
 
 * ``touchdown`` is armed once it has been positive after the impact: the feet are level at the start of every step,
   and the legs pass each other in mid-swing, where this margin rises through zero.
 * Every other margin must be positive all along the arc. One that starts at zero (the slip velocity at the onset of
   slip, a double root; the edge of the cone at re-sticking) is no event if it leaves zero upwards.
 * A margin that only touches zero, by less than rounding, is no event.
+
+States along an arc at Chebyshev points, as many as it takes to resolve it.
 """
 
 from dataclasses import dataclass
@@ -16,7 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.mechanics import Dynamics, Mode
+from gaitopt.gait import curves
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.natural import Units
 
 Indices = NDArray[np.intp]
 
@@ -101,3 +106,25 @@ class BatchStepper(Protocol):
         times, limits : ndarray, shape (n,) - times since the last impact [s].
         states : ndarray, shape (n, n_z) - states at ``times``.
         """
+
+
+COUNTS = (33, 65, 129, 257)
+"""Numbers of points that are tried in turn; 33 resolve a phase of walking."""
+RESOLVED = 1e-12
+"""Size of the last Chebyshev coefficients, in natural units, below which an arc is resolved; forces lose two digits
+against states."""
+STRAIGHT = 1e-8
+"""An arc this short, in natural units, is straight to rounding: its two ends are enough."""
+
+
+def sample(
+    stepper: Stepper, unit: Units, mode: Mode, data: Array, start: float, end: float, state: Array
+) -> tuple[Array, Array]:
+    """Times (m,) and states (m, n_z) at Chebyshev points of the arc that begins at ``start`` with ``state``."""
+    for count in COUNTS if end - start > STRAIGHT * unit.time else (2,):
+        times = start + (end - start) * (curves.points(count) + 1) / 2
+        times[-1] = end
+        states = stepper.sample(mode, data, state, times)
+        if count > 2 and curves.tail(states / unit.state) < RESOLVED:
+            break
+    return times, states

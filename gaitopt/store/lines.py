@@ -2,23 +2,38 @@
 
 Every line ends with a checksum that is chained to the one before it, crc_k = CRC-32(line_k, crc_(k-1)), so that a line
 that was altered, removed, added or moved is noticed.
+
+Parts of a large result, each a file of arrays that appears whole; what is there after a crash need not be redone.
 """
 
 import hashlib
 import os
 import re
+import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+
 from gaitopt.errors import StorageError
-from gaitopt.store.files import OWN_FILE, parsed, reason, sync_folder, write_all
-from gaitopt.store.sums import FileSum
-from gaitopt.store.text import json_text, parse_object
+from gaitopt.store.files import (
+    OWN_FILE,
+    FileSum,
+    json_text,
+    parse_object,
+    parsed,
+    read_bytes,
+    reason,
+    sync_folder,
+    write_all,
+    write_whole,
+)
 
 LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}\n')
 """A record and its checksum, which counts as the last key of the object."""
@@ -144,3 +159,30 @@ def _sealed_line(record: Mapping[str, Any], before: int) -> tuple[str, int]:
     body = json_text(record)
     crc = zlib.crc32(body.encode(), before)
     return f'{body[:-1]}, "crc": "{crc:08x}"}}\n', crc
+
+
+TILE_FILE = "tile-{:06d}.npz"
+BROKEN = (OSError, ValueError, KeyError, EOFError, NotImplementedError, TypeError, zipfile.BadZipFile, zlib.error)
+"""What NumPy and zipfile raise on damaged archives."""
+
+
+def write_tile(folder: Path, number: int, arrays: Mapping[str, Any]) -> None:
+    """Write the arrays of one tile."""
+    packed = BytesIO()
+    np.savez_compressed(packed, **arrays)
+    write_whole(folder / TILE_FILE.format(number), packed.getvalue())
+
+
+def has_tile(folder: Path, number: int) -> bool:
+    """Whether a tile is there; if so, it is whole."""
+    return (folder / TILE_FILE.format(number)).is_file()
+
+
+def read_tile(folder: Path, number: int) -> dict[str, Any]:
+    """Read the arrays of one tile."""
+    path = folder / TILE_FILE.format(number)
+    try:
+        with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as arrays:
+            return dict(arrays)
+    except BROKEN as error:
+        raise StorageError(f"{path} is broken ({error}): delete it, and its states are walked again") from error

@@ -1,1 +1,1 @@
-"""Independent jobs on the processes of this machine or on a cluster, by Dask."""
+"""Independent jobs on the processes of this machine or on a Dask cluster."""

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from gaitopt.branches import walk as continuer
+from gaitopt.branches.walk import Continuer
 from gaitopt.errors import StorageError
-from gaitopt.families import continuer
-from gaitopt.families.continuer import Continuer
-from gaitopt.store import BRANCH_FILE
+from gaitopt.store.folder import BRANCH_FILE, seal
 from gaitopt.store.lines import LineWriter, read_lines
-from gaitopt.store.manifest import seal
-from gaitopt.study.claims import Verification
-from gaitopt.study.verify import confirm
+from gaitopt.verification.verify import Verification, confirm
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
 

@@ -107,7 +107,7 @@ def test_an_internal_error_without_words_says_where_it_was_raised(run, monkeypat
     def fail(*_):
         raise TimeoutError
 
-    monkeypatch.setattr("gaitopt.problem.load_problem", fail)
+    monkeypatch.setattr("gaitopt.problem.problem.load_problem", fail)
     code, _, err = run("validate", WHEEL)
     assert code == 1
     assert "internal error: TimeoutError (cli/test_cli_input.py:" in err

@@ -11,8 +11,8 @@ from named import named, verification
 from gaitopt import __version__
 from gaitopt.cli.console import ResultConsole
 from gaitopt.cli.main import main
-from gaitopt.cli.printable import printable
-from gaitopt.problem import load_problem, problem_names
+from gaitopt.cli.terminal import printable
+from gaitopt.problem.problem import load_problem, problem_names
 
 ATTACK = "\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f‮⁦ 한국 ñ\n\ttab"
 SHOWN = r"\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f\u202e\u2066 한국 ñ" + "\n\ttab"
@@ -39,7 +39,7 @@ def test_lone_surrogates_are_shown_too():
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_console_shows_them_in_texts_and_tables(terminal):
-    from gaitopt.library.tables import table
+    from gaitopt.show.tables import table
 
     written = io.StringIO()
     console = ResultConsole(file=written, force_terminal=terminal, width=200, markup=False, color_system=None)
@@ -118,7 +118,7 @@ def test_the_version_help_and_completion_are_answered(run, monkeypatch):
 @pytest.mark.parametrize("command", ["solve", "simulate", "plot", "sweep"])
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(run, empty_folder, monkeypatch, command):
     (empty_folder / "file").write_text("")
-    monkeypatch.setattr("gaitopt.study.system.build_system", None)  # whatever would begin to work
+    monkeypatch.setattr("gaitopt.systems.build_system", None)  # whatever would begin to work
     over = ["--over", "friction=0.3:0.4:2"] if command == "sweep" else []
     code, _, err = run(command, "rimless-wheel-slip", *over, "-o", "file/run")
     assert code == 6

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt.problem import load_problem
-from gaitopt.runs import solved
+from gaitopt.problem.problem import load_problem
+from gaitopt.runs import jobs as solved
 from gaitopt.runs.multistart import Optimum, _rank
 
 WHEEL = "rimless-wheel-slip"

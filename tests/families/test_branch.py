@@ -7,7 +7,7 @@ import pytest
 
 import gaitopt as go
 from gaitopt import continuation
-from gaitopt.gait import Branch
+from gaitopt.gait.branch import Branch
 
 
 @pytest.fixture(scope="module")

@@ -11,18 +11,19 @@ from named import named
 
 import gaitopt as go
 from gaitopt import continuation
+from gaitopt.branches.curve import Metric, Point, Segment
+from gaitopt.branches.family import follow_family
+from gaitopt.branches.request import Limits, Request
+from gaitopt.branches.walk import Continuer, Position
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.families.continuer import Continuer
-from gaitopt.families.family import follow_family
-from gaitopt.families.limits import Limits
-from gaitopt.families.position import Position
-from gaitopt.families.request import Request
-from gaitopt.families.segment import Metric, Point, Segment
-from gaitopt.gait import Branch, BranchPoint, Gait, SpecialPoint, Status
-from gaitopt.mechanics import Cycle, Dynamics, Mode
+from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint
+from gaitopt.gait.gait import Gait, Status
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.shooting import MultipleShooting
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD

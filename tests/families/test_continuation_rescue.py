@@ -4,7 +4,7 @@ import pytest
 from named import named
 
 from gaitopt import continuation
-from gaitopt.families.segment import Segment
+from gaitopt.branches.curve import Segment
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
 def test_branch_ends_with_a_reason_where_ipopt_fails_too(wheel, monkeypatch):
     step = Segment.step
     monkeypatch.setattr(Segment, "step", lambda self, s, length: None if s.value > 0.42 else step(self, s, length))
-    monkeypatch.setattr("gaitopt.families.rescue.DISTANCES", ())
+    monkeypatch.setattr("gaitopt.branches.change.DISTANCES_RESCUE", ())
     branch = continuation(wheel, "friction", 0.5)
     assert "IPOPT" in branch.special("end")[0].reason
     assert branch.special("end")[0].status == "guess"

@@ -12,8 +12,9 @@ from simulated_family import SimulatedFamily
 
 import gaitopt as go
 from gaitopt import continuation
-from gaitopt.gait import Branch, BranchPoint, SpecialPoint
-from gaitopt.mechanics import Cycle, Mode
+from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.modes import Mode
 
 pytestmark = pytest.mark.portable
 

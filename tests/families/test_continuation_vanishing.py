@@ -6,8 +6,8 @@ from functools import cache
 import pytest
 
 import gaitopt as go
-from gaitopt.families.vanishing import stride
-from gaitopt.gait import TERMINAL
+from gaitopt.branches.curve import stride
+from gaitopt.gait.branch import TERMINAL
 
 
 @cache

@@ -2,8 +2,7 @@
 
 import pytest
 
-from gaitopt.families.limits import Limits
-from gaitopt.families.request import Request
+from gaitopt.branches.request import Limits, Request
 
 REQUEST = Request(parameter="friction", to=(0.8,), max_points=10, max_seconds=5.0)
 LIMITS = Limits(request=REQUEST, lower=0.2, upper=0.8)

@@ -11,9 +11,11 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt.branches import walk as continuer
+from gaitopt.branches.family import follow_family, resumable
+from gaitopt.branches.request import Request
 from gaitopt.errors import StorageError
-from gaitopt.families import Request, continuer, follow_family, resumable
-from gaitopt.study.verify import confirm
+from gaitopt.verification.verify import confirm
 
 SLOPE = "walker.slope"
 

@@ -2,9 +2,10 @@
 
 import pytest
 
-from gaitopt.families.monitors import MonitorKey, MonitorValue
-from gaitopt.families.successors import successors
-from gaitopt.mechanics import Cycle, Mode, ModeSequence
+from gaitopt.branches.change import successors
+from gaitopt.branches.monitors import MonitorKey, MonitorValue
+from gaitopt.model.cycle import Cycle, ModeSequence
+from gaitopt.model.modes import Mode
 
 T, F, B = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
 

@@ -10,15 +10,18 @@ import pytest
 
 import gaitopt as go
 from gaitopt import continuation
+from gaitopt.branches import walk as walks
+from gaitopt.branches.change import in_turn, with_cycle
+from gaitopt.branches.curve import Metric, segment_through
+from gaitopt.branches.family import follow_family, resumable
+from gaitopt.branches.request import Request
+from gaitopt.branches.switching import beginnings, motion_of
+from gaitopt.branches.walk import recorded_special
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.families import Request, follow_family, resumable, walks
-from gaitopt.families.change import in_turn, with_cycle
-from gaitopt.families.records import recorded_special
-from gaitopt.families.segment import Metric, segment_through
-from gaitopt.families.switching import beginnings, motion_of
-from gaitopt.gait import Branch, Gait, SpecialPoint
-from gaitopt.gait.cascade import cascades
-from gaitopt.mechanics import Cycle, Mode
+from gaitopt.gait.branch import Branch, SpecialPoint, cascades
+from gaitopt.gait.gait import Gait
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.modes import Mode
 
 DOUBLING = radians(5.34641438276)
 """Slope at which the period of the sticking compass doubles, at friction 0.6."""

@@ -10,20 +10,23 @@ import pytest
 from matplotlib.contour import ContourSet
 from pictured import SEQUENCES, TORSO, branch, gait
 
-from gaitopt.figures.branches import UNSTABLE, over_parameter
-from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, informative
-from gaitopt.figures.comparison import differences, simulated, thinned
-from gaitopt.figures.front import front_figure, pareto_front
-from gaitopt.figures.labels import Parameter, label, parameter_of, symbol
-from gaitopt.figures.motion import motion_from_record, motion_of
-from gaitopt.figures.stability import multiplier_paths, multiplier_plane
-from gaitopt.figures.style import SLIP_DASHES, save
-from gaitopt.figures.sweep import sweep
-from gaitopt.gait import Arc, Step
-from gaitopt.mechanics import Mode
-from gaitopt.problem import load_problem
+from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
-from gaitopt.runs.sweep_table import Sweep
+from gaitopt.runs.sweep import Sweep
+from gaitopt.show.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, informative
+from gaitopt.show.families import UNSTABLE, front_figure, over_parameter, pareto_front, sweep
+from gaitopt.show.motion import (
+    differences,
+    motion_from_record,
+    motion_of,
+    multiplier_paths,
+    multiplier_plane,
+    simulated,
+    thinned,
+)
+from gaitopt.show.style import SLIP_DASHES, Parameter, label, parameter_of, save, symbol
 
 FRICTION = Parameter(key="friction")
 
@@ -194,7 +197,7 @@ def test_symbols_and_units_are_those_of_the_textbook():
 
 
 def test_figures_need_neither_pyplot_nor_a_screen():
-    program = "import sys, gaitopt.figures.catalogue; sys.exit('matplotlib.pyplot' in sys.modules)"
+    program = "import sys, gaitopt.show.catalogue; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from named import named
 
-from gaitopt.figures.film import film
-from gaitopt.figures.motion import motion_of
-from gaitopt.figures.skeleton import skeleton
+from gaitopt.show.motion import motion_of
+from gaitopt.show.walker import film, skeleton
 
 
 def drawing(name, step=0):

@@ -9,13 +9,12 @@ import pytest
 from casadi import SX, vertcat
 from pictured import SEQUENCES, TORSO, gait
 
-from gaitopt.figures import skeleton as skeleton_module
-from gaitopt.figures.film import animation_page, film
-from gaitopt.figures.motion import motion_of
-from gaitopt.figures.packing import CODES, pack
-from gaitopt.figures.skeleton import skeleton, slope
-from gaitopt.mechanics.mechanism import polar
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.model.walker import polar
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.show import walker as skeleton_module
+from gaitopt.show.motion import motion_of
+from gaitopt.show.style import CODES, pack
+from gaitopt.show.walker import animation_page, film, skeleton, slope
 
 WALKERS = (*SEQUENCES, TORSO)
 

@@ -4,8 +4,8 @@ import pytest
 
 from gaitopt import solve
 from gaitopt.errors import ProblemError
-from gaitopt.gait import Cause, in_words
-from gaitopt.problem import load_problem
+from gaitopt.gait.gait import Cause, in_words
+from gaitopt.problem.problem import load_problem
 
 STICK_NEEDS = 0.17491849133
 """Friction that sticking needs just after the impact, see test_continuation_specials."""

@@ -10,9 +10,9 @@ from named import named
 
 import gaitopt as go
 from gaitopt.errors import SolveError
-from gaitopt.gait import Arc, Step, floquet_multipliers
-from gaitopt.gait.multipliers import multiplier_distance
-from gaitopt.mechanics import Mode
+from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
+from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.model.modes import Mode
 
 
 def arc(mode: Mode, start: float, end: float, segment: int = 0) -> Arc:

@@ -7,10 +7,15 @@ import pytest
 from oracles import numbers
 from scipy.integrate import solve_ivp, trapezoid
 
-from gaitopt.gait import Arc, ImpactRecord, Step, curves, measure
-from gaitopt.mechanics import ConstantTorque, Dynamics, HybridSystem, Mode, NoControl
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.gait import curves
+from gaitopt.gait.measures import measure
+from gaitopt.gait.trajectory import Arc, ImpactRecord, Step
+from gaitopt.model.control import ConstantTorque, NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 TORQUES = np.array([0.3, -0.2])

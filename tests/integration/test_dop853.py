@@ -5,8 +5,8 @@ import pytest
 from casadi import SX, Function, sin, vertcat
 from scipy.integrate import DOP853
 
-from gaitopt.integration import tableau
-from gaitopt.integration.dop853 import CompiledStep, Integration, StepSizeError
+from gaitopt import integration as tableau
+from gaitopt.integration import CompiledStep, Integration, StepSizeError
 
 RTOL, ATOL = 1e-10, 1e-12
 

@@ -15,11 +15,11 @@ from rich.console import Console
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, StorageError
-from gaitopt.figures.catalogue import BRANCH_FIGURES, GAIT_FIGURES
-from gaitopt.gait import Cause
-from gaitopt.library.print_results import print_branch
-from gaitopt.problem import SCALARS
+from gaitopt.gait.gait import Cause
+from gaitopt.problem.scalars import SCALARS
 from gaitopt.search.explain import Explanation
+from gaitopt.show.catalogue import BRANCH_FIGURES, GAIT_FIGURES
+from gaitopt.show.tables import print_branch
 
 pd, xr = pytest.importorskip("pandas"), pytest.importorskip("xarray")
 LONGEST_LINE = 200
@@ -197,7 +197,7 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch):
         def isatty(self):
             return True
 
-    monkeypatch.setattr("gaitopt.library.calls.solve_any", lambda problem, progress, **_: progress(1, 1e-3))
+    monkeypatch.setattr("gaitopt.api.calls.solve_any", lambda problem, progress, **_: progress(1, 1e-3))
     for screen, shown in ((Terminal(), True), (io.StringIO(), False)):
         monkeypatch.setattr(sys, "stderr", screen)
         go.solve(go.load_problem(WHEEL))

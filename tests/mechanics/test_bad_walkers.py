@@ -13,17 +13,18 @@ from pydantic import Field, field_validator, model_validator
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics import HybridSystem, NoControl, Walker
-from gaitopt.mechanics.consistency import check_walker
-from gaitopt.mechanics.mechanism import Body, Damper, Mechanism
-from gaitopt.mechanics.units import Positive
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.hopper import Hopper
-from gaitopt.mechanics.walkers.kneed import KneedWalker
-from gaitopt.mechanics.walkers.push_off import PushOffCompass
-from gaitopt.mechanics.walkers.slip_runner import SlipRunner
-from gaitopt.mechanics.walkers.unequal_compass import UnequalCompass
-from gaitopt.problem import parse_problem
+from gaitopt.model.checks import check_walker
+from gaitopt.model.control import NoControl
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.units import Positive
+from gaitopt.model.walker import Body, Damper, Mechanism, Walker
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.hopper import Hopper
+from gaitopt.model.walkers.kneed import KneedWalker
+from gaitopt.model.walkers.push_off import PushOffCompass
+from gaitopt.model.walkers.slip_runner import SlipRunner
+from gaitopt.model.walkers.unequal_compass import UnequalCompass
+from gaitopt.problem.problem import parse_problem
 
 PROBLEMS = {
     CompassBiped: "compass-torque-stick",

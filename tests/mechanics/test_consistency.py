@@ -10,12 +10,11 @@ from oracles import COMPASS, EXAMPLES, TORSO, WHEEL, TorsoCompass
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics import Walker
-from gaitopt.mechanics.consistency import check_walker
-from gaitopt.mechanics.mechanism import Body, Mechanism, polar
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
-from gaitopt.problem import parse_problem
+from gaitopt.model.checks import check_walker
+from gaitopt.model.walker import Body, Mechanism, Walker, polar
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.problem.problem import parse_problem
 
 
 class Altered(CompassBiped):

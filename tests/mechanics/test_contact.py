@@ -15,9 +15,12 @@ from oracles import (
 )
 from scipy.integrate import solve_ivp
 
-from gaitopt.mechanics import CONTACTS, ConstantTorque, HybridSystem, Mode, margin_names
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.model.control import ConstantTorque
+from gaitopt.model.margins import margin_names
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 MODES = CONTACTS

@@ -5,18 +5,18 @@ import pytest
 from casadi import SX, Function
 from oracles import CASES, numbers
 
-from gaitopt.mechanics import (
+from gaitopt.model.control import (
     BeyondEnd,
     ConstantTorque,
     Control,
-    HybridSystem,
-    Mode,
     NoControl,
     Piece,
     ProportionalDerivative,
+    continued,
 )
-from gaitopt.mechanics.control.reference import continued
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
 
 KP, KD = 12.0, 3.0
 STATE = np.array([0.1, -0.2, 0.0, 0.7, -0.4, 0.0])

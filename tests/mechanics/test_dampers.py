@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.gait import observe
-from gaitopt.mechanics import Mode
-from gaitopt.mechanics.consistency import check_walker
-from gaitopt.mechanics.mechanism import Damper
-from gaitopt.mechanics.walkers.telescopic import TelescopicCompass
-from gaitopt.mechanics.walkers.torso import TorsoWalker
+from gaitopt.gait.measures import observe
+from gaitopt.model.checks import check_walker
+from gaitopt.model.modes import Mode
+from gaitopt.model.walker import Damper
+from gaitopt.model.walkers.telescopic import TelescopicCompass
+from gaitopt.model.walkers.torso import TorsoWalker
 
 
 def up(angle):

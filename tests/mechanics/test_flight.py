@@ -7,8 +7,10 @@ from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics import Dynamics
-from gaitopt.simulation import Simulator, make_stepper
+from gaitopt.gait.measures import observe
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.simulation.engine import make_stepper
+from gaitopt.simulation.simulator import Simulator
 from tests.named import named, verification
 
 Array = NDArray[np.float64]
@@ -135,8 +137,7 @@ def test_a_runner_whose_foot_sticks_moves_as_in_cartesian_equations() -> None:
 @pytest.mark.parametrize(("name", "spread"), [("hopper", 0.3), ("slip-run", 0.1), ("slip-run-foot", 0.05)])
 def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
     pytest.importorskip("heyoka")
-    from gaitopt.simulation.batch.simulator import BatchSimulator
-    from gaitopt.simulation.batch.steps import ENDINGS
+    from gaitopt.simulation.batch import ENDINGS, BatchSimulator
 
     gait = named(name)
     system, p = gait.system, gait.p
@@ -161,7 +162,7 @@ def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
 
 def test_energy_of_a_runner_on_massless_legs_is_what_it_states() -> None:
     gait = named("slip-run")
-    energies = np.concatenate([go.gait.observe(gait.dynamics, arc).energy for arc in gait.arcs])
+    energies = np.concatenate([observe(gait.dynamics, arc).energy for arc in gait.arcs])
     assert energies[: len(gait.arcs[0].times)] == pytest.approx(1.7, abs=1e-10)
 
 

@@ -7,11 +7,15 @@ import pytest
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.gait import ImpactRecord
-from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, ImpactLaw, Mode, NoControl, StaticKineticFriction
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.simulation import Simulator
+from gaitopt.gait.trajectory import ImpactRecord
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.friction import StaticKineticFriction
+from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.contact_resolver import ContactResolver
+from gaitopt.simulation.simulator import Simulator
 from tests.oracles import CASES
 
 STATIC, KINETIC, VISCOUS = 0.15, 0.12, 20.0
@@ -80,8 +84,7 @@ def test_both_engines_walk_alike(gait):
 
 def test_batches_decide_like_single_states(gait):
     pytest.importorskip("heyoka")
-    from gaitopt.simulation.batch.simulator import BatchSimulator
-    from gaitopt.simulation.batch.steps import stack_outcomes
+    from gaitopt.simulation.batch import BatchSimulator, stack_outcomes
 
     rng = np.random.default_rng(3)
     states = gait.state * (1 + 0.2 * rng.uniform(-1, 1, (40, gait.state.size)))

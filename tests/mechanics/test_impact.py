@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from oracles import CASES, FRICTION, SLIPS, WHEEL, Case, differences, numbers
 
-from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, ImpactLaw, Mode, NoControl
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 MODES = CONTACTS

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from gaitopt.mechanics import Mode
-from gaitopt.problem import load_problem
-from gaitopt.study.system import build_system
+from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import load_problem
+from gaitopt.systems import build_system
 
 flint = pytest.importorskip("flint")
 
-from gaitopt.proof.graph import Graph  # noqa: E402 - needs flint
+from gaitopt.proof.graph import Graph  # noqa: E402
 
 FEET_APART = 0.05
 """Angle of the stance leg [rad]; at a foot under the hip the apparent mass of a slipping one is its own."""

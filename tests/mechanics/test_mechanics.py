@@ -7,9 +7,8 @@ import pytest
 from casadi import SX, Function, vertcat
 from oracles import CASES, COMPASS, WHEEL, Case, differences, numbers
 
-from gaitopt.mechanics import Walker
-from gaitopt.mechanics.lagrangian import equations_of_motion
-from gaitopt.mechanics.mechanism import Body, Mechanism
+from gaitopt.model.lagrangian import equations_of_motion
+from gaitopt.model.walker import Body, Mechanism, Walker
 
 
 @pytest.fixture(params=CASES.values(), ids=CASES)

@@ -6,18 +6,11 @@ import numpy as np
 import pytest
 from oracles import CASES, Case, differences, directional, numbers
 
-from gaitopt.mechanics import (
-    CONTACTS,
-    BeyondEnd,
-    HybridSystem,
-    Mode,
-    Piece,
-    ProportionalDerivative,
-    ending_margin,
-    margin_names,
-)
-from gaitopt.mechanics.control.reference import continued
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
+from gaitopt.model.control import BeyondEnd, Piece, ProportionalDerivative, continued
+from gaitopt.model.margins import ending_margin, margin_names
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
 
 Array = np.ndarray
 MODES = CONTACTS

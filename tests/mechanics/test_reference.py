@@ -5,8 +5,7 @@ import pytest
 from casadi import SX, Function
 from numpy.polynomial import chebyshev
 
-from gaitopt.mechanics import BeyondEnd, Piece, Reference
-from gaitopt.mechanics.control.reference import continued, evaluate
+from gaitopt.model.control import BeyondEnd, Piece, Reference, continued, evaluate
 
 END = 0.8
 

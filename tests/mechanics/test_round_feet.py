@@ -8,9 +8,11 @@ from named import named, verification
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
-from gaitopt.gait import observe
-from gaitopt.mechanics import HybridSystem, Mode, NoControl
-from gaitopt.mechanics.walkers.round_feet import RoundFeetCompass
+from gaitopt.gait.measures import observe
+from gaitopt.model.control import NoControl
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.round_feet import RoundFeetCompass
 
 L, R, B, M_LEG, I_LEG, M_HIP, SLOPE = 1.0, 0.2, 0.5, 0.5, 0.02, 1.0, 0.01
 """The named walker: leg, radius, centre of mass of a leg above the arc's centre, masses; gravity is 1."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaitopt.mechanics.saltation import projection, saltation
+from gaitopt.model.dynamics import projection, saltation
 
 GRAVITY = 9.8
 

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, Mode, NoControl, margin_names, margin_scales
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import margin_names, margin_scales
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 
 def test_the_compass_is_measured_by_its_leg_weight_and_fall() -> None:

@@ -7,10 +7,14 @@ import pytest
 from named import named, verification
 
 import gaitopt as go
-from gaitopt.mechanics import Cycle, Dynamics, HybridSystem, Mode, ModeSequence, NoControl
-from gaitopt.mechanics.walkers.kneed import KneedWalker
-from gaitopt.simulation import Simulator
-from gaitopt.study import return_map
+from gaitopt.model.control import NoControl
+from gaitopt.model.cycle import Cycle, ModeSequence
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.kneed import KneedWalker
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import return_map
 
 pytestmark = pytest.mark.portable
 

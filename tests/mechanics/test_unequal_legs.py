@@ -9,11 +9,14 @@ from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt.errors import GaitoptError, SolveError
-from gaitopt.mechanics import Dynamics, HybridSystem, NoControl, Walker
-from gaitopt.mechanics.consistency import check_walker
-from gaitopt.mechanics.walkers.unequal_compass import UnequalCompass
-from gaitopt.simulation import Simulator
-from gaitopt.study import return_map
+from gaitopt.model.checks import check_walker
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walker import Walker
+from gaitopt.model.walkers.unequal_compass import UnequalCompass
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import return_map
 
 L, A, HIP, G, SLOPE = 1.6, 0.8, 2.0, 9.8, np.radians(1)
 """Length of the legs, distance of their masses from the feet and from the hip, hip mass, gravity, slope."""

@@ -7,11 +7,14 @@ import pytest
 from oracles import CASES, COMPASS, TORSO, WHEEL, TorsoCompass
 from pydantic import ValidationError
 
-from gaitopt.mechanics import Cycle, Dynamics, Mode, ModeSequence, Walker
-from gaitopt.mechanics.registry import registered_walkers
-from gaitopt.mechanics.units import parse_angle
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.model.cycle import Cycle, ModeSequence
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.registry import registered_walkers
+from gaitopt.model.units import parse_angle
+from gaitopt.model.walker import Walker
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 WALKERS = {RimlessWheel: WHEEL, CompassBiped: COMPASS, TorsoCompass: TORSO}
 

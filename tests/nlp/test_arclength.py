@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from casadi import SX, Function, jacobian, vertcat
 
-from gaitopt.nlp.arclength import RESIDUAL, Curve, CurvePoint
+from gaitopt.nlp.family import RESIDUAL, Curve, CurvePoint
+from gaitopt.nlp.shooting import Units
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
-from gaitopt.nlp.units import Units
 
 
 @dataclass

@@ -9,7 +9,7 @@ from named import named
 from gaitopt.gait import curves
 from gaitopt.nlp.assembly import COUNTS, assemble_steps
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import transcribe
+from gaitopt.nlp.shooting import transcribe
 
 GAITS = ("compass-passive-a", "compass-pd-impact-slip", "compass-passive-two-step", "compass-unequal", "kneed-passive")
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from gaitopt import solve
-from gaitopt.gait import Status
-from gaitopt.mechanics import Dynamics, Mode
-from gaitopt.nlp.complementarity.program import Complementarity, Proposal
-from gaitopt.nlp.complementarity.swing import shapes_before, swing
-from gaitopt.problem import load_problem
-from gaitopt.study.system import build_system
+from gaitopt.gait.gait import Status
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.nlp.ipopt import Complementarity, Proposal, shapes_before, swing
+from gaitopt.problem.problem import load_problem
+from gaitopt.systems import build_system
 
 FORWARD, STICK, BACKWARD = Mode.SLIP_FORWARD, Mode.STICK, Mode.SLIP_BACKWARD
 GAIT_A = ((FORWARD, STICK, BACKWARD), STICK)

@@ -5,11 +5,11 @@ import pytest
 from named import named
 
 from gaitopt import simulate, solve, verify
-from gaitopt.gait import Ending, Status
-from gaitopt.mechanics import BeyondEnd, BezierTracking
-from gaitopt.mechanics.control.bezier_tracking import control_points
-from gaitopt.problem import load_problem, parse_problem
-from gaitopt.study.system import build_system
+from gaitopt.gait.gait import Status
+from gaitopt.gait.trajectory import Ending
+from gaitopt.model.control import BeyondEnd, BezierTracking, control_points
+from gaitopt.problem.problem import load_problem, parse_problem
+from gaitopt.systems import build_system
 
 FREE_TORQUES = {
     "control.ankle": {"free": [-5, 5], "guess": 1.0},

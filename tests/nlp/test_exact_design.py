@@ -8,18 +8,15 @@ import pytest
 from scipy.optimize import nnls
 
 from gaitopt import solve, verify
+from gaitopt.design.neighbourhood import neighbourhood
+from gaitopt.design.quadratic import least_distance, nonnegative
+from gaitopt.design.rows import EXTREMA, RADIUS, Scalars, circle_rows, modulus_gradient
+from gaitopt.design.sensitivity import Curve, WorkRemainder, sensitivity
 from gaitopt.gait import curves
-from gaitopt.nlp.design import neighbourhood
-from gaitopt.nlp.design.absolute_work import WorkRemainder
-from gaitopt.nlp.design.moduli import circle_rows, modulus_gradient
-from gaitopt.nlp.design.outcome import EXTREMA, RADIUS
-from gaitopt.nlp.design.quadratic import least_distance, nonnegative
-from gaitopt.nlp.design.scalars import Scalars
-from gaitopt.nlp.design.sensitivity import Curve, sensitivity
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish
-from gaitopt.problem import load_problem
+from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.problem.problem import load_problem
 
 SMOOTH = ("period", "step_length", "speed", "work", "absolute_cost_of_transport", "torque_squared", "slip_distance")
 PIECED = tuple(name for name in EXTREMA if name != RADIUS)

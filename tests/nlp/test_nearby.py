@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 import gaitopt as go
-from gaitopt.mechanics import Dynamics
-from gaitopt.nlp import newton, solve, solve_gait
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.nlp import newton, solve
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import transcribe
 from gaitopt.nlp.newton import REACH, solve_nearby
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.study.system import build_system
+from gaitopt.nlp.shooting import transcribe
+from gaitopt.nlp.solve import solve_gait
+from gaitopt.systems import build_system
 
 NAMES = (
     "compass-passive-a",

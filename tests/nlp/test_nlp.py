@@ -6,17 +6,20 @@ import numpy as np
 import pytest
 
 from gaitopt.errors import SolveError
-from gaitopt.gait import Status
-from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, Mode, NoControl
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.nlp import integrate_to, roll_out, solve_gait
+from gaitopt.gait.gait import Status
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.diagnosis import violations
-from gaitopt.nlp.integrator import ORDER, shooting_step
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import Solution, integration_error, polish
-from gaitopt.problem import load_problem
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.shooting import ORDER, MultipleShooting, integrate_to, shooting_step
+from gaitopt.nlp.solve import solve_gait
+from gaitopt.problem.problem import load_problem
 
 STATE = np.array([-0.1408, -0.1408, 0.0, 0.7102, -0.5168, 0.3])
 PARAMETERS = np.array([1.6, 4.0, 0.8, 2.0, 9.8, np.deg2rad(1.0), 0.14])

@@ -8,13 +8,16 @@ import pytest
 from casadi import MX, Function, asin, jacobian, sin, vertcat
 
 from gaitopt import solve
-from gaitopt.mechanics import Cycle, HybridSystem, Mode, NoControl
-from gaitopt.mechanics.mechanism import Mechanism
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.nlp.design.spectral_radius import certified_radius
+from gaitopt.design.spectral_radius import certified_radius
+from gaitopt.model.control import NoControl
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walker import Mechanism
+from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.problem import load_problem
+from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.problem.problem import load_problem
 
 P = np.array([1.6, 4, 0.8, 2, 9.8, np.radians(1), 0.05])
 FORWARD, BACKWARD, STICK = Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK

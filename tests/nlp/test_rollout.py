@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 import gaitopt as go
-from gaitopt.mechanics import MARGINS, Cycle, Dynamics, Mode, NoControl
-from gaitopt.nlp import roll_out
+from gaitopt.model.control import NoControl
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import MARGINS
+from gaitopt.model.modes import Mode
 from gaitopt.nlp.diagnosis import missing_event
-from gaitopt.nlp.rollout import transit_time
-from gaitopt.study.system import build_system
+from gaitopt.nlp.rollout import roll_out, transit_time
+from gaitopt.systems import build_system
 
 
 def prepared(name, **overrides):

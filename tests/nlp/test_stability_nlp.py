@@ -6,10 +6,10 @@ from casadi import MX, Function, jacobian
 from named import named
 
 from gaitopt import solve, verify
-from gaitopt.nlp.design.spectral_radius import certified_radius, radius_gradient, smoothed_radius
+from gaitopt.design.spectral_radius import certified_radius, radius_gradient, smoothed_radius
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.problem import load_problem
+from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.problem.problem import load_problem
 
 MATRICES = {
     "real": np.diag([0.9, 0.3, -0.2]),

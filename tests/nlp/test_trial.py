@@ -7,13 +7,12 @@ import pytest
 from named import named
 from numpy.typing import NDArray
 
-from gaitopt.gait import Gait
-from gaitopt.nlp.arclength import Curve
-from gaitopt.nlp.design.spectral_radius import certified_radius
-from gaitopt.nlp.family import Family
+from gaitopt.design.spectral_radius import certified_radius
+from gaitopt.gait.gait import Gait
+from gaitopt.nlp.family import Curve, Family
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting
 from gaitopt.nlp.newton import polish, refine
+from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.nlp.sparse import Pattern, ScaledMatrix, SparseMatrix
 
 pytestmark = pytest.mark.portable

@@ -6,8 +6,7 @@ from casadi import Function, jacobian
 from named import named
 
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.multiple_shooting import MultipleShooting
-from gaitopt.nlp.shooting_jacobian import ShootingJacobian
+from gaitopt.nlp.shooting import MultipleShooting, ShootingJacobian
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,17 @@ import pytest
 from numpy.typing import NDArray
 
 import gaitopt as go
-from gaitopt.gait import Ending, floquet_multipliers
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
-from gaitopt.orbit import ReturnMap
-from gaitopt.orbit.return_map import ROUNDING
-from gaitopt.simulation import Simulator
-from gaitopt.study.system import build_system
+from gaitopt.gait.gait import floquet_multipliers
+from gaitopt.gait.trajectory import Ending
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import build_system
+from gaitopt.verification.return_map import ROUNDING, ReturnMap
 
 Array = NDArray[np.float64]
 

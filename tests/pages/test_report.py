@@ -9,9 +9,8 @@ from dataclasses import replace
 import pytest
 from pictured import branch, gait
 
-from gaitopt.gait import Status
-from gaitopt.pages import branch_report, comparison_report
-from gaitopt.pages.page import words
+from gaitopt.gait.gait import Status
+from gaitopt.show.pages import branch_report, comparison_report, words
 
 
 def data_of(page):

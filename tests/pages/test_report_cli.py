@@ -1,24 +1,30 @@
 """`gaitopt plot` and `gaitopt report` write what they are asked for, and leave what is not a run alone."""
 
+import shutil
+from pathlib import Path
+
 import pytest
-from pictured import branch, gait
 
 from gaitopt.cli.main import main
-from gaitopt.store.lines import LineWriter
-from gaitopt.store.run import begin_run
 
 PROBLEM = "rimless-wheel-slip"
 
 pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
-@pytest.fixture
-def branch_run(tmp_path):
-    folder = begin_run(tmp_path / "results" / "branch", gait("compass-passive-a").problem)
-    with LineWriter(folder / "branch.jsonl") as lines:
-        for record in branch():
-            lines.append(record)
+@pytest.fixture(scope="module")
+def stored_branch(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stored") / "branch"
+    assert (
+        main(["continue", "compass-passive-a", "--param", "friction", "--to", "0.11", "-o", str(folder), "--quiet"])
+        == 0
+    )
     return folder
+
+
+@pytest.fixture
+def branch_run(stored_branch, tmp_path):
+    return Path(shutil.copytree(stored_branch, tmp_path / "results" / "branch"))
 
 
 def test_plot_solves_stores_and_draws_what_tells_something(tmp_path, capsys):

@@ -10,22 +10,26 @@ import pytest
 from named import named
 
 from gaitopt.cli.main import main
-from gaitopt.cli.signals import interruptible
+from gaitopt.cli.terminal import interruptible
 from gaitopt.errors import StorageError
-from gaitopt.gait import Gait
+from gaitopt.gait.gait import Gait
 from gaitopt.paper import reproduction
-from gaitopt.paper.archive import Archive
-from gaitopt.paper.copied_torques import copied_torques, mean_torques
 from gaitopt.paper.figures import FIGURES
-from gaitopt.paper.gaits import SOURCES, family_of, has_family, problem_of
-from gaitopt.paper.needs import Kind, needs
-from gaitopt.paper.numbers import NUMBERS
-from gaitopt.paper.preparation import prepared
-from gaitopt.paper.reasons import EXPLANATIONS, Reason
+from gaitopt.paper.gaits import (
+    SOURCES,
+    Archive,
+    Kind,
+    copied_torques,
+    family_of,
+    has_family,
+    mean_torques,
+    needs,
+    prepared,
+    problem_of,
+)
 from gaitopt.paper.reproduction import parts, reproduce
-from gaitopt.paper.sentences import SENTENCES
-from gaitopt.paper.table import markdown, record, row
-from gaitopt.store import run_folder
+from gaitopt.paper.table import EXPLANATIONS, NUMBERS, SENTENCES, Reason, markdown, record, row
+from gaitopt.store.folder import run_folder
 from gaitopt.workers.jobs import Workers
 
 COMMITTED = Path(__file__).parents[2] / "results" / "gamus-or-2013"

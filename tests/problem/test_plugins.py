@@ -8,15 +8,16 @@ import pytest
 
 from gaitopt.cli.main import main
 from gaitopt.errors import GaitoptWarning, ProblemError
-from gaitopt.mechanics import Walker, registry
-from gaitopt.mechanics.registry import registered_walkers
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
-from gaitopt.problem import load_problem
+from gaitopt.model import registry
+from gaitopt.model.registry import registered_walkers
+from gaitopt.model.walker import Walker
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.problem.problem import load_problem
 
 OWN = [
-    EntryPoint("compass_biped", "gaitopt.mechanics.walkers.compass_biped:CompassBiped", registry.ENTRY_POINT_GROUP),
-    EntryPoint("rimless_wheel", "gaitopt.mechanics.walkers.rimless_wheel:RimlessWheel", registry.ENTRY_POINT_GROUP),
+    EntryPoint("compass_biped", "gaitopt.model.walkers.compass_biped:CompassBiped", registry.ENTRY_POINT_GROUP),
+    EntryPoint("rimless_wheel", "gaitopt.model.walkers.rimless_wheel:RimlessWheel", registry.ENTRY_POINT_GROUP),
 ]
 
 
@@ -46,8 +47,8 @@ class Nameless(Walker):
     ("value", "words"),
     [
         (None, "the plugin other_walkers:broken cannot be imported: AttributeError"),
-        (dict, "is no subclass of gaitopt.mechanics.Walker"),
-        (3, "is no subclass of gaitopt.mechanics.Walker"),
+        (dict, "is no subclass of gaitopt.Walker"),
+        (3, "is no subclass of gaitopt.Walker"),
         (Nameless, "lacks after_impact, mechanism"),
         (RimlessWheel, "calls its model 'rimless_wheel', unlike its entry point"),
     ],

@@ -11,13 +11,12 @@ import pytest
 from pydantic import Field
 
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.mechanics.control.reference import BeyondEnd
-from gaitopt.mechanics.modes import ImpactLaw, Mode
-from gaitopt.mechanics.units import NonNegative
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.problem import CurveReference, PDSpec, Range, load_problem, parse_problem, problem_names, restore_problem
-from gaitopt.problem.control_sections import ConstantTorqueSpec, GaitReference, NoControlSpec
-from gaitopt.problem.parts import Free
+from gaitopt.model.control import BeyondEnd
+from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.units import NonNegative
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.problem.problem import load_problem, parse_problem, problem_names, restore_problem
+from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, Free, GaitReference, NoControlSpec, PDSpec, Range
 
 PAPER = {
     "rimless-wheel-stick": (1.0, ("stick",), "stick"),

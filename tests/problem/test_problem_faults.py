@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import ProblemError
-from gaitopt.mechanics.registry import registered_walkers
-from gaitopt.problem import load_problem, parse_problem
+from gaitopt.model.registry import registered_walkers
+from gaitopt.problem.problem import load_problem, parse_problem
 
 GAIT = """\
 name: walk

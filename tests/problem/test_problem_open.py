@@ -5,8 +5,8 @@ import re
 import pytest
 
 from gaitopt.errors import ProblemError
-from gaitopt.problem import load_problem, parse_problem, restore_problem
-from gaitopt.problem.parts import OpenSequence
+from gaitopt.problem.problem import load_problem, parse_problem, restore_problem
+from gaitopt.problem.schema import OpenSequence
 
 WHEEL = """
 name: wheel

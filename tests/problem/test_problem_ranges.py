@@ -8,7 +8,8 @@ import pytest
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.problem import parse_problem, problem_schema
+from gaitopt.problem.problem import parse_problem
+from gaitopt.problem.schema import problem_schema
 
 TORQUE, PASSIVE, PD, CURVE = (
     "compass-torque-efficient",

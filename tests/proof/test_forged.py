@@ -17,14 +17,28 @@ from flint import arb, ctx  # noqa: E402
 
 from gaitopt import load_problem, prove, solve  # noqa: E402
 from gaitopt.errors import StorageError  # noqa: E402
-from gaitopt.mechanics import BeyondEnd  # noqa: E402
-from gaitopt.mechanics.control.reference import continued  # noqa: E402
-from gaitopt.proof.branch import BRACKETED  # noqa: E402
-from gaitopt.proof.certificate import parse_certificate, read_certificate, reference_record  # noqa: E402
-from gaitopt.proof.check import check  # noqa: E402
-from gaitopt.proof.claims import _time_window, mode_claim_names  # noqa: E402
-from gaitopt.proof.graph import NotProved, Refuted  # noqa: E402
-from gaitopt.proof.search import arcs_of  # noqa: E402
+from gaitopt.model.control import (  # noqa: E402
+    BeyondEnd,
+    continued,
+)
+from gaitopt.proof.certificate import (  # noqa: E402
+    parse_certificate,
+    read_certificate,
+    reference_record,
+)
+from gaitopt.proof.check import (  # noqa: E402
+    BRACKETED,
+    check,
+)
+from gaitopt.proof.claims import (  # noqa: E402
+    _time_window,
+    mode_claim_names,
+)
+from gaitopt.proof.graph import (  # noqa: E402
+    NotProved,
+    Refuted,
+)
+from gaitopt.proof.prove import arcs_of  # noqa: E402
 from gaitopt.proof.statement import restore_statement  # noqa: E402
 from gaitopt.proof.taylor import PRECISION  # noqa: E402
 
@@ -122,7 +136,7 @@ def test_a_reference_ends_as_the_problem_says(beyond_end):
 
 
 def _record_of(law):
-    from gaitopt.mechanics import ProportionalDerivative
+    from gaitopt.model.control import ProportionalDerivative
 
     return through_json(reference_record(ProportionalDerivative(kp=1.0, kd=1.0, reference=law.reference)))
 
@@ -327,8 +341,9 @@ def test_an_arc_ends_before_the_law_of_its_segment():
 @pytest.mark.slow
 def test_a_breakpoint_that_is_left_out_is_refused():
     """Gait III without torque after its reference's end has period 0.677046; with the torque kept on, 0.669457."""
-    from gaitopt.mechanics import HybridSystem, ProportionalDerivative, Reference
-    from gaitopt.nlp import find_gait
+    from gaitopt.model.control import ProportionalDerivative, Reference
+    from gaitopt.model.system import HybridSystem
+    from gaitopt.nlp.solve import find_gait
 
     problem = load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": "off"})
     right = solve(problem)
@@ -345,8 +360,7 @@ def test_a_breakpoint_that_is_left_out_is_refused():
 
 def forged_certificate(wrong, reference):
     """A box around a wrong orbit, with the reference of the right one."""
-    from gaitopt.proof.cover import DIGITS, RADIUS
-    from gaitopt.proof.search import newton, plan
+    from gaitopt.proof.prove import DIGITS, RADIUS, newton, plan
     from gaitopt.proof.statement import Orbit
 
     header = prove_module._header(wrong, prove_module._texts(wrong, {}), None, None)

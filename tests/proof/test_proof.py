@@ -10,17 +10,34 @@ flint = pytest.importorskip("flint")
 from flint import arb, arb_mat, ctx  # noqa: E402
 
 from gaitopt import load_problem, prove, simulate, solve  # noqa: E402
-from gaitopt.errors import StorageError, UnknownNameError  # noqa: E402
-from gaitopt.gait import measure  # noqa: E402
-from gaitopt.proof import check, claims, krawczyk, orbit, prove_special  # noqa: E402
-from gaitopt.proof.branch import connection_claim  # noqa: E402
+from gaitopt.errors import (  # noqa: E402
+    StorageError,
+    UnknownNameError,
+)
+from gaitopt.gait.measures import measure  # noqa: E402
+from gaitopt.proof import (  # noqa: E402
+    claims,
+    orbit,
+)
+from gaitopt.proof import orbit as krawczyk  # noqa: E402
 from gaitopt.proof.certificate import read_certificate  # noqa: E402
-from gaitopt.proof.check import check_box  # noqa: E402
-from gaitopt.proof.field import Field  # noqa: E402
+from gaitopt.proof.check import (  # noqa: E402
+    check,
+    check_box,
+    connection_claim,
+)
 from gaitopt.proof.graph import NotProved  # noqa: E402
-from gaitopt.proof.parameters import ball, exact_texts  # noqa: E402
-from gaitopt.proof.statement import restore_box, restore_statement  # noqa: E402
-from gaitopt.proof.taylor import PRECISION  # noqa: E402
+from gaitopt.proof.prove import prove_special  # noqa: E402
+from gaitopt.proof.statement import (  # noqa: E402
+    ball,
+    exact_texts,
+    restore_box,
+    restore_statement,
+)
+from gaitopt.proof.taylor import (  # noqa: E402
+    PRECISION,
+    Field,
+)
 
 WHEELS = ("rimless-wheel-stick", "rimless-wheel-slip")
 OTHERS = {

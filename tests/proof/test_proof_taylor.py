@@ -11,13 +11,36 @@ flint = pytest.importorskip("flint")
 from flint import acb, arb, arb_mat, ctx  # noqa: E402
 
 from gaitopt import load_problem  # noqa: E402
-from gaitopt.mechanics import CONTACTS, HybridSystem, Mode, NoControl  # noqa: E402
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped  # noqa: E402
+from gaitopt.model.control import NoControl  # noqa: E402
+from gaitopt.model.modes import (  # noqa: E402
+    CONTACTS,
+    Mode,
+)
+from gaitopt.model.system import HybridSystem  # noqa: E402
+from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
 from gaitopt.proof import taylor  # noqa: E402
-from gaitopt.proof.field import Field, States  # noqa: E402
-from gaitopt.proof.graph import BINARY, UNARY, Graph, NotProved, Refuted, exact_constant  # noqa: E402
-from gaitopt.proof.signs import POSITIVE, TOUCHDOWN, check_pattern, parts  # noqa: E402
-from gaitopt.proof.taylor import PRECISION, Series, expand, taylor_coefficients  # noqa: E402
+from gaitopt.proof.claims import (  # noqa: E402
+    POSITIVE,
+    TOUCHDOWN,
+    check_pattern,
+    parts,
+)
+from gaitopt.proof.graph import (  # noqa: E402
+    BINARY,
+    UNARY,
+    Graph,
+    NotProved,
+    Refuted,
+    exact_constant,
+)
+from gaitopt.proof.taylor import (  # noqa: E402
+    PRECISION,
+    Field,
+    Series,
+    States,
+    expand,
+    taylor_coefficients,
+)
 
 ORDER = 20
 

@@ -7,7 +7,12 @@ import pytest
 flint = pytest.importorskip("flint")
 from flint import arb, arb_mat, arb_series, ctx  # noqa: E402
 
-from gaitopt.proof.tilted import Tilted, gathered, hull, scattered  # noqa: E402
+from gaitopt.proof.graph import (  # noqa: E402
+    Tilted,
+    gathered,
+    hull,
+    scattered,
+)
 
 
 @pytest.fixture(autouse=True)

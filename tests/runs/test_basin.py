@@ -13,20 +13,30 @@ from named import named
 import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
-from gaitopt.figures.basin import basin as basin_figure
-from gaitopt.gait import Ending
-from gaitopt.mechanics import Dynamics, Mode
-from gaitopt.problem import load_problem
-from gaitopt.runs import basin_run
-from gaitopt.runs.basin import MAX_PERIOD, SETTLED, UNDECIDED, claim, follow
-from gaitopt.runs.basin_run import BasinPlan, check_basin, walk_basin
-from gaitopt.runs.basin_tiles import read_basin
+from gaitopt.gait.trajectory import Ending
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import load_problem
+from gaitopt.runs import basin as basin_run
+from gaitopt.runs.basin import (
+    MAX_PERIOD,
+    SETTLED,
+    UNDECIDED,
+    BasinPlan,
+    check_basin,
+    claim,
+    follow,
+    read_basin,
+    walk_basin,
+)
 from gaitopt.runs.grid import Axis, Grid
-from gaitopt.simulation import Engine, Simulator
-from gaitopt.simulation.batch.steps import ENDINGS
-from gaitopt.simulation.heyoka.stepper import HeyokaStepper
-from gaitopt.store import begin_run
-from gaitopt.study.return_map import Returns, step_map
+from gaitopt.show.families import basin as basin_figure
+from gaitopt.simulation.batch import ENDINGS
+from gaitopt.simulation.engine import Engine
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.store.folder import begin_run
+from gaitopt.verification.return_map import Returns, step_map
 from gaitopt.workers.jobs import Workers
 
 HERE = Workers(count=1)

@@ -14,9 +14,9 @@ import pytest
 from crash_points import KILLED, CrashPoint
 
 from gaitopt.cli.main import main
-from gaitopt.problem import load_problem
-from gaitopt.store import Table, growing, stored_lines
-from gaitopt.store.run import read_run, write_run
+from gaitopt.problem.problem import load_problem
+from gaitopt.store.files import Table
+from gaitopt.store.folder import growing, read_run, stored_lines, write_run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="a process is forked for every crash point")
 

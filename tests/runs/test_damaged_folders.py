@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt.cli.main import main
-from gaitopt.store.manifest import read_manifest, seal
+from gaitopt.store.folder import read_manifest, seal
 
 WHEEL = "rimless-wheel-slip"
 SWEEP = ("sweep", WHEEL, "--over", "friction=0.40:0.42:2", "--workers", "1", "-o", "run")

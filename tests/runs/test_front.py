@@ -4,12 +4,12 @@ import pytest
 
 from gaitopt import load_run
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.problem import load_problem, parse_problem
-from gaitopt.runs import solved
+from gaitopt.problem.problem import load_problem, parse_problem
+from gaitopt.runs import jobs as solved
 from gaitopt.runs.front import design_front
 from gaitopt.runs.grid import Axis
 from gaitopt.runs.multistart import multistart, sampled
-from gaitopt.study.system import build_system
+from gaitopt.systems import build_system
 from gaitopt.workers.jobs import Workers
 
 AXIS = Axis(key="constraints.speed.min", lower=0.4, upper=0.45, count=2)

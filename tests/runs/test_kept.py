@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.problem import load_problem
-from gaitopt.runs.kept import ResultFile, kept_results
-from gaitopt.store import begin_run, growing, writing
+from gaitopt.problem.problem import load_problem
+from gaitopt.runs.jobs import ResultFile, kept_results
+from gaitopt.store.folder import begin_run, growing, writing
 from gaitopt.workers.jobs import Job, Workers
 
 HERE = Workers(count=1)

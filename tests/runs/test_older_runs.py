@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 import gaitopt as go
-from gaitopt.cli.figures import stored_figures
+from gaitopt.cli.runs import stored_figures
 from gaitopt.errors import StorageError
-from gaitopt.runs import find_run
-from gaitopt.runs.find_run import PARTS, find_durably
-from gaitopt.runs.kept import stored_lines
+from gaitopt.runs import restore as find_run
+from gaitopt.runs.jobs import stored_lines
+from gaitopt.runs.restore import PARTS, find_durably
 from gaitopt.search.find import SearchPlan, opened
-from gaitopt.store import BRANCH_FILE, begin_run, write_files
+from gaitopt.store.folder import BRANCH_FILE, begin_run, write_files
 from gaitopt.store.lines import lines_text
 from gaitopt.workers.jobs import Workers
 

@@ -11,10 +11,9 @@ import pytest
 from gaitopt import load_run
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError
-from gaitopt.runs.restore_branch import stored_branch
-from gaitopt.store import write_files
+from gaitopt.runs.restore import stored_branch
+from gaitopt.store.folder import seal, write_files
 from gaitopt.store.lines import lines_text
-from gaitopt.store.manifest import seal
 
 WHEEL, DESIGN = "rimless-wheel-slip", "compass-torque-efficient"
 SWEEP = ("sweep", WHEEL, "--over", "friction=0.40:0.42:2", "--workers", "1", "-o", "run")

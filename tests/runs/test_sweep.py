@@ -11,17 +11,16 @@ import pytest
 
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
-from gaitopt.problem import load_problem
-from gaitopt.runs import kept
-from gaitopt.runs import solved as study
+from gaitopt.problem.problem import load_problem
+from gaitopt.runs import jobs as kept
+from gaitopt.runs import jobs as study
 from gaitopt.runs.front import design_front
 from gaitopt.runs.grid import Axis, Grid, check_room
+from gaitopt.runs.jobs import JOBS
 from gaitopt.runs.multistart import multistart
-from gaitopt.runs.solved import JOBS
-from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
-from gaitopt.runs.sweep_table import TABLE_FILE, sweep_record
+from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, check_sweep, run_sweep, sweep_record
+from gaitopt.store.folder import seal
 from gaitopt.store.lines import read_lines
-from gaitopt.store.manifest import seal
 from gaitopt.workers.jobs import FailedJob, Workers
 
 HERE = Workers(count=1)
@@ -141,7 +140,7 @@ def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monk
 def test_two_sweeps_of_a_problem_do_not_write_at_once(tmp_path):
     other = """
 import pathlib, sys
-from gaitopt.store.lock import only_writer
+from gaitopt.store.files import only_writer
 with only_writer(pathlib.Path(sys.argv[1])):
     input(print("locked", flush=True))
 """

@@ -5,9 +5,9 @@ import pytest
 from named import named
 
 from gaitopt import solve, verify
-from gaitopt.gait import Status
-from gaitopt.nlp import Family
-from gaitopt.problem import load_problem
+from gaitopt.gait.gait import Status
+from gaitopt.nlp.family import Family
+from gaitopt.problem.problem import load_problem
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from named import named, verification
 
 from gaitopt.search.candidates import cycle_record
-from gaitopt.search.distinct import closed, gaits_of
+from gaitopt.search.find import closed, gaits_of
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from gaitopt import explain, solve
-from gaitopt.problem import load_problem
-from gaitopt.search.nearest import begin_of_sequence, end_of_family
+from gaitopt.problem.problem import load_problem
+from gaitopt.search.explain import begin_of_sequence, end_of_family
 
 TANGENT = math.tan(math.radians(13))
 """Below the tangent of the slope a foot cannot come to rest."""

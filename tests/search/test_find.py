@@ -7,13 +7,11 @@ import pytest
 
 from gaitopt import find, solve
 from gaitopt.errors import UnknownNameError
-from gaitopt.gait import Status
-from gaitopt.problem import load_problem
-from gaitopt.search.candidates import SearchJob, search_part, start_box
-from gaitopt.search.distinct import closed, gaits_of
-from gaitopt.search.find import SearchPlan, family_jobs, opened
-from gaitopt.search.neighbours import search_family
-from gaitopt.study.system import problem_dynamics
+from gaitopt.gait.gait import Status
+from gaitopt.problem.problem import load_problem
+from gaitopt.search.candidates import SearchJob, search_family, search_part, start_box
+from gaitopt.search.find import SearchPlan, closed, family_jobs, gaits_of, opened
+from gaitopt.systems import problem_dynamics
 from gaitopt.workers.jobs import FailedJob
 
 SEQUENCE_A = "slip_forward, stick, slip_backward; stick"

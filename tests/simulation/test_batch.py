@@ -12,17 +12,18 @@ pytest.importorskip("heyoka")
 from named import named
 
 from gaitopt import return_map
-from gaitopt.gait import Ending
-from gaitopt.mechanics import CONTACTS, Control, Dynamics, HybridSystem, Mode, NoControl
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.problem import load_problem
-from gaitopt.simulation import Simulator
-from gaitopt.simulation.batch.functions import WIDTH, RowMap
-from gaitopt.simulation.batch.resolver import BatchResolver
-from gaitopt.simulation.batch.simulator import BatchSimulator
-from gaitopt.simulation.batch.steps import ENDINGS, max_phases, phase_code, phase_names
-from gaitopt.simulation.heyoka.stepper import HeyokaStepper
-from gaitopt.study.system import build_system
+from gaitopt.gait.trajectory import Ending
+from gaitopt.model.control import Control, NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.problem.problem import load_problem
+from gaitopt.simulation.batch import ENDINGS, BatchResolver, BatchSimulator, max_phases, phase_code, phase_names
+from gaitopt.simulation.heyoka_batch import WIDTH, RowMap
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import build_system
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def test_engines_map_alike(mapped):
 
 
 def test_processes_map_alike(monkeypatch):
-    monkeypatch.setattr(sys.modules["gaitopt.study.return_map"], "CHUNK", 150)
+    monkeypatch.setattr(sys.modules["gaitopt.verification.return_map"], "CHUNK", 150)
     problem = load_problem("rimless-wheel-slip")
     xi = wild_states(problem, 400)
     one, two = return_map(problem, xi, engine="heyoka"), return_map(problem, xi, engine="heyoka", workers=2)

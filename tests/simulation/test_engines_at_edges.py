@@ -10,15 +10,19 @@ from numpy.typing import NDArray
 pytest.importorskip("heyoka")
 
 import gaitopt as go
-from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, Mode, NoControl, margin_names
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
-from gaitopt.simulation import ScipyStepper, Simulator
-from gaitopt.simulation.batch.simulator import BatchSimulator
-from gaitopt.simulation.batch.steps import ENDINGS, BatchSteps, phase_names, stack_outcomes
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import margin_names
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.simulation.batch import ENDINGS, BatchSimulator, BatchSteps, phase_names, stack_outcomes
 from gaitopt.simulation.events import AT_REST
-from gaitopt.simulation.heyoka.stepper import HeyokaStepper
-from gaitopt.study.system import problem_dynamics
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.scipy_stepper import ScipyStepper
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
 
 Array = NDArray[np.float64]
 Case = tuple[HybridSystem, Array, Array]

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from gaitopt.mechanics import CONTACTS, margin_names
-from gaitopt.mechanics.walkers.kneed import KneedWalker
+from gaitopt.model.margins import margin_names
+from gaitopt.model.modes import CONTACTS
+from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,

@@ -7,10 +7,14 @@ from casadi import SX, Function
 
 hy = pytest.importorskip("heyoka")
 
-from gaitopt.mechanics import CONTACTS  # noqa: E402
-from gaitopt.problem import load_problem  # noqa: E402
-from gaitopt.simulation.heyoka.convert import BINARY, UNARY, convert  # noqa: E402
-from gaitopt.study.system import build_system  # noqa: E402
+from gaitopt.model.modes import CONTACTS  # noqa: E402
+from gaitopt.problem.problem import load_problem  # noqa: E402
+from gaitopt.simulation.heyoka_stepper import (  # noqa: E402
+    BINARY,
+    UNARY,
+    convert,
+)
+from gaitopt.systems import build_system  # noqa: E402
 
 ROUNDING = 1e-15
 

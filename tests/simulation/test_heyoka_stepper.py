@@ -11,13 +11,16 @@ from named import named
 
 from gaitopt import verify
 from gaitopt.errors import UnknownNameError
-from gaitopt.gait import Ending
-from gaitopt.mechanics import Dynamics, Mode
-from gaitopt.orbit import ReturnMap
-from gaitopt.problem import load_problem, problem_names
-from gaitopt.simulation import ScipyStepper, Simulator, choose_engine, make_stepper
-from gaitopt.simulation.heyoka.stepper import HeyokaStepper
-from gaitopt.study.system import build_system
+from gaitopt.gait.trajectory import Ending
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import load_problem, problem_names
+from gaitopt.simulation.engine import choose_engine, make_stepper
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.scipy_stepper import ScipyStepper
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import build_system
+from gaitopt.verification.return_map import ReturnMap
 
 AGREEMENT = 1e-10
 DESIGNS = [name for name in problem_names() if load_problem(name).free or "curve" in load_problem(name).text]

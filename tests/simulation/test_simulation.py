@@ -7,12 +7,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad, solve_ivp
 
-from gaitopt.gait import Arc, Ending, Step, curves, measure, observe
-from gaitopt.mechanics import CONTACTS, ConstantTorque, Dynamics, HybridSystem, Mode, NoControl, margin_names
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
-from gaitopt.simulation import Simulator
+from gaitopt.gait import curves
+from gaitopt.gait.measures import measure, observe
+from gaitopt.gait.trajectory import Arc, Ending, Step
+from gaitopt.model.control import ConstantTorque, NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import margin_names
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.events import LINEAR
+from gaitopt.simulation.simulator import Simulator
 
 pytestmark = pytest.mark.portable
 

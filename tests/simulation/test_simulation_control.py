@@ -8,11 +8,16 @@ from casadi import SX, exp, vertcat
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from gaitopt.gait import Ending, curves, observe
-from gaitopt.mechanics import Control, Dynamics, HybridSystem, Mode, Piece, ProportionalDerivative, Reference
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.orbit import ReturnMap
-from gaitopt.simulation import Simulator
+from gaitopt.gait import curves
+from gaitopt.gait.measures import observe
+from gaitopt.gait.trajectory import Ending
+from gaitopt.model.control import Control, Piece, ProportionalDerivative, Reference
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import ReturnMap
 
 Array = NDArray[np.float64]
 

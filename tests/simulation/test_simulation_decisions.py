@@ -7,10 +7,13 @@ import pytest
 from casadi import DM, SX, Function
 from numpy.typing import NDArray
 
-from gaitopt.gait import Ending, ImpactRecord
-from gaitopt.mechanics import CONTACTS, Dynamics, HybridSystem, ImpactLaw, Mode, NoControl
-from gaitopt.mechanics.walkers.compass_biped import CompassBiped
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
+from gaitopt.gait.trajectory import Ending, ImpactRecord
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 
 Array = NDArray[np.float64]

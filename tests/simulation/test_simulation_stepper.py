@@ -9,12 +9,18 @@ from casadi import SX, Function, vertcat
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from gaitopt.gait import Ending
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl
-from gaitopt.mechanics.buffered import BufferedFunction
-from gaitopt.mechanics.mechanism import Mechanism
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
-from gaitopt.simulation import Arrival, ScipyStepper, Simulator, scipy_stepper
+from gaitopt.gait.trajectory import Ending
+from gaitopt.model.buffered import BufferedFunction
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walker import Mechanism
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.simulation import scipy_stepper
+from gaitopt.simulation.scipy_stepper import ScipyStepper
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.simulation.stepper import Arrival
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from gaitopt.mechanics import Dynamics, HybridSystem, Mode, NoControl, margin_names
-from gaitopt.mechanics.walkers.rimless_wheel import RimlessWheel
-from gaitopt.simulation import BatchStepper, Engine, Stepper, make_stepper
-from gaitopt.simulation.engine import is_installed
-from gaitopt.simulation.stepper import FAILURE, LIMIT
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.margins import margin_names
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.simulation.engine import Engine, is_installed, make_stepper
+from gaitopt.simulation.stepper import FAILURE, LIMIT, BatchStepper, Stepper
 
 Array = NDArray[np.float64]
 
@@ -26,7 +29,7 @@ SYSTEM = HybridSystem(RimlessWheel, NoControl())
 
 
 def heyoka_batch() -> BatchStepper:
-    from gaitopt.simulation.batch.stepper import HeyokaBatch
+    from gaitopt.simulation.heyoka_batch import HeyokaBatch
 
     return HeyokaBatch(Dynamics(SYSTEM, P))
 
@@ -137,8 +140,8 @@ def test_the_order_of_a_batch_changes_no_bit(batch: tuple[BatchStepper, Stepper]
 def test_an_arc_of_too_many_steps_fails_in_a_batch_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """The others in its lanes go on, whatever they end with."""
     required(Engine.HEYOKA)
-    from gaitopt.simulation.batch import stepper as lanes
-    from gaitopt.simulation.heyoka import stepper as scalar
+    from gaitopt.simulation import heyoka_batch as lanes
+    from gaitopt.simulation import heyoka_stepper as scalar
 
     for module in (lanes, scalar):
         monkeypatch.setattr(module, "MAX_TAYLOR_STEPS", 3)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.store import Table, files, json_text, write_whole
+from gaitopt.store import files
+from gaitopt.store.files import Table, csv_text, json_text, parse_csv, parse_object, write_whole
 from gaitopt.store.lines import LineWriter, lines_text, read_lines
-from gaitopt.store.text import csv_text, parse_csv, parse_object
 
 ONE_THIRD = 1 / 3
 

@@ -5,10 +5,10 @@ import pytest
 from named import named
 
 from gaitopt import simulate, verify
-from gaitopt.gait.motion import trajectory_header, trajectory_rows
+from gaitopt.gait.gait import trajectory_header, trajectory_rows
 from gaitopt.runs.restore import restore_gait
-from gaitopt.store import Table
-from gaitopt.store.run import write_run
+from gaitopt.store.files import Table
+from gaitopt.store.folder import write_run
 
 
 @pytest.fixture(scope="module", params=["compass-passive-a", "compass-pd-impact-slip"])

@@ -11,15 +11,15 @@ import pytest
 
 from gaitopt import load_run
 from gaitopt.errors import StorageError
-from gaitopt.problem import load_problem
-from gaitopt.store import begin_run, lock, writing
-from gaitopt.store.lock import LOCK_FILE, only_writer
-from gaitopt.store.manifest import read_manifest
+from gaitopt.problem.problem import load_problem
+from gaitopt.store import files as lock
+from gaitopt.store.files import LOCK_FILE, only_writer
+from gaitopt.store.folder import begin_run, read_manifest, writing
 
 WHEEL = "rimless-wheel-slip"
 HOLDER = """
 import pathlib, sys
-from gaitopt.store.lock import only_writer
+from gaitopt.store.files import only_writer
 with only_writer(pathlib.Path(sys.argv[1])):
     input(print("locked", flush=True))
 """

@@ -11,9 +11,20 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.store import Table, check_folder, find_run, growing, read_object, read_problem, run_folder, stored_lines
-from gaitopt.store.manifest import read_manifest, seal
-from gaitopt.store.run import read_run, write_run
+from gaitopt.store.files import Table
+from gaitopt.store.folder import (
+    check_folder,
+    find_run,
+    growing,
+    read_manifest,
+    read_object,
+    read_problem,
+    read_run,
+    run_folder,
+    seal,
+    stored_lines,
+    write_run,
+)
 
 GAIT = {"problem": "walk", "status": "converged", "period": 1 / 3, "required_friction": None}
 TRAJECTORY = Table(header=("t", "mode", "theta"), rows=((0.0, "stick", -0.1), (1 / 3, "stick", 0.1)))

@@ -7,11 +7,11 @@ import pytest
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.gait import floquet_multipliers
-from gaitopt.gait.multipliers import multiplier_distance
-from gaitopt.mechanics import Cycle, Mode, ModeSequence
-from gaitopt.orbit import ReturnMap
-from gaitopt.simulation import Simulator
+from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
+from gaitopt.model.cycle import Cycle, ModeSequence
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import ReturnMap
 
 T, F = Mode.STICK, Mode.SLIP_FORWARD
 NAME = "compass-passive-two-step"

@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 import gaitopt as go
-from gaitopt.gait import floquet_multipliers
-from gaitopt.gait.multipliers import multiplier_distance
-from gaitopt.mechanics import Mode
-from gaitopt.orbit import ReturnMap
-from gaitopt.orbit.return_map import FixedPoint
-from gaitopt.simulation import Simulator
+from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import FixedPoint, ReturnMap
 
 Array = NDArray[np.float64]
 

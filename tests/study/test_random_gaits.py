@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait import Ending, Gait, floquet_multipliers
-from gaitopt.gait.multipliers import multiplier_distance
-from gaitopt.simulation import Simulator
-from gaitopt.study.claims import Claim
+from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance
+from gaitopt.gait.trajectory import Ending
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.verify import Claim
 
 Array = NDArray[np.float64]
 

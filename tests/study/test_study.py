@@ -10,10 +10,12 @@ from named import named
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.gait import MEASURES, Ending, Gait
-from gaitopt.mechanics import BeyondEnd
-from gaitopt.study import Walk
-from gaitopt.study.system import build_system, gait_reference
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.measures import MEASURES
+from gaitopt.gait.trajectory import Ending
+from gaitopt.model.control import BeyondEnd
+from gaitopt.systems import build_system, gait_reference
+from gaitopt.verification.walk import Walk
 
 SIMULATED = {"problem", "status", "friction", "phases", "impact", "state", *MEASURES}
 RESULT = {

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.errors import SolveError
-from gaitopt.gait import Arc, Ending, Gait, ImpactRecord
-from gaitopt.mechanics import Cycle, Mode
-from gaitopt.orbit import ReturnMap
-from gaitopt.orbit.return_map import FixedPoint, Return
-from gaitopt.simulation import Simulator
-from gaitopt.study.claims import Outcome
-from gaitopt.study.comparison import record_claims
-from gaitopt.study.perturbation import LINEARITY, MULTIPLIER_AGREEMENT, perturbation_claim
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import FixedPoint, Return, ReturnMap
+from gaitopt.verification.verify import LINEARITY, MULTIPLIER_AGREEMENT, Outcome, perturbation_claim, record_claims
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,10 @@ import pytest
 from worker_tasks import refuse, work
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.problem import load_problem
+from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
-from gaitopt.runs.solved import JOBS
-from gaitopt.runs.sweep import SweepPlan, run_sweep
-from gaitopt.runs.sweep_table import TABLE_FILE
+from gaitopt.runs.jobs import JOBS
+from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, run_sweep
 from gaitopt.store.lines import read_lines
 from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs

@@ -1,0 +1,1 @@
+"""Continuation of gaits in a parameter, through folds, bifurcations and changes of the mode sequence."""

@@ -1,0 +1,163 @@
+"""``gaitopt plot``: figures of a gait, a branch, a basin, a sweep or a front, and the moving walker.
+
+``gaitopt report``: a gait, a branch, or gaits side by side as one offline HTML page.
+
+``gaitopt reproduce``: the figures and the printed numbers of a paper, computed again.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gaitopt.cli.runs import (
+    ANIMATION,
+    DEFAULT_FORMATS,
+    Format,
+    gaits_of,
+    map_figures,
+    map_in,
+    save_figures,
+    stored_branch,
+    stored_figures,
+)
+from gaitopt.cli.terminal import NOT_A_GAIT, Terminal
+from gaitopt.cli.values import RunArguments, SetOption
+
+FIGURES = "figures"
+"""Folder of the figures within a run folder."""
+COMPARISON = "comparison"
+"""Folder of the figures of several runs, in the working folder."""
+
+WhatOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--what", metavar="NAME", help="Which figure; repeat it for several. Without it all that show something."
+    ),
+]
+FormatOption = Annotated[list[Format] | None, typer.Option("--format", help="svg and png if not given.")]
+FolderOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Where to; by default RUN/figures, of several runs ./comparison, of a basin or a sweep its own folder.",
+        show_default=False,
+    ),
+]
+
+
+def plot(
+    terminal: Terminal,
+    runs: RunArguments,
+    what: WhatOption = None,
+    formats: FormatOption = None,
+    changes: SetOption = None,
+    output: FolderOption = None,
+) -> int:
+    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin, a sweep or a front.
+
+    Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
+    Of a walk that `simulate -o` has stored: section (states step by step), portrait, force, slip, torques, animation.
+    Of a branch: multipliers, or any scalar of the result, spectral_radius for instance. Of a sweep, whose own folder
+    is given as RUN: any scalar of the result. Of a front: front.
+    """
+    from gaitopt.show.catalogue import gait_figures
+    from gaitopt.store.folder import adding, check_writable
+
+    if output is not None:
+        check_writable(output / FIGURES)
+    own, alone = Path(runs[0]), len(runs) == 1
+    kind = map_in(runs[0]) if alone else None
+    if kind is not None:
+        folder, place = own.resolve().parent, output or own
+        figures = [map_figures(kind, own)]
+    elif alone and (figures := stored_figures(runs[0])):
+        folder, place = own, output or own / FIGURES
+    else:
+        gaits, folders = gaits_of(runs, changes, terminal)
+        if not all(gait.converged for gait in gaits):
+            return NOT_A_GAIT
+        if not alone and {"roads", ANIMATION} & {*(what or ())}:
+            raise typer.BadParameter(f"--what roads and animation show one gait, not {len(gaits)}")
+        folder, place = folders[0], output or (folders[0] / FIGURES if alone else Path(COMPARISON))
+        figures = [gait_figures(gaits)]
+    with adding(folder, place) as written:
+        for drawn in figures:
+            written += save_figures(drawn, place, what, formats or DEFAULT_FORMATS)
+    terminal.print_paths(written)
+    return 0
+
+
+REPORT = "report.html"
+COMPARISON_REPORT = "comparison.html"
+
+FileOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE", help="The page; by default RUN/report.html.", show_default=False),
+]
+
+
+def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, output: FileOption = None) -> int:
+    """Write a page about a gait, a walk or a branch, or about several gaits side by side.
+
+    The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
+    otherwise.
+    """
+    from gaitopt.runs.restore import kind_of, restore_walk
+    from gaitopt.show.pages import branch_report, comparison_report, walk_report
+    from gaitopt.store.files import write_whole
+    from gaitopt.store.folder import adding, check_writable
+
+    if output is not None and (not output.name or output.is_dir()):
+        raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
+    if output is not None:
+        check_writable(output)
+    kind = kind_of(Path(runs[0])) if len(runs) == 1 else ""
+    if kind == "branch":
+        page, folder = branch_report(*stored_branch(runs[0])), Path(runs[0])
+    elif kind == "walk":
+        page, folder = walk_report(restore_walk(Path(runs[0]))), Path(runs[0])
+    else:
+        gaits, folders = gaits_of(runs, changes, terminal)
+        if not all(gait.converged for gait in gaits):
+            return NOT_A_GAIT
+        page, folder = comparison_report(gaits), folders[0]
+    path = output or (folder / REPORT if len(runs) == 1 else Path(COMPARISON_REPORT))
+    with adding(folder, path.parent) as written:
+        write_whole(path, page)
+        written.append(path)
+    terminal.print_paths([path])
+    return 0
+
+
+PaperArgument = Annotated[str, typer.Argument(metavar="PAPER", help="gamus-or-2013.")]
+OnlyOption = Annotated[
+    list[str] | None,
+    typer.Option("--only", metavar="NAME", help="One figure, fig9 for instance, or table; repeat it for several."),
+]
+ReproduceFolderOption = Annotated[
+    Path | None, typer.Option("-o", "--output", metavar="DIR", help="By default results/PAPER.", show_default=False)
+]
+
+
+def reproduce(
+    terminal: Terminal, paper: PaperArgument, only: OnlyOption = None, output: ReproduceFolderOption = None
+) -> int:
+    """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
+
+    Gaits and families are taken from the run folders in results/, or computed, on all cores, and kept there.
+    """
+    from gaitopt.paper.gaits import Archive
+    from gaitopt.paper.reproduction import check_names
+    from gaitopt.paper.reproduction import reproduce as write
+    from gaitopt.store.folder import RESULTS
+    from gaitopt.workers.jobs import Workers
+
+    check_names(paper, only or ())
+    with terminal.working("percent") as (progress, interrupted):
+        archive = Archive(narrate=terminal.say, should_stop=interrupted)
+        written = write(archive, output or RESULTS / paper, only or (), progress, Workers())
+    terminal.print_paths(written)
+    return 0

@@ -1,0 +1,67 @@
+"""``gaitopt list``, ``show``, ``validate``, ``schema``: problems, before anything is solved."""
+
+from typing import TYPE_CHECKING, Any
+
+from gaitopt.cli.runs import load
+from gaitopt.cli.terminal import Terminal
+from gaitopt.cli.values import ProblemArgument, SetOption
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from gaitopt.problem.problem import Problem
+
+
+def list_problems(terminal: Terminal) -> int:
+    """List the named problems by walker; of those whose run is in results/ also period, radius and stability."""
+    from gaitopt.problem.problem import load_problem, problem_names
+
+    problems = [load_problem(name) for name in problem_names()]
+    if terminal.json:
+        listed = [{"name": p.name, "walker": p.walker.model, "about": p.about} for p in problems]
+        terminal.print_json({"problems": listed})
+        return 0
+    from gaitopt.show.tables import print_problems
+
+    print_problems(terminal.results, [(problem, _stored_record(problem)) for problem in problems])
+    return 0
+
+
+def _stored_record(problem: "Problem") -> "Mapping[str, Any]":
+    """The gait in the problem's default run folder; empty where there is none."""
+    from gaitopt.errors import StorageError
+    from gaitopt.store.folder import GAIT_FILE, find_run, read_object
+
+    try:
+        folder = find_run(problem)
+        return {} if folder is None else read_object(folder, GAIT_FILE)
+    except StorageError:  # not ours to report while listing problems
+        return {}
+
+
+def show(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
+    """Show a problem, complete and in SI."""
+    from gaitopt.show.tables import print_problem
+
+    loaded = load(problem, changes)
+    if terminal.json:
+        terminal.print_json({**loaded.resolved(), "hash": loaded.digest})
+    else:
+        print_problem(terminal.results, loaded)
+    return 0
+
+
+def validate(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
+    """Check a problem and name all of its faults."""
+    loaded = load(problem, changes, terminal)
+    record = {"problem": loaded.name, "valid": True, "hash": loaded.digest}
+    terminal.show(record, lambda console, _: console.print(f"{problem}: valid ({loaded.name}, hash {loaded.hash8})"))
+    return 0
+
+
+def schema(terminal: Terminal) -> int:
+    """Print the JSON schema of problem files, for editors."""
+    from gaitopt.problem.schema import problem_schema
+
+    terminal.print_json(problem_schema())
+    return 0

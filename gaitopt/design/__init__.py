@@ -1,0 +1,1 @@
+"""Designs: gaits with free parameters, an objective and constraints."""

@@ -1,1 +1,0 @@
-"""Control laws: joint torques as functions of time since impact, angles and rates."""

@@ -1,1 +1,0 @@
-"""The walkers that come with gaitopt, one file each."""

@@ -1,0 +1,1 @@
+"""Walkers, contact modes, friction, impacts, control laws, and the hybrid system compiled from them."""

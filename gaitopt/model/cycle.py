@@ -1,0 +1,154 @@
+"""Mode sequences: the phases of a step with the impact that ends it, and the steps after which a gait repeats."""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate, pairwise
+from typing import Any
+
+from gaitopt.model.modes import Mode
+
+
+def mode_words(phases: Iterable[Mode]) -> str:
+    """Modes in order; stops are named where they change: ``stick (knee free), stick (knee locked), slip_backward``."""
+    words, stops = list[str](), Mode.STICK.stops
+    for mode in phases:
+        named = ", ".join(f"{name} {state}" for name, state in mode.stops.items())
+        words.append(str(mode.contact) if mode.stops == stops else f"{mode.contact} ({named})")
+        stops = mode.stops
+    return ", ".join(words)
+
+
+@dataclass(frozen=True, slots=True)
+class ModeSequence:
+    """The phases of one step in order, and the impact that ends it.
+
+    Raises
+    ------
+    ValueError
+        If there is no phase, or if two neighbours are equal.
+    """
+
+    phases: tuple[Mode, ...]
+    impact: Mode
+
+    def __post_init__(self) -> None:
+        if not self.phases:
+            raise ValueError("a step needs at least one phase: stick, slip_forward, slip_backward or flight")
+        for k, (first, second) in enumerate(pairwise(self.phases), start=1):
+            if first is second:
+                raise ValueError(f"phases {k} and {k + 1} are both {first}: merge them into one")
+            if first.flies and not second.flies:
+                raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
+
+    def __str__(self) -> str:
+        return f"{mode_words(self.phases)}; {self.impact}"
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """The steps after which a gait repeats itself; phases are counted through all of them.
+
+    Raises
+    ------
+    ValueError
+        If there is no step, or if a slipping impact is not followed by the same slip.
+    """
+
+    steps: tuple[ModeSequence, ...]
+
+    def __post_init__(self) -> None:
+        if not self.steps:
+            raise ValueError("a cycle needs at least one step")
+        for phase in self.first_phases:
+            impact, first = self.impact_before(phase), self.phases[phase]
+            if impact is not None and impact.slips and first.contact is not impact.contact:
+                raise ValueError(
+                    f"after an impact with {impact} the foot is already slipping: "
+                    f"the first phase must be {impact}, not {first}"
+                )
+
+    @classmethod
+    def of_one_step(cls, phases: tuple[Mode, ...], impact: Mode) -> "Cycle":
+        """The cycle of a gait that repeats itself after every step."""
+        return cls((ModeSequence(phases, impact),))
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Cycle":
+        """The cycle of a gait's record, or of one side of a change of modes, where a phase may stand as a word."""
+        steps = record.get("steps", (record,))
+        return cls(
+            tuple(ModeSequence(tuple(map(Mode.from_record, step["phases"])), Mode(step["impact"])) for step in steps)
+        )
+
+    @cached_property
+    def phases(self) -> tuple[Mode, ...]:
+        """Modes of all phases in order."""
+        return tuple(mode for step in self.steps for mode in step.phases)
+
+    @property
+    def impacts(self) -> tuple[Mode, ...]:
+        """What the colliding foot does just after the impact of each step."""
+        return tuple(step.impact for step in self.steps)
+
+    @property
+    def impact(self) -> Mode:
+        """The impact that ends the cycle."""
+        return self.steps[-1].impact
+
+    @cached_property
+    def first_phases(self) -> tuple[int, ...]:
+        """Index of the first phase of every step."""
+        return tuple(accumulate((len(step.phases) for step in self.steps[:-1]), initial=0))
+
+    def step_of(self, phase: int) -> int:
+        """Index of the step to which a phase belongs."""
+        return bisect_right(self.first_phases, phase) - 1
+
+    def after(self, phase: int) -> Mode | None:
+        """Mode of the phase that follows within the step; None where the step ends with its impact."""
+        following = phase + 1
+        return None if following == len(self.phases) or following in self.first_phases else self.phases[following]
+
+    def reset_after(self, phase: int) -> Mode | None:
+        """The impact with which a phase ends: of the foot, or of a stop that locks; None where nothing jumps."""
+        after = self.after(phase)
+        if after is None:
+            return self.steps[self.step_of(phase)].impact
+        return after if after.locked != self.phases[phase].locked else None
+
+    def impact_before(self, phase: int) -> Mode | None:
+        """The impact with which a phase begins, that of the last step before the first; None where nothing jumps."""
+        return self.reset_after((phase - 1) % len(self.phases))
+
+    @cached_property
+    def resets(self) -> tuple[tuple[int, Mode], ...]:
+        """Every phase that an impact ends, with that impact."""
+        pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
+        return tuple((phase, reset) for phase, reset in pairs if reset is not None)
+
+    def phase_words(self, phase: int) -> str:
+        """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
+        step = self.step_of(phase)
+        words = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase]})"
+        return words if len(self.steps) == 1 else f"step {step + 1}, {words}"
+
+    def onset_order(self, phase: int, *, jump: bool = False) -> int:
+        """Order of the zero that the slip velocity has where a slip phase starts.
+
+        0 where the foot slips already, 1 where it leaves rest with an acceleration (just after a sticking impact, or
+        in a reversal), 2 at the edge of the friction cone after a stick, where velocity and acceleration are zero;
+        1 there as well where friction drops at the onset of slip (``jump``).
+        """
+        impact = self.impact_before(phase)
+        if impact is not None:
+            return int(impact.sticks)
+        return 2 if self.phases[phase - 1].sticks and not jump else 1
+
+    def starts_from_rest(self, phase: int) -> bool:
+        """Whether a slip phase starts from rest at a force beyond the friction cone: after an impact, or reversed."""
+        return self.phases[phase].slips and self.onset_order(phase) == 1
+
+    def __str__(self) -> str:
+        return " | ".join(map(str, self.steps))

@@ -1,0 +1,120 @@
+"""A hybrid system at fixed parameters: its friction, natural units and margins as numbers.
+
+How a small deviation passes an event: saltation of the variational equations.
+
+    S = R_z + (f_plus - R_z f_minus) grad g' / (dg/dt)
+
+with R the reset and g the guard. At the last event of a step the deviation is only projected along the flow onto
+the guard and reset, because the return map compares states on the section and not at equal times.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.model.buffered import buffered, buffered_map
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.units import Scales
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics(ReadOnlyArrays):
+    """A hybrid system at parameters ``p``.
+
+    Attributes
+    ----------
+    system : walker, control and ground.
+    p : ndarray, shape (n_p,) - parameters in the order of ``system.parameters``; read-only.
+    """
+
+    system: HybridSystem
+    p: Array
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of all parameters by dotted key."""
+        return dict(zip(self.system.parameters, map(float, self.p), strict=True))
+
+    def parameter(self, key: str) -> float:
+        """Value of the parameter with this dotted key."""
+        return float(self.p[self.system.parameters.index(key)])
+
+    def at(self, parameters: Mapping[str, float]) -> "Dynamics":
+        """The same system with other values of the parameters with these dotted keys."""
+        return Dynamics(self.system, self.system.values({**self.parameters, **parameters}))
+
+    def standing(self, side: int) -> "Dynamics":
+        """The dynamics of the steps in which the leg of this side stands, see ``Walker.side``."""
+        p = self.system.walker.standing(self.p, side)
+        return self if p is self.p else Dynamics(self.system, p)
+
+    @cached_property
+    def static_friction(self) -> float:
+        """Coefficient that bounds |f_t| / f_n of a sticking foot."""
+        return float(self.system.static_friction(self.p))
+
+    @property
+    def friction_drops(self) -> bool:
+        """Whether friction drops when a foot begins to slip: static above kinetic."""
+        return self.static_friction > float(self.system.kinetic_friction(self.p))
+
+    @cached_property
+    def scales(self) -> Scales:
+        """Natural units of the walker."""
+        length, gravity, mass = (float(value[0]) for value in buffered(self.system.size)(self.p))
+        return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
+
+    @cached_property
+    def state_units(self) -> Array:
+        """Natural unit of every entry of ``z``, shape (n_z,): angles 1, rates 1 / time, lengths by the leg's."""
+        lengths = {*self.system.walker.lengths, "x", "y"}
+        units = np.array([self.scales.length if name in lengths else 1.0 for name in self.system.walker.coordinates()])
+        return np.concatenate([units, units / self.scales.time])
+
+    def lift(self, xi: Array) -> Array:
+        """State just after an impact, shape (n_z,), from section coordinates with or without dx."""
+        full = np.zeros(len(self.system.walker.section_names(slipping=True)))
+        full[: xi.size] = xi
+        return buffered(self.system.lift)(full, self.p)[0].copy()
+
+    def after_impact(self, mode: Mode, z: Array) -> Array:
+        """State just after an impact, shape (n_z,), with x counted from the stance foot if that has changed."""
+        z_plus = buffered(self.system.impact(mode))(z, self.p)[0].copy()
+        if not mode.locked:
+            z_plus[self.system.n_shape] = 0.0
+        return z_plus
+
+    def margins(self, mode: Mode, segment: int, times: Array, states: Array) -> Array:
+        """Margins of a mode at times (m,) and states (m, n_z), in the order of ``margin_names``; shape (m, n)."""
+        margins = buffered_map(self.system.margins(mode), times.size)
+        return margins(times[:, None], states, self.p, self.system.data(segment))[0].copy()
+
+    def impact_margins(self, mode: Mode, z: Array) -> dict[str, float]:
+        """Margins by name of the impact that follows the state ``z``, shape (n_z,)."""
+        (values,) = buffered(self.system.impact_margins(mode))(z, self.p)
+        return dict(zip(self.system.impact_margin_names(mode), values.tolist(), strict=True))
+
+
+def saltation(
+    f_minus: Array, f_plus: Array, guard_gradient: Array, guard_rate: float, reset: Array | None = None
+) -> Array:
+    """Saltation matrix of a transition in mid-step; shape (n_z, n_z).
+
+    Parameters
+    ----------
+    f_minus, f_plus : ndarray, shape (n_z,) - flow just before and just after the switch.
+    guard_gradient : ndarray, shape (n_z,) - gradient of the guard in the state.
+    guard_rate : total time derivative of the guard along ``f_minus``.
+    reset : ndarray, shape (n_z, n_z) - derivative of the reset; the identity unless given.
+    """
+    R_z = np.eye(f_minus.size) if reset is None else reset
+    return np.asarray(R_z + np.outer(f_plus - R_z @ f_minus, guard_gradient) / guard_rate)
+
+
+def projection(f_minus: Array, guard_gradient: Array, guard_rate: float) -> Array:
+    """Projection of a deviation along the flow onto the guard; shape (n_z, n_z)."""
+    return np.eye(f_minus.size) - np.outer(f_minus, guard_gradient) / guard_rate

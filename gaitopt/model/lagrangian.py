@@ -1,0 +1,159 @@
+"""Equations of motion of a walker, derived from the positions of its masses.
+
+    M(q) ddq + B(q, dq) + G(q) = E u + W' f                                Gamus & Or (2013), eq. (2)
+
+with W the Jacobian of the stance foot and, of bodies whose positions and angles r have the Jacobians J = dr/dq,
+
+    M = sum m J' J        B = sum m J' (dJ/dt dq)
+
+which takes half the operations of derivatives of the kinetic energy. As (x, y) are coordinates, W' f only adds
+(f_t, f_n) to the rows of x and y. For a walker whose foot stays on the ground all is stated there: y = dy = 0.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from types import SimpleNamespace
+
+from casadi import SX, dot, gradient, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
+
+from gaitopt.model.declaration import check_class, state_mechanism
+from gaitopt.model.walker import Mechanism, Walker
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EquationsOfMotion:
+    """Symbolic mechanics of one walker.
+
+    Attributes
+    ----------
+    walker : the walker's class.
+    p : SX, shape (n_p,) - the walker's parameters, in the order of its fields.
+    z : SX, shape (n_z,) - integrated state: coordinates, then rates, in the order of ``Walker.coordinates``.
+    q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 where they are no states.
+    M : SX, shape (n_q, n_q) - mass matrix.
+    B, G : SX, shape (n_q,) - velocity terms (and dampers) and gravity (and springs, as far as they always act).
+    switches : SX by name - margins of the switches.
+    E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
+    W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
+    energy : SX - kinetic plus potential energy [J].
+    dissipation : SX - power that the dampers take [W].
+    mass : SX - total mass [kg].
+    gravity : SX - acceleration of gravity [m/s^2].
+    length : SX - distance of the farthest body from the stance foot where all shape coordinates are zero [m].
+    mechanism : the walker's mechanism, on the ground.
+    """
+
+    walker: type[Walker]
+    p: SX
+    z: SX
+    q: SX
+    dq: SX
+    M: SX
+    B: SX
+    G: SX
+    E: SX
+    W_swing: SX
+    switches: Mapping[str, SX]
+    energy: SX
+    dissipation: SX
+    mass: SX
+    gravity: SX
+    length: SX
+    mechanism: Mechanism
+
+    def state(self, shape: SX, x: SX, y: SX | float = 0.0) -> SX:
+        """Coordinates, or their rates, in the order of the state."""
+        return vertcat(shape, y, x) if "y" in self.walker.coordinates() else vertcat(shape, x)
+
+    def force_of(self, potential: SX) -> SX:
+        """Gradient of a potential energy, shape (n_q,)."""
+        n = len(self.walker.shape)
+        gradients = jacobian(potential, self.q[:n]).T
+        return vertcat(gradients, SX.zeros(2))  # springs do not pull at the ground
+
+
+def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
+    """The entries of ``p`` by the names of the walker's fields."""
+    return SimpleNamespace(**{name: p[i] for i, name in enumerate(walker.model_fields)})
+
+
+@lru_cache(maxsize=8)
+def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
+    """Derive the equations of motion of ``walker``.
+
+    Raises
+    ------
+    ProblemError
+        If the walker contradicts itself; the message says where.
+    """
+    check_class(walker)
+    p = SX.sym("p", len(walker.model_fields))
+    names = (*walker.shape, "x", "y")
+    q = vertcat(*(SX.sym(name) for name in names))
+    dq = vertcat(*(SX.sym(f"d{name}") for name in names))
+    coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate(names)})
+    mechanism = state_mechanism(walker, coordinates, parameter_namespace(walker, p))
+
+    M, velocity_terms, kinetic = _inertia(mechanism, q, dq)
+    weights = (body.mass * dot(mechanism.gravity, body.position) for body in mechanism.bodies)
+    potential = SX(mechanism.potential) - sum(weights, SX(0))
+    dissipation = sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0))
+    B = velocity_terms + gradient(dissipation, dq) / 2  # Rayleigh's function
+    angles = vertcat(*mechanism.motors) if mechanism.motors else SX(0, 1)
+    straight = substitute(vertcat(*(norm_2(body.position) for body in mechanism.bodies)), q, SX.zeros(q.numel()))
+
+    on_ground = "y" not in walker.coordinates()
+
+    def grounded(expression: SX) -> SX:
+        return substitute(expression, vertcat(q[-1], dq[-1]), SX.zeros(2)) if on_ground else expression
+
+    order = [names.index(name) for name in walker.coordinates()]
+    rates = SimpleNamespace(**{name: dq[i] for i, name in enumerate(names)})
+
+    return EquationsOfMotion(
+        walker=walker,
+        p=p,
+        z=vertcat(q[order], dq[order]),
+        q=grounded(q),
+        dq=grounded(dq),
+        M=grounded(M),
+        B=grounded(B),
+        G=grounded(gradient(potential, q)),
+        E=grounded(jacobian(angles, q).T),
+        W_swing=grounded(jacobian(mechanism.swing_foot, q)),
+        switches={name: grounded(SX(margin(rates))) for name, margin in mechanism.switches.items()},
+        energy=grounded(kinetic + potential),
+        dissipation=grounded(dissipation),
+        mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
+        gravity=norm_2(mechanism.gravity),
+        length=mmax(straight),
+        mechanism=_mapped(mechanism, grounded),
+    )
+
+
+def _inertia(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX, SX]:
+    """Mass matrix, velocity terms and kinetic energy, summed up over the positions and angles of the bodies."""
+    M, B, kinetic = SX.zeros(q.numel(), q.numel()), SX.zeros(q.numel()), SX(0)
+    for body in mechanism.bodies:
+        for inertia, place in ((body.mass, body.position), (body.inertia, SX(body.angle))):
+            J = jacobian(place, q)
+            rate = J @ dq
+            M += inertia * (J.T @ J)
+            B += inertia * (J.T @ jtimes(rate, q, dq))
+            kinetic += inertia * dot(rate, rate) / 2
+    return M, B, kinetic
+
+
+def _mapped(mechanism: Mechanism, function: Callable[[SX], SX]) -> Mechanism:
+    """The mechanism with a function applied to what the modes are stated by."""
+    return replace(
+        mechanism,
+        swing_foot=function(mechanism.swing_foot),
+        touchdown=function(SX(mechanism.touchdown)),
+        upright=function(SX(mechanism.upright)),
+        relabel=function(SX(mechanism.relabel)),
+        stops={name: function(SX(gap)) for name, gap in mechanism.stops.items()},
+        potential_while={state: function(SX(energy)) for state, energy in mechanism.potential_while.items()},
+        push=None if mechanism.push is None else function(mechanism.push),
+    )

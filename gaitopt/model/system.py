@@ -1,0 +1,444 @@
+"""The hybrid system: a walker, its control and the ground as compiled CasADi functions.
+
+    dz/dt = flow_mode(t, z, p, r)         t time since the last impact, z state, p parameters, r segment data
+    margins_mode(t, z, p, r) > 0          what the mode assumes; it ends where a margin falls to zero
+    z_plus = impact_mode(z, p)            reset at touchdown
+
+Every number of walker, friction and control is an entry of ``p``, named by its dotted key, so that any of them
+can be varied, freed or continued without rebuilding anything. The NLP and the simulator both use these functions.
+
+The expressions that the functions of a hybrid system compile: motions, impacts and margins of its modes.
+"""
+
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.arrays import Array
+from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
+from gaitopt.model.control import Control
+from gaitopt.model.declaration import state_after_impact
+from gaitopt.model.friction import CoulombFriction, Friction
+from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
+from gaitopt.model.margins import PUSH, impact_margin_names, margin_names
+from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.walker import Walker
+
+
+class Expressions:
+    """A walker, its control and the ground in CasADi symbols; parameters as for ``HybridSystem``.
+
+    Attributes
+    ----------
+    t, z, p, r : time since the last impact, state, parameters and segment data, the arguments of all expressions.
+    eom : equations of motion of the walker.
+    """
+
+    def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> None:
+        self.walker, self._control, self._law, self._friction = walker, control, law, friction
+        self.eom = equations_of_motion(walker)
+        self._coefficients = SX.sym("c", len(friction.parameters))
+        self._scalars = SX.sym("k", len(control.parameters))
+        self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
+        self.p = vertcat(self.eom.p, self._coefficients, self._scalars)
+        self._motions: dict[Mode, Motion] = {}
+        self._impacts: dict[Mode, Impact] = {}
+
+        self._kinetic = friction.kinetic(self._coefficients)
+        self._static = friction.static(self._coefficients)
+
+    @cached_property
+    def torque(self) -> SX:
+        """Actuator torques, shape (n_u,)."""
+        indices = [self.walker.shape.index(name) for name in self.walker.tracked]
+        angles, rates = self.eom.q[indices], self.eom.dq[indices]
+        return self._control.torque(self.t, angles, rates, self._scalars, self.r)
+
+    def motion(self, mode: Mode) -> Motion:
+        """Accelerations and contact force in a mode."""
+        if mode not in self._motions:
+            flies = mode.flies
+            self._motions[mode] = flight(self.eom, **self._acting(mode)) if flies else self.slipping(_slip(mode), mode)
+        return self._motions[mode]
+
+    def slipping(self, slip: SX | None, mode: Mode) -> Motion:
+        """Motion with a given sign of the slip, which may be an unknown between -1 and 1; None holds the foot."""
+        drag = SX(self._friction.drag(self._coefficients, self.eom.z[-1]))
+        return motion(self.eom, slip, kinetic=self._kinetic, drag=drag, **self._acting(mode))
+
+    def _acting(self, mode: Mode) -> dict[str, SX]:
+        """What acts in a mode besides contact forces and gravity."""
+        springs = self.eom.force_of(self.potential_of(mode))
+        return {"springs": springs, "torque": self.torque, "locked": self._locked(mode.locked)}
+
+    def potential_of(self, mode: Mode) -> SX:
+        """Potential energy that acts in this mode and not in all."""
+        energies = self.eom.mechanism.potential_while.items()
+        return sum((energy for state, energy in energies if mode.has(state)), SX(0))
+
+    def _locked(self, stops: tuple[str, ...]) -> SX:
+        """Derivative of the gaps of some stops by the shape coordinates."""
+        gaps = vertcat(SX(0, 1), *(self.eom.mechanism.stops[name] for name in stops))
+        return jacobian(gaps, self.eom.q[: len(self.walker.shape)])
+
+    def impact(self, mode: Mode) -> Impact:
+        """The impact after which the walker is in a mode: of the foot, or of the stops that are locked in it."""
+        if mode not in self._impacts:
+            self._impacts[mode] = self._new_impact(mode)
+        return self._impacts[mode]
+
+    def _new_impact(self, mode: Mode) -> Impact:
+        if mode.flies:
+            return take_off(self.eom, self._locked(mode.locked))
+        if mode.locked:
+            return strike(self.eom, _slip(mode), self._kinetic, self._locked(mode.locked))
+        if self.walker.massless_feet:
+            return landing(self.eom)
+        held = tuple(stop for stop in self.walker.stops if stop not in self.walker.open_in_impact)
+        return impact(self.eom, _slip(mode), self._law, self._kinetic, self._locked(held))
+
+    def open_impact(self, slip: SX) -> Impact:
+        """The impact of the foot with a sign of the slip that is an unknown between -1 and 1."""
+        return impact(self.eom, slip, ImpactLaw.COULOMB, self._kinetic, self._locked(()))
+
+    def margins(self, mode: Mode) -> SX:
+        """What a mode assumes, in the order of ``margin_names(mode)``."""
+        state, mu = self.motion(mode), self._static
+        f_t, f_n = state.force[0], state.force[1]
+        lands = mode.flies or not self.walker.flies  # a walker that flies lands out of flight alone
+        margins = {
+            "touchdown": -self.eom.mechanism.touchdown if lands else SX(1),
+            "upright": self.eom.mechanism.upright,
+            "normal_force": f_n,
+            "cone_forward": mu * f_n + f_t,
+            "cone_backward": mu * f_n - f_t,
+            "slip_velocity": mode.direction * self.eom.z[-1],
+            "painleve": state.painleve,
+            "clearance": self.eom.mechanism.swing_foot[1] if lands else SX(1),
+            **self.eom.mechanism.stops,
+            **self.eom.switches,
+        }
+        return vertcat(*(margins[name] for name in margin_names(mode)))
+
+    @cached_property
+    def push(self) -> Push:
+        """The push of the stance foot just before the swing foot lands."""
+        return push_off(self.eom, self._locked(self.walker.stops))
+
+    @property
+    def approach(self) -> SX:
+        """Normal velocity with which the swing foot lands."""
+        return (self.eom.W_swing @ self.push.rates)[1]
+
+    def impact_margins(self, mode: Mode) -> dict[str, SX]:
+        """What an impact assumes, by name."""
+        result, stick = self.impact(mode), self.impact(mode.with_contact(Mode.STICK))
+        mu = self._static
+        f_t, f_n = result.impulse[0], result.impulse[1]
+        z, n, push = self.eom.z, len(self.walker.coordinates()), self.push.impulse
+        return {
+            "impulse": f_n,
+            "lift_velocity": result.lift_velocity,
+            "touchdown_rate": jtimes(SX(self.eom.mechanism.touchdown), z[:n], z[n:]),
+            "push_cone_forward": mu * push[1] + push[0],
+            "push_cone_backward": mu * push[1] - push[0],
+            "push_landing": -self.approach,
+            "impulse_cone_forward": mu * f_n + f_t,
+            "impulse_cone_backward": mu * f_n - f_t,
+            "impact_slip_velocity": mode.direction * result.slip_velocity,
+            "impact_painleve": result.painleve,
+            "impact_onset": -mu * stick.impulse[1] - mode.direction * stick.impulse[0],
+        }
+
+
+def _slip(mode: Mode) -> SX | None:
+    """Sign of the slip in a mode, None where the foot sticks."""
+    return None if mode.sticks else SX(mode.direction)
+
+
+COULOMB = CoulombFriction()
+KEPT = 16
+"""Unpickled systems that are kept with their compiled functions, some megabytes each."""
+
+
+class HybridSystem:
+    """Functions of one walker under one control law; all are built on first use and kept.
+
+    A copy is the system itself, as nothing changes it. A pickle holds what it is made of; where it is read, equal
+    systems are one object, whose functions are compiled once.
+
+    Parameters
+    ----------
+    walker : the walker's class.
+    control : the control law; its current scalars do not matter here, only its structure and segment data.
+    law : tangential law of slipping impacts.
+    friction : friction law of the feet; its numbers are entries of ``p``.
+
+    Attributes
+    ----------
+    parameters : dotted keys of ``p`` in order: walker, friction, control.
+    friction : as given.
+    state_names : names of ``z`` in order.
+    n_z, n_shape : number of states, and of the coordinates before x: the shape, and the height of a foot that can fly.
+    """
+
+    def __init__(
+        self,
+        walker: type[Walker],
+        control: Control,
+        law: ImpactLaw = ImpactLaw.COULOMB,
+        friction: Friction = COULOMB,
+    ) -> None:
+        self.walker, self.control, self.law, self.friction = walker, control, law, friction
+        self.parameters = (
+            *(f"walker.{name}" for name in walker.model_fields),
+            *friction.parameters,
+            *(f"control.{name}" for name in control.parameters),
+        )
+        self.state_names = walker.state_names()
+        self.n_z = len(self.state_names)
+        self.n_shape = len(walker.coordinates()) - 1
+        self.n_r = control.data(0).size
+        n_walker = len(walker.model_fields)
+        self._friction_entries = slice(n_walker, n_walker + len(friction.parameters))
+        self._symbols = Expressions(walker, control, law, friction)
+        self._eom, self._t = self._symbols.eom, self._symbols.t
+        self._p, self._r = self._symbols.p, self._symbols.r
+        self._functions: dict[str, Function] = {}
+        self._data: dict[int, Array] = {}
+
+    def __copy__(self) -> "HybridSystem":
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "HybridSystem":
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self.walker, self.control, self.law, self.friction)
+
+    def flow(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> dz/dt."""
+        return self._build(f"flow_{mode.key}", lambda: {"dz": self._symbols.motion(mode).dz})
+
+    def margins(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> margins in the order of ``margin_names(mode)``."""
+        return self._build(f"margins_{mode.key}", lambda: {"margins": self._symbols.margins(mode)})
+
+    def events(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> margins and their rates along the flow."""
+
+        def rates() -> SX:
+            margins = self._symbols.margins(mode)
+            return jtimes(margins, self._eom.z, self._symbols.motion(mode).dz) + jacobian(margins, self._t)
+
+        return self._build(f"events_{mode.key}", lambda: {"margins": self._symbols.margins(mode), "rates": rates()})
+
+    def linearized(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> dz/dt, Jacobian of the margins in z, and rates of the margins along the flow."""
+
+        def outputs() -> dict[str, SX]:
+            dz, margins = self._symbols.motion(mode).dz, self._symbols.margins(mode)
+            by_z = jacobian(margins, self._eom.z)
+            return {"dz": dz, "margins_by_z": by_z, "rates": by_z @ dz + jacobian(margins, self._t)}
+
+        return self._build(f"linearized_{mode.key}", outputs)
+
+    def variational(self, mode: Mode, columns: int) -> Function:
+        """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
+
+        def outputs() -> dict[str, SX]:
+            dz = self._symbols.motion(mode).dz
+            return {"dy": vertcat(dz, vec(jacobian(dz, self._eom.z) @ deviations))}
+
+        deviations = SX.sym("deviations", self.n_z, columns)
+        y = vertcat(self._eom.z, vec(deviations))
+        name = f"variational_{mode.key}_{columns}"
+        return self._build(name, outputs, "typr", y=y)
+
+    def observation(self, mode: Mode) -> Function:
+        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
+
+        The loss is the power that the dampers take.
+        """
+
+        def outputs() -> dict[str, SX]:
+            eom, torque = self._eom, self._symbols.torque
+            motor_rates = eom.E.T @ eom.dq
+            return {
+                "force": self._symbols.motion(mode).force,
+                "torque": torque,
+                "power": torque * motor_rates,
+                "swing_foot": eom.mechanism.swing_foot,
+                "energy": eom.energy + self._symbols.potential_of(mode),
+                "motor_rates": motor_rates,
+                "loss": eom.dissipation,
+            }
+
+        return self._build(f"observation_{mode.key}", outputs)
+
+    def impact(self, mode: Mode) -> Function:
+        """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
+
+        def outputs() -> dict[str, SX]:
+            result = self._symbols.impact(mode)
+            return {field.name: getattr(result, field.name) for field in fields(result)}
+
+        return self._build(f"impact_{mode.key}", outputs, "zp")
+
+    def impacts(self, modes: Sequence[Mode]) -> Function:
+        """(z, p) -> what ``impact`` gives for each of several modes, one column per mode; and the approach.
+
+        The approach is the normal velocity of the swing foot as it lands [m/s], negative where it comes down.
+        """
+        z, p = self._eom.z, self._p
+
+        def outputs() -> dict[str, SX]:
+            columns = [vertcat(*self.impact(mode).call([z, p])) for mode in modes]
+            return {"impacts": horzcat(*columns), "approach": self._symbols.approach}
+
+        return self._build("_".join(["impacts", *(mode.key for mode in modes)]), outputs, "zp")
+
+    def impact_jacobian(self, mode: Mode) -> Function:
+        """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
+
+        def outputs() -> dict[str, SX]:
+            return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}
+
+        return self._build(f"impact_jacobian_{mode.key}", outputs, "zp")
+
+    def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
+        """Names of the margins of an impact, in the order of ``impact_margins``."""
+        names = impact_margin_names(mode, self.walker, two_coefficients=self.friction.two_coefficients)
+        return (*names, *PUSH) if self.walker.pushes and not mode.locked else names
+
+    def impact_margins(self, mode: Mode) -> Function:
+        """(z, p) -> margins of an impact in the order of ``impact_margin_names(mode)``."""
+
+        def outputs() -> dict[str, SX]:
+            margins = self._symbols.impact_margins(mode)
+            return {"margins": vertcat(*(margins[name] for name in self.impact_margin_names(mode)))}
+
+        return self._build(f"impact_margins_{mode.key}", outputs, "zp")
+
+    @cached_property
+    def open_flow(self) -> Function:
+        """(t, z, s, p, r) -> dz/dt, contact force (2), touchdown guard and its rate, the mode being open.
+
+        Friction is -mu s f_n with s in [-1, 1], and kinetic friction bounds a foot at rest too.
+        """
+
+        def outputs() -> dict[str, SX]:
+            state = self._symbols.slipping(s, self.walker.released(Mode.STICK))
+            guard = SX(self._eom.mechanism.touchdown)
+            rate = jtimes(guard, self._eom.z, state.dz)
+            return {"dz": state.dz, "force": state.force, "guard": guard, "guard_rate": rate}
+
+        s = SX.sym("s")
+        return self._build("open_flow", outputs, "tzspr", s=s)
+
+    @cached_property
+    def open_impact(self) -> Function:
+        """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
+
+        def outputs() -> dict[str, SX]:
+            result = self._symbols.open_impact(s)
+            names = ("z_plus", "impulse", "slip_velocity", "lift_velocity")
+            return {name: getattr(result, name) for name in names}
+
+        s = SX.sym("s")
+        return self._build("open_impact", outputs, "zsp", s=s)
+
+    @cached_property
+    def push(self) -> Function:
+        """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
+        push = self._symbols.push
+        return Function("push", [self._eom.z, self._p], [push.impulse, push.work], ["z", "p"], ["impulse", "work"])
+
+    @cached_property
+    def weight(self) -> Function:
+        """p -> total weight [N]."""
+        return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
+
+    @cached_property
+    def size(self) -> Function:
+        """p -> length of a leg [m], gravity [m/s^2] and total mass [kg]."""
+        eom = self._eom
+        return Function("size", [self._p], [eom.length, eom.gravity, eom.mass])
+
+    @cached_property
+    def lift(self) -> Function:
+        """(xi, p) -> z: the state just after an impact from its section coordinates (always with dx), x = 0."""
+        names = self.walker.section_names(slipping=True)
+        xi = SX.sym("xi", len(names))
+        free = SimpleNamespace(**{name: xi[i] for i, name in enumerate(names)})
+        p = parameter_namespace(self.walker, self._eom.p)
+        shape, rates = state_after_impact(self.walker, free, p)
+        z = vertcat(self._eom.state(shape, SX(0)), self._eom.state(rates, xi[-1]))
+        return Function("lift", [xi, self._p], [z])
+
+    @cached_property
+    def lift_jacobian(self) -> Function:
+        """(xi, p) -> d z / d xi of ``lift``; the column of dx is the last."""
+        xi = SX.sym("xi", self.lift.size1_in(0))
+        return Function("lift_jacobian", [xi, self._p], [jacobian(self.lift(xi, self._p), xi)])
+
+    def section(self, impact_mode: Mode) -> NDArray[np.intp]:
+        """Indices in ``z`` of the section coordinates after an impact of the given mode."""
+        names = self.walker.section_names(slipping=impact_mode.slips)
+        return np.array([self.state_names.index(name) for name in names])
+
+    def values(self, parameters: Mapping[str, float]) -> Array:
+        """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
+        known = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
+        return np.array([float(known[name]) for name in self.parameters])
+
+    def data(self, segment: int) -> Array:
+        """Segment data of the control, shape (n_r,); not to be written to."""
+        if segment not in self._data:
+            self._data[segment] = self.control.data(segment)
+        return self._data[segment]
+
+    def static_friction(self, p: Any) -> Any:
+        """Coefficient that bounds |f_t| / f_n of a sticking foot, from parameters as numbers or symbols."""
+        return self.friction.static(p[self._friction_entries])
+
+    def kinetic_friction(self, p: Any) -> Any:
+        """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
+        return self.friction.kinetic(p[self._friction_entries])
+
+    def _build(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: str = "tzpr", **symbols: SX) -> Function:
+        """The function of these inputs, letters of the module's equations or ``symbols``, built on first use."""
+        if name not in self._functions:
+            symbols |= {"t": self._t, "z": self._eom.z, "p": self._p, "r": self._r}
+            results = outputs()
+            shared = cse([*results.values()])
+            self._functions[name] = Function(name, [symbols[key] for key in inputs], shared, [*inputs], [*results])
+        return self._functions[name]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Parts:
+    """What a system is made of; control laws are equal where their pickles are."""
+
+    walker: type[Walker]
+    law: ImpactLaw
+    friction: Friction
+    control_pickle: bytes
+    control: Control = field(compare=False)
+
+
+def _unpickled(walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> HybridSystem:
+    parts = _Parts(walker=walker, law=law, friction=friction, control_pickle=pickle.dumps(control), control=control)
+    return _system(parts)
+
+
+@lru_cache(maxsize=KEPT)
+def _system(parts: _Parts) -> HybridSystem:
+    return HybridSystem(parts.walker, parts.control, parts.law, parts.friction)

@@ -1,0 +1,207 @@
+"""Numbers with units as users write them: angles in ``deg`` or ``rad``, everything else SI.
+
+The table is closed: a general units library would parse (and evaluate) arbitrary expressions.
+
+Natural units of a walker, in which every tolerance, time limit and step length is stated.
+
+    length l,      time sqrt(l / g),      mass m,      force m g,      speed sqrt(g l)
+
+l is the distance from the stance foot to the farthest body with all shape coordinates zero: the length of a
+straight leg. Dimensionless results then do not depend on the units in which a problem is stated.
+
+Ranges of numbers in natural units of the walker: beyond the possible a number is refused, beyond the usual remarked.
+
+l leg length,      sqrt(l/g) time,      m g weight,      m g l torque and energy
+"""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, Field, model_validator
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """Natural units of one walker at given parameters.
+
+    Attributes
+    ----------
+    length : [m]; time : [s]; mass : [kg].
+    """
+
+    length: float
+    time: float
+    mass: float
+
+    @property
+    def speed(self) -> float:
+        """Length per time, sqrt(g l) [m/s]."""
+        return self.length / self.time
+
+    @property
+    def force(self) -> float:
+        """The weight m g [N]."""
+        return self.mass * self.length / self.time**2
+
+    @property
+    def impulse(self) -> float:
+        """Force times time [N s]."""
+        return self.force * self.time
+
+    @property
+    def energy(self) -> float:
+        """Weight times length, also the unit of torque [J]."""
+        return self.force * self.length
+
+
+Checked = TypeVar("Checked", bound=BaseModel)
+UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
+    "one": ("", lambda s: 1.0),
+    "mass": (" m", lambda s: s.mass),
+    "length": (" l", lambda s: s.length),
+    "time": (" sqrt(l/g)", lambda s: s.time),
+    "rate": (" sqrt(g/l)", lambda s: 1 / s.time),
+    "speed": (" sqrt(g l)", lambda s: s.speed),
+    "force": (" m g", lambda s: s.force),
+    "impulse": (" m sqrt(g l)", lambda s: s.impulse),
+    "torque": (" m g l", lambda s: s.energy),
+    "damping": (" m g l sqrt(l/g)", lambda s: s.energy * s.time),
+    "stiffness": (" m g/l", lambda s: s.force / s.length),
+    "drag": (" m sqrt(g/l)", lambda s: s.mass / s.time),
+    "inertia": (" m l^2", lambda s: s.mass * s.length**2),
+    "torque_squared": (" (m g l)^2 sqrt(l/g)", lambda s: s.energy**2 * s.time),
+}
+"""Natural units: in words, and their value in SI; l is the leg length, m the whole mass, g gravity."""
+Interval = tuple[float, float]
+ANY: Interval = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Within:
+    """Annotation of a number: its range in a natural unit.
+
+    Attributes
+    ----------
+    unit : a key of ``UNITS``.
+    possible : lower and upper bound, beyond which no walker goes.
+    usual : bounds beyond which a value is more likely a mistake than meant.
+    """
+
+    unit: str = "one"
+    possible: Interval = ANY
+    usual: Interval = ANY
+
+    def size(self, scales: Scales) -> float:
+        """The natural unit in SI."""
+        return UNITS[self.unit][1](scales)
+
+    def bounds(self, scales: Scales) -> Interval:
+        """What is possible, in SI."""
+        size = self.size(scales)
+        return self.possible[0] * size, self.possible[1] * size
+
+    def objection(self, lower: float, upper: float, scales: Scales) -> str | None:
+        """Why no value from ``lower`` to ``upper`` [SI] is possible, if so."""
+        least, most = self.bounds(scales)
+        if upper >= least and lower <= most:
+            return None
+        value = upper if upper < least else lower
+        words, own = _words((least, most), ""), _words(self.possible, UNITS[self.unit][0])
+        return f"{value:g} is impossible: must be {words}{f' ({own})' if own != words else ''}"
+
+    def remark(self, lower: float, upper: float, scales: Scales) -> str | None:
+        """What is unusual about all values from ``lower`` to ``upper`` [SI], if so."""
+        word, size = UNITS[self.unit][0], self.size(scales)
+        if upper >= self.usual[0] * size and lower <= self.usual[1] * size:
+            return None
+        value = upper if upper < self.usual[0] * size else lower
+        own = f", that is {value / size:.3g}{word}" if word else ""
+        return f"{value:g}{own} is unusual; usually {_words(self.usual, word)}"
+
+    def __str__(self) -> str:
+        word = UNITS[self.unit][0]
+        parts = [("", self.possible), ("usually ", self.usual)]
+        return "; ".join(f"{prefix}{_words(span, word)}" for prefix, span in parts if span != ANY)
+
+
+def symmetric(size: float) -> Interval:
+    """From minus ``size`` to ``size``."""
+    return (-size, size)
+
+
+def _words(span: Interval, unit: str) -> str:
+    least, most = (f"{value:g}{unit if value else ''}" for value in span)
+    if span[0] == -span[1]:
+        return f"at most {most} in size"
+    if math.isinf(span[0]):
+        return f"at most {most}"
+    if math.isinf(span[1]):
+        return f"at least {least}"
+    return f"from {least} to {most}"
+
+
+def shorter(part: str, whole: str) -> Any:
+    """A validator of a model for its class body: the distance of a mass from its foot is less than the leg, in m."""
+
+    def check(model: Checked) -> Checked:
+        length, limit = getattr(model, part), getattr(model, whole)
+        if length >= limit:
+            raise ValueError(
+                f"{part} = {length:g} m must be less than {whole} = {limit:g} m: "
+                "a mass at or beyond the hip leaves the swing leg without inertia or turns it over"
+            )
+        return model
+
+    return model_validator(mode="after")(check)
+
+
+ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
+_ANGLE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(deg|rad)\s*")
+
+
+def parse_angle(value: object) -> object:
+    """``"1 deg"`` or ``"0.1 rad"`` in radians; anything else is passed on unchanged.
+
+    Raises
+    ------
+    ValueError
+        If a text is not a number followed by ``deg`` or ``rad``.
+    """
+    if not isinstance(value, str):
+        return value
+    match = _ANGLE.fullmatch(value)
+    if match is None:
+        raise ValueError("write an angle as a number in rad, or with its unit: 1 deg, 0.1 rad")
+    return float(match[1]) * ANGLE_UNITS[match[2]]
+
+
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Masses, lengths and forces stay so far from zero and infinity that their products exist in any units."""
+STEEPEST = math.radians(80)
+"""Steady walking needs friction tan(slope) [rad]: nearly 6 here."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+"""A number whose range depends on the walker."""
+Number = Annotated[Finite, Field(ge=-LARGEST, le=LARGEST)]
+"""A finite number."""
+Positive = Annotated[Number, Field(ge=SMALLEST)]
+"""A finite number above zero."""
+NonNegative = Annotated[Number, Field(ge=0)]
+"""A finite number, zero allowed."""
+Angle = Annotated[Number, BeforeValidator(parse_angle)]
+"""A finite angle [rad]; texts such as ``1 deg`` are converted."""
+Stiffness = Annotated[NonNegative, Within(unit="stiffness", possible=(0, 1e6), usual=(0, 1e4))]
+"""Of a spring along a line [N/m]."""
+TurningStiffness = Annotated[NonNegative, Within(unit="torque", possible=(0, 1e6), usual=(0, 1e3))]
+"""Of a spring that turns a joint [N m/rad]."""
+Damping = Annotated[NonNegative, Within(unit="drag", possible=(0, 1e4), usual=(0, 100))]
+"""Coefficient of a damper along a line [N s/m]."""
+TurningDamping = Annotated[NonNegative, Within(unit="damping", possible=(0, 1e4), usual=(0, 100))]
+"""Coefficient of a damper in a joint [N m s/rad]."""
+Inertia = Annotated[NonNegative, Within(unit="inertia", possible=(0, 100), usual=(0, 1))]
+"""About the centre of mass [kg m^2]."""
+Slope = Annotated[Angle, Field(ge=-STEEPEST, le=STEEPEST), Within(usual=symmetric(math.radians(30)))]
+"""An inclination of the ground [rad]."""

@@ -1,0 +1,1 @@
+"""The walkers that come with gaitopt, one class each."""

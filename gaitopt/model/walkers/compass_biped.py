@@ -1,0 +1,62 @@
+"""Compass biped: two straight legs joined at the hip. Gamus & Or (2013), sections IV and V.
+
+``theta1`` is the angle of the stance leg and ``theta2`` that of the swing leg from the slope's normal, so that
+
+    hip = stance foot + l (sin theta1, cos theta1),      swing foot = hip + l (sin theta2, -cos theta2)
+
+Torques: the ankle acts between ground and stance leg, the hip between the legs, equal and opposite in the
+laboratory sense of the angles: Q_theta1 = ankle + hip, Q_theta2 = hip (theta2 is measured the other way round).
+"""
+
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+from casadi import cos, pi, vertcat
+from pydantic import Field
+
+from gaitopt.model.units import NonNegative, Positive, Slope, shorter
+from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
+
+
+class CompassBiped(Walker):
+    """Compass biped with point masses on the legs and at the hip."""
+
+    model = "compass_biped"
+    shape = ("theta1", "theta2")
+    section = ("theta1",)
+    actuators = ("ankle", "hip")
+    tracked = ("theta1", "theta2")
+    largest_angle = pi / 2
+
+    leg_length: Annotated[Positive, Field(description="length of a leg [m]")]
+    leg_mass: Annotated[Positive, Field(description="point mass on each leg [kg]")]
+    leg_com: Annotated[Positive, Field(description="distance of the leg's mass from its foot [m]")]
+    hip_mass: Annotated[NonNegative, Field(description="point mass at the hip [kg]")]
+    gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
+    slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
+
+    _com_within_leg = shorter("leg_com", "leg_length")
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """Three point masses; touchdown when both legs have the same angle."""
+        foot = vertcat(q.x, q.y)
+        hip = foot + polar(p.leg_length, q.theta1)
+        return Mechanism(
+            bodies=(
+                Body(mass=p.leg_mass, position=foot + polar(p.leg_com, q.theta1)),
+                Body(mass=p.hip_mass, position=hip),
+                Body(mass=p.leg_mass, position=hip - polar(p.leg_length - p.leg_com, -q.theta2)),
+            ),
+            gravity=inclined(p.gravity, p.slope),
+            swing_foot=hip - polar(p.leg_length, -q.theta2),
+            touchdown=q.theta1 - q.theta2,
+            upright=cos(q.theta1),
+            relabel=vertcat(-q.theta2, -q.theta1),
+            motors=(q.theta1, q.theta1 + q.theta2),
+        )
+
+    @classmethod
+    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
+        """Both feet are on the ground: theta2 = theta1."""
+        return (free.theta1, free.theta1)

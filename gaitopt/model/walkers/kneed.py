@@ -1,0 +1,76 @@
+"""Kneed walker: the compass whose swing leg bends at a knee, which locks before the foot comes down. McGeer (1990).
+
+``theta1`` is the angle of the straight stance leg, ``theta2`` that of the swing thigh and ``theta3`` that of the swing
+shank, all from the slope's normal and measured as those of the compass. The knee bends backward: its gap
+theta2 - theta3 is positive while it is free. It locks by a plastic impact when the leg is straight.
+"""
+
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+from casadi import cos, pi, vertcat
+from pydantic import Field
+
+from gaitopt.model.units import NonNegative, Positive, Slope
+from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
+
+
+class KneedWalker(Walker):
+    """Kneed walker with point masses on thighs, shanks and at the hip."""
+
+    model = "kneed_walker"
+    shape = ("theta1", "theta2", "theta3")
+    section = ("theta1",)
+    section_rates = ("theta1", "theta2")
+    stops = ("knee",)
+    largest_angle = pi / 2
+
+    thigh_length: Annotated[Positive, Field(description="hip to knee [m]")]
+    thigh_mass: Annotated[Positive, Field(description="point mass on each thigh [kg]")]
+    thigh_com: Annotated[Positive, Field(description="distance of the thigh's mass from the knee [m]")]
+    shank_length: Annotated[Positive, Field(description="knee to foot [m]")]
+    shank_mass: Annotated[Positive, Field(description="point mass on each shank [kg]")]
+    shank_com: Annotated[Positive, Field(description="distance of the shank's mass from the foot [m]")]
+    hip_mass: Annotated[NonNegative, Field(description="point mass at the hip [kg]")]
+    gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
+    slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """Five point masses; touchdown when both legs, straight, have the same angle."""
+        foot = vertcat(q.x, q.y)
+        hip = foot + polar(p.thigh_length + p.shank_length, q.theta1)
+        knee = hip - polar(p.thigh_length, -q.theta2)
+        return Mechanism(
+            bodies=(
+                Body(mass=p.shank_mass, position=foot + polar(p.shank_com, q.theta1)),
+                Body(mass=p.thigh_mass, position=foot + polar(p.shank_length + p.thigh_com, q.theta1)),
+                Body(mass=p.hip_mass, position=hip),
+                Body(mass=p.thigh_mass, position=hip - polar(p.thigh_length - p.thigh_com, -q.theta2)),
+                Body(mass=p.shank_mass, position=knee - polar(p.shank_length - p.shank_com, -q.theta3)),
+            ),
+            gravity=inclined(p.gravity, p.slope),
+            swing_foot=knee - polar(p.shank_length, -q.theta3),
+            touchdown=q.theta1 - q.theta2,
+            upright=cos(q.theta1),
+            relabel=vertcat(-q.theta2, -q.theta1, -q.theta1 - (q.theta2 - q.theta3)),  # the gap, zero, stays
+            stops={"knee": q.theta2 - q.theta3},
+        )
+
+    @classmethod
+    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
+        """Both feet are on the ground, both legs straight."""
+        return (free.theta1, free.theta1, free.theta1)
+
+    @classmethod
+    def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
+        """The knee of the swing leg was locked until the impact."""
+        return (free.dtheta1, free.dtheta2, free.dtheta2)
+
+    @classmethod
+    def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
+        """The straight stance leg; thigh and shank of the swing leg."""
+        foot = vertcat(q.x, q.y)
+        hip = foot + polar(p.thigh_length + p.shank_length, q.theta1)
+        knee = hip - polar(p.thigh_length, -q.theta2)
+        return (foot, hip), (hip, knee, knee - polar(p.shank_length, -q.theta3))

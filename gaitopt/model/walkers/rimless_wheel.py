@@ -1,0 +1,48 @@
+"""Rimless wheel: a rigid star of spokes that rolls down a slope. Gamus & Or (2013), section III.
+
+``theta`` is the angle of the stance spoke from the slope's normal, from -pi/spokes to +pi/spokes in a step.
+"""
+
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+from casadi import SX, pi, vertcat
+from pydantic import Field
+
+from gaitopt.model.units import Positive, Slope, Within
+from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
+
+
+class RimlessWheel(Walker):
+    """Rimless wheel; with radius = mass = gravity = 1 its units are those of eqs (12)-(19)."""
+
+    model = "rimless_wheel"
+    shape = ("theta",)
+    section = ()
+    largest_angle = pi / 2
+
+    spokes: Annotated[int, Field(ge=3, le=1000, strict=True, description="number of spokes"), Within(usual=(3, 100))]
+    radius: Annotated[Positive, Field(description="length of a spoke [m]")]
+    mass: Annotated[Positive, Field(description="mass [kg]")]
+    inertia_ratio: Annotated[float, Field(ge=0, le=1, strict=True, description="moment of inertia / (mass radius^2)")]
+    gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
+    slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """One rigid body at the hub; the next spoke is the swing foot."""
+        half_angle = pi / p.spokes
+        hub = vertcat(q.x, q.y) + polar(p.radius, q.theta)
+        return Mechanism(
+            bodies=(Body(mass=p.mass, position=hub, inertia=p.inertia_ratio * p.mass * p.radius**2, angle=q.theta),),
+            gravity=inclined(p.gravity, p.slope),
+            swing_foot=hub - polar(p.radius, q.theta - 2 * half_angle),
+            touchdown=q.theta - half_angle,
+            upright=q.theta + half_angle,  # zero when the wheel rocks back onto the previous spoke
+            relabel=SX(q.theta - 2 * half_angle),
+        )
+
+    @classmethod
+    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
+        """The wheel stands on two spokes: theta = -pi/spokes."""
+        return (-pi / p.spokes,)

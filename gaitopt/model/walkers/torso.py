@@ -1,0 +1,79 @@
+"""Compass biped with a torso, held on the bisector of the legs by a spring and a damper at the hip of either leg.
+
+    V_spring = k/2 (torso - theta1)^2 + k/2 (torso + theta2)^2        dampers across the same two angles
+
+A swap of the feet leaves both as they are. The legs are measured as those of the compass, ``torso`` from the slope's
+normal.
+"""
+
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+from casadi import cos, pi, vertcat
+from pydantic import Field
+
+from gaitopt.model.units import Inertia, Positive, Slope, TurningDamping, TurningStiffness, shorter
+from gaitopt.model.walker import Body, Damper, Mechanism, Walker, inclined, polar
+
+
+class TorsoWalker(Walker):
+    """Legs with point masses, and a rigid torso on the hip; the motor acts between torso and stance leg."""
+
+    model = "torso_walker"
+    shape = ("theta1", "theta2", "torso")
+    section = ("theta1", "torso")
+    actuators = ("hip",)
+    tracked = ("torso",)
+    largest_angle = pi / 2
+
+    leg_length: Annotated[Positive, Field(description="length of a leg [m]")]
+    leg_mass: Annotated[Positive, Field(description="point mass on each leg [kg]")]
+    leg_com: Annotated[Positive, Field(description="distance of the leg's mass from its foot [m]")]
+    torso_mass: Annotated[Positive, Field(description="mass of the torso [kg]")]
+    torso_com: Annotated[Positive, Field(description="distance of the torso's centre of mass from the hip [m]")]
+    torso_inertia: Annotated[Inertia, Field(description="moment of inertia about its centre of mass [kg m^2]")]
+    hip_stiffness: Annotated[TurningStiffness, Field(description="stiffness of the spring at each hip [N m/rad]")]
+    hip_damping: Annotated[TurningDamping, Field(description="coefficient of the damper at each hip [N m s/rad]")]
+    gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
+    slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]
+
+    _com_within_leg = shorter("leg_com", "leg_length")
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """Two point masses and a rigid body; touchdown when both legs have the same angle."""
+        foot = vertcat(q.x, q.y)
+        hip = foot + polar(p.leg_length, q.theta1)
+        hips = (q.torso - q.theta1, q.torso + q.theta2)
+        return Mechanism(
+            bodies=(
+                Body(mass=p.leg_mass, position=foot + polar(p.leg_com, q.theta1)),
+                Body(mass=p.leg_mass, position=hip - polar(p.leg_length - p.leg_com, -q.theta2)),
+                Body(
+                    mass=p.torso_mass,
+                    position=hip + polar(p.torso_com, q.torso),
+                    inertia=p.torso_inertia,
+                    angle=q.torso,
+                ),
+            ),
+            gravity=inclined(p.gravity, p.slope),
+            swing_foot=hip - polar(p.leg_length, -q.theta2),
+            touchdown=q.theta1 - q.theta2,
+            upright=cos(q.theta1) * cos(q.torso),
+            relabel=vertcat(-q.theta2, -q.theta1, q.torso),
+            motors=(hips[0],),
+            potential=sum(p.hip_stiffness / 2 * angle**2 for angle in hips),
+            dampers=tuple(Damper(coefficient=p.hip_damping, across=angle) for angle in hips),
+        )
+
+    @classmethod
+    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
+        """Both feet are on the ground: theta2 = theta1."""
+        return (free.theta1, free.theta1, free.torso)
+
+    @classmethod
+    def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
+        """Both legs, and the torso as far as twice its centre of mass."""
+        foot = vertcat(q.x, q.y)
+        hip = foot + polar(p.leg_length, q.theta1)
+        return (foot, hip), (hip, hip - polar(p.leg_length, -q.theta2)), (hip, hip + polar(2 * p.torso_com, q.torso))

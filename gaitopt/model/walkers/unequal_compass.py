@@ -1,0 +1,36 @@
+"""Compass biped whose legs differ: it limps, and its gaits repeat themselves after two steps.
+
+``theta1`` is the angle of the stance leg and ``theta2`` that of the swing leg, whichever these are, measured as those
+of the compass. In the first step of a cycle the leg stands that ``leg_mass`` and ``leg_com`` describe, and the other
+one swings; in the next step they have changed places.
+"""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Annotated
+
+from pydantic import Field
+
+from gaitopt.model.units import Positive, shorter
+from gaitopt.model.walker import Body, Mechanism, polar
+from gaitopt.model.walkers.compass_biped import CompassBiped
+
+
+class UnequalCompass(CompassBiped):
+    """Compass biped with a point mass at the hip and one on each leg, which may differ in size and place."""
+
+    model = "unequal_compass"
+    exchanged = {"leg_mass": "other_leg_mass", "leg_com": "other_leg_com"}  # noqa: RUF012 - a class variable of Walker
+
+    other_leg_mass: Annotated[Positive, Field(description="point mass on the leg that swings in the first step [kg]")]
+    other_leg_com: Annotated[Positive, Field(description="distance of that mass from the other leg's foot [m]")]
+
+    _other_com_within_leg = shorter("other_leg_com", "leg_length")
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """The compass, with another mass on the leg that swings."""
+        compass = super().mechanism(q, p)
+        stance, hip, _ = compass.bodies
+        swing = hip.position - polar(p.leg_length - p.other_leg_com, -q.theta2)
+        return replace(compass, bodies=(stance, hip, Body(mass=p.other_leg_mass, position=swing)))

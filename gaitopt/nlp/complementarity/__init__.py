@@ -1,1 +1,0 @@
-"""Gaits with open modes: friction as complementarity constraints, solved by a homotopy."""

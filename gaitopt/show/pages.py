@@ -1,0 +1,259 @@
+"""A page from its content: templates, scripts and style sheets are put into one file that needs nothing else.
+
+The report of one gait, or of several side by side.
+
+The report of a branch: a diagram over the continued parameter, and every gait of it behind a click.
+
+The report of a simulated walk: how it ended, its states step by step, and the animation over all steps.
+"""
+
+import base64
+import gzip
+import json
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+from gaitopt.gait.branch import cascades, ends_by_request
+from gaitopt.gait.gait import Gait
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import relevant_scalars, scalar_values, state_unit
+from gaitopt.show.families import OF_EACH_STEP
+from gaitopt.show.motion import (
+    Motion,
+    differences,
+    motion_from_record,
+    motion_of,
+    motion_of_walk,
+    points_of,
+    positions_of,
+    section_states,
+    simulated,
+    smooth,
+    thinned,
+)
+from gaitopt.show.style import MODE_WORDS, drawn, label, pack, parameter_of, symbol
+from gaitopt.show.walker import film
+from gaitopt.store.folder import new_manifest
+from gaitopt.systems import problem_dynamics
+from gaitopt.verification.walk import Walk
+
+Record = Mapping[str, Any]
+
+
+def render(template: str, **content: Any) -> str:
+    """The page of a template; texts are escaped, and data stand in the page as compressed JSON."""
+    loaders = [PackageLoader("gaitopt.show", "web")]
+    templates = Environment(
+        loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    templates.filters |= {"figure": figure, "packed": packed}
+    return templates.get_template(template).render(content)
+
+
+def packed(data: Mapping[str, Any]) -> str:
+    """Data as compressed JSON in letters, for ``frame.html``."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
+
+
+def figure(value: float | None, digits: int = 6) -> str:
+    """A number for the eye."""
+    return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
+
+
+def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
+    """Labels that the scripts need: of the scalars that occur, and of the walker's states."""
+    names = {name for film in films for name in film["shape"]}
+    states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
+    freed = {key for record in records for key in record.get("parameters", ())}
+    return {
+        "scalars": {key: asdict(label(key)) for key in relevant_scalars(records)},
+        "symbols": {name: symbol(name) for name in states},
+        "units": {name: state_unit(name) for name in states},
+        "parameters": {key: asdict(label(key)) for key in sorted(freed)},
+    }
+
+
+def numbers(record: Record) -> dict[str, Any]:
+    """What the page shows of a gait besides its motion."""
+    return {
+        "scalars": {
+            key: value if value is None else float(f"{value:.9g}") for key, value in scalar_values(record).items()
+        },
+        "multipliers": [[float(f"{m['re']:.7g}"), float(f"{m['im']:.7g}")] for m in record["multipliers"]],
+        "state": {name: float(f"{value:.9g}") for name, value in record["state"].items()},
+        "parameters": record["parameters"],
+        "passed": None if record["verification"] is None else record["verification"]["passed"],
+    }
+
+
+def provenance(problem: Problem, solver: Mapping[str, float]) -> dict[str, Any]:
+    """What the foot of a page says: the problem verbatim, its hash, and the versions of everything that solved it."""
+    known = new_manifest(problem.name, problem.digest)
+    return {
+        "name": problem.name,
+        "text": problem.text,
+        "hash": known.hash,
+        "versions": known.versions,
+        "platform": known.platform,
+        "solver": dict(solver),
+    }
+
+
+FLOOR = 1e-17
+"""Differences of exactly zero are drawn here, at the foot of the log axis."""
+
+
+def comparison_report(gaits: Sequence[Gait]) -> str:
+    """HTML of gaits side by side: numbers, figures, moving walkers, NLP against simulation, verification, provenance.
+
+    Raises
+    ------
+    ValueError
+        If one of them is a failed attempt.
+    """
+    if not all(gait.converged for gait in gaits):
+        raise ValueError("only converged gaits have a report; look at their status first")
+    records = [gait.to_record() for gait in gaits]
+    motions = [motion_of(gait, name) for gait, name in zip(gaits, _names(gaits), strict=True)]
+    shown = [
+        {"film": film(motion), "comparison": _comparison(motion, gait), **numbers(record)}
+        for motion, gait, record in zip(motions, gaits, records, strict=True)
+    ]
+    return render(
+        "gaits.html",
+        title=" and ".join(dict.fromkeys(gait["film"]["name"] for gait in shown)),
+        about=gaits[0].problem.about if len(gaits) == 1 else "Side by side",
+        data={"gaits": shown, **words([gait["film"] for gait in shown], records)},
+        checks=[(gait["film"]["name"], record["verification"]) for gait, record in zip(shown, records, strict=True)],
+        origins=[provenance(gait.problem, gait.solver) for gait in gaits],
+    )
+
+
+def _names(gaits: Sequence[Gait]) -> list[str]:
+    """Names of the problems; gaits of the same name are distinguished by their hash."""
+    names = [gait.problem.name for gait in gaits]
+    return [n if names.count(n) == 1 else f"{n} ({g.problem.hash8})" for n, g in zip(names, gaits, strict=True)]
+
+
+def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:
+    """Angles along the simulated steps, points of the NLP's gait, and their difference."""
+    walked = simulated(gait)
+    times, states = thinned(*points_of(motion.steps))
+    names = positions_of(motion)
+    columns = [motion.state_index(name) for name in names]
+    nodes = {"t": times} | {name: states[:, k] for name, k in zip(names, columns, strict=True)}
+    arcs = [
+        (arc.mode, {"t": began + arc.times} | {n: arc.states[:, k] for n, k in zip(names, columns, strict=True)})
+        for began, arc in smooth(walked)
+    ]
+    gaps = [
+        {"t": times, "difference": np.log10(np.maximum(np.abs(gap).max(axis=1), FLOOR))}
+        for times, gap in differences(motion.steps, walked)
+    ]
+    return {
+        "nodes": pack(nodes),
+        "lines": [{"mode": str(mode.contact), **pack(line)} for mode, line in arcs],
+        "gaps": [pack(gap) for gap in gaps],
+    }
+
+
+BranchRecord = Mapping[str, Any]
+
+FRAMES = 30
+"""Frames of one step of one point: 200 of them stay well under a megabyte."""
+POINTS = 17
+"""Chebyshev points of a phase: right to seven digits, which is more than a page can show."""
+
+
+def branch_report(problem: Problem, parameter: str, records: Sequence[BranchRecord]) -> str:
+    """HTML of a branch.
+
+    Parameters
+    ----------
+    problem : the problem that was continued.
+    parameter : dotted key of the parameter that was continued.
+    records : points and special points, as the continuation wrote them.
+    """
+    points = [record for record in records if record["record"] == "point" and record["state"] is not None]
+    if not points:
+        raise ValueError(f"the branch of {problem.name} has no points yet")
+    dynamics, shown = problem_dynamics(problem), parameter_of(problem, parameter)
+    moved = [dynamics.at({**point["parameters"], parameter: point["value"]}) for point in points]
+    motions = (motion_from_record(*pair, name=problem.name, points=POINTS) for pair in zip(moved, points, strict=True))
+    films = [film(motion, FRAMES) for motion in motions]
+    common = {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
+    gaits = [
+        {
+            "film": {key: value for key, value in moving.items() if key not in common},
+            "branch": point["branch"],
+            "value": point["value"],
+            **_of_each_step(point),
+            **numbers(_without(parameter, point)),
+        }
+        for point, moving in zip(shown.shown(points), films, strict=True)
+    ]
+    specials = [_special(record) for record in shown.shown(records) if record["record"] == "special"]
+    return render(
+        "branch.html",
+        title=f"{problem.name} over {shown.label.words}",
+        about=problem.about,
+        data={
+            "common": common,
+            "gaits": gaits,
+            "specials": specials,
+            "cascades": [str(cascade) for cascade in cascades(shown.shown(records))],
+            "parameter": asdict(shown.label),
+            **words(films, [_without(parameter, point) for point in points]),
+        },
+        checks=[],
+        origins=[provenance(problem, {})],
+    )
+
+
+def _without(parameter: str, point: BranchRecord) -> BranchRecord:
+    """A point whose freed parameters are those besides the one that is continued."""
+    return {**point, "parameters": {key: value for key, value in point["parameters"].items() if key != parameter}}
+
+
+def _special(record: BranchRecord) -> dict[str, Any]:
+    gait = record.get("gait") or {}
+    known = {key: record.get(key) for key in ("branch", "type", "value", "status", "next")}
+    reason = record.get("reason", "")
+    for mode, written in MODE_WORDS.items():
+        reason = reason.replace(mode, written)
+    known |= {"reason": reason, "bound": ends_by_request(record)}
+    return {**known, **_of_each_step(gait), "scalars": numbers(gait)["scalars"] if gait else {}}
+
+
+def _of_each_step(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Scalars that every step of a cycle has of its own."""
+    if "steps" not in record:
+        return {}
+    return {"steps": {key: [float(f"{step[key]:.9g}") for step in record["steps"]] for key in OF_EACH_STEP}}
+
+
+def walk_report(walk: Walk) -> str:
+    """HTML of a walk."""
+    names = [name for name in walk.system.state_names if name != "x"]
+    columns = [walk.system.state_names.index(name) for name in names]
+    states = walk.trajectory.section_states[:, columns]
+    impacts = ["start", *(str(step.impact.mode) for step in walk.complete_steps if step.impact is not None)]
+    rows = zip(walk.section_times.tolist(), impacts, states.tolist(), strict=True)
+    return render(
+        "walk.html",
+        title=walk.problem.name,
+        about=walk.problem.about,
+        walk=walk,
+        columns=[f"{symbol(name)} [{state_unit(name)}]" for name in names],
+        rows=[(t, impact.replace("_", " "), state) for t, impact, state in rows],
+        picture=f"data:image/svg+xml;base64,{b64encode(drawn(section_states(walk), 'svg')).decode()}",
+        data={"film": film(motion_of_walk(walk))},
+        checks=[],
+        origins=[provenance(walk.problem, {})],
+    )

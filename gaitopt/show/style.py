@@ -1,0 +1,237 @@
+"""One style for all figures: colours that the colour-blind can tell apart, dashes where the foot slips.
+
+The colours are those of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/. Figures are built without pyplot, so
+that no window system and no global state is involved.
+
+How quantities and states are written on axes and pages: the words of their table, with symbols.
+
+Columns of numbers as short text for a page: 13 bits a number, base64; a constant takes none.
+
+value = low + step * code,      code = 0 ... 8191
+
+The low bytes of a column stand before the high ones, which differ so little that the page compresses well.
+"""
+
+import base64
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from io import BytesIO
+from math import degrees
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike
+
+from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import FRICTION_LABELS, SCALARS, label_of, unit_of
+from gaitopt.problem.source import parse_source
+from gaitopt.store.files import write_whole
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
+MORE_COLOURS = ("#332288", "#999933", "#882255", "#44aa99", "#cc6677", "#117733", "#aa4499")
+"""Where those are not enough: of P. Tol's muted scheme, https://personal.sron.nl/~pault/."""
+MODE_COLOURS = {
+    Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9", Mode.FLIGHT: "#9bd1b3",
+}  # fmt: skip
+MODE_WORDS = {mode: mode.replace("_", " ") for mode in MODE_COLOURS}
+NEUTRAL = "#4d4d4d"
+"""Colour of legend entries that stand for all curves."""
+SLIP_DASHES, FLIGHT_DOTS = (0, (3.5, 1.8)), (0, (1, 1.6))
+JUMP: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
+"""Line of a jump at the impact."""
+
+LEGEND_CHARACTERS, LEGEND_LINE = 96, 9
+"""Characters that fit side by side under a figure, and how many of them a sample line and its gap take."""
+LEGEND_ROWS, LEGEND_ROW = 3, 0.2
+"""Rows of a legend for which a figure has room, and height of each further one [inch]."""
+WIDTH, HEIGHT = 6.0, 4.0
+"""Size of a figure with one panel [inch]."""
+STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": "medium",
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": "small",
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 160,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "gaitopt",
+    "pdf.fonttype": 42,
+}
+_STYLING = threading.RLock()
+"""Held while matplotlib's settings are those of ``STYLE``: they hold for the whole process."""
+_NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw in the style of this package within the block; one thread at a time."""
+    with _STYLING, mpl.rc_context(STYLE):
+        yield
+
+
+def panels(
+    rows: int = 1, *, heights: Sequence[float] | None = None, height: float = HEIGHT
+) -> tuple[Figure, list[Axes]]:
+    """A figure with panels one above the other that share their horizontal axis."""
+    with styled():
+        figure = Figure(figsize=(WIDTH, height))
+        FigureCanvasAgg(figure)
+        ratios = list(heights) if heights else [1.0] * rows
+        axes = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=ratios)
+    return figure, list(axes[:, 0])
+
+
+def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) -> list[Path]:
+    """Write a figure in several formats; the same figure gives the same bytes."""
+    paths = [stem.with_name(f"{stem.name}.{extension}") for extension in formats]
+    for path, extension in zip(paths, formats, strict=True):
+        write_whole(path, drawn(figure, extension))
+    return paths
+
+
+def drawn(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -> bytes:
+    """A figure as a file of some format."""
+    content = BytesIO()
+    with styled():
+        figure.savefig(content, format=extension, metadata=_NO_DATE[extension], dpi=dpi)
+    return content.getvalue()
+
+
+def dashes(mode: Mode) -> Any:
+    """Line style of a mode: solid where the foot sticks, dashed where it slips, dotted in flight."""
+    return FLIGHT_DOTS if mode.flies else "-" if mode.sticks else SLIP_DASHES
+
+
+def entry(words: str, **style: Any) -> Line2D:
+    """A legend's entry."""
+    return Line2D([], [], label=words, **({"color": NEUTRAL} | style))
+
+
+def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
+    """Legend entries that say what solid, dashed and dotted mean, as far as they occur."""
+    entries = []
+    if any(mode.sticks for mode in modes):
+        entries.append(entry("foot sticks"))
+    if any(mode.slips for mode in modes):
+        entries.append(entry("foot slips", linestyle=SLIP_DASHES))
+    if any(mode.flies for mode in modes):
+        entries.append(entry("flight", linestyle=FLIGHT_DOTS))
+    return entries
+
+
+def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
+    """A legend under the axes, in as many columns as fit; long entries are wrapped, and the figure grows with it."""
+    for handle in handles:
+        handle.set_label(fill(str(handle.get_label()), LEGEND_CHARACTERS - LEGEND_LINE))
+    lines = [str(handle.get_label()).split("\n") for handle in handles]
+    longest = max(len(line) for own in lines for line in own)
+    columns = max(1, min(len(handles), LEGEND_CHARACTERS // (longest + LEGEND_LINE)))
+    rows = -(-sum(map(len, lines)) // columns)
+    figure.set_figheight(figure.get_figheight() + LEGEND_ROW * max(0, rows - LEGEND_ROWS))
+    with styled():
+        figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Label:
+    """How a quantity is written."""
+
+    words: str
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.words} [{self.unit}]" if self.unit else self.words
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """The parameter of a branch as figures and pages show it: in degrees where the problem's file gives degrees."""
+
+    key: str
+    in_degrees: bool = False
+
+    @property
+    def label(self) -> Label:
+        """Its label with the unit in which it is shown."""
+        return replace(label(self.key), unit="°") if self.in_degrees else label(self.key)
+
+    def shown(self, records: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+        """Points and special points with their ``value`` in this unit."""
+        if not self.in_degrees:
+            return list(records)
+        return [{**r, "value": degrees(r["value"])} if r.get("value") is not None else r for r in records]
+
+
+def parameter_of(problem: Problem, key: str) -> Parameter:
+    """How the continued parameter of a problem is shown."""
+    value: Any = parse_source(problem.text, problem.name).data if problem.text else None
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return Parameter(key=key, in_degrees=isinstance(value, str) and value.rstrip().endswith("deg"))
+
+
+SYMBOLS = {"spectral_radius": "|λ|", "friction": "μ"}
+
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+def symbol(state: str) -> str:
+    """A state's name as it is written: ``dtheta1`` becomes θ̇₁."""
+    rate = state.startswith("d") and len(state) > 1
+    name = state[1:] if rate else state
+    stem = name.rstrip("0123456789")
+    greek = {"theta": "θ", "phi": "φ", "psi": "ψ", "alpha": "α"}.get(stem, stem)
+    written = greek + name[len(stem) :].translate(_SUBSCRIPTS)
+    if not rate:
+        return written
+    return written[0] + "\u0307" + written[1:] if len(greek) == 1 else f"rate of {written}"
+
+
+def label(key: str) -> Label:
+    """Label of a scalar, a state or a parameter by its key; what is unknown keeps its key."""
+    if key == "time":
+        return Label(words="time since impact", unit="s")
+    if key in SCALARS or key in FRICTION_LABELS:
+        return Label(words=f"{label_of(key)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key)))
+    last, unit = key.rpartition(".")[2], unit_of(key)
+    words = last.replace("_", " ")
+    return Label(words=f"{words} torque" if unit == "N m" else words, unit=typeset(unit))
+
+
+def typeset(unit: str) -> str:
+    """A unit with raised exponents."""
+    return unit.replace("^2", "²")
+
+
+CODES = 8191
+"""A chart on a page is some 300 pixels high."""
+
+
+def pack(columns: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """Pack columns of equal length; ``columns.js`` unpacks them to within 7e-5 of their range."""
+    packed, rows = {}, 0
+    for name, values in columns.items():
+        numbers = np.asarray(values, dtype=float)
+        rows, low = len(numbers), float(numbers.min())
+        step = float(np.ptp(numbers)) / CODES
+        codes = np.round((numbers - low) / step).astype("<u2") if step > 0 else np.empty(0, "<u2")
+        planes = codes.view(np.uint8).reshape(-1, 2).T.tobytes()
+        packed[name] = [float(f"{low:.7g}"), float(f"{step:.5g}"), base64.b64encode(planes).decode()]
+    return {"rows": rows, "columns": packed}

@@ -1,0 +1,468 @@
+"""Tables and numbers as a person likes to read them, in a terminal of any width.
+
+Problems, gaits, walks and verifications as tables.
+
+Several gaits as tables: searches, families, basins, sweeps, fronts and many starts, from their JSON records.
+
+The tables that the command line prints, as HTML for a notebook.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import singledispatch
+from io import StringIO
+from typing import Any, Literal
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from gaitopt.gait.branch import TERMINAL, Branch, cascades
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.trajectory import Trajectory
+from gaitopt.model.cycle import Cycle, ModeSequence, mode_words
+from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import label_of, relevant_scalars, scalar_values, state_unit, unit_of
+from gaitopt.problem.schema import OpenSequence, PDSpec
+from gaitopt.runs.basin import Basin
+from gaitopt.runs.front import Front
+from gaitopt.runs.multistart import Optimum
+from gaitopt.runs.sweep import Sweep, sweep_record
+from gaitopt.search.explain import Explanation
+from gaitopt.search.find import Gaits
+from gaitopt.verification.verify import Verification
+from gaitopt.verification.walk import Walk
+
+GAP = 3
+"""Columns between two cells."""
+NEGLIGIBLE = 1e-12
+"""Shown as zero: rounding, in any unit that occurs here."""
+
+
+def table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    numbers: Sequence[int] = (),
+    widths: Sequence[int] | None = None,
+) -> Table:
+    """A plain table; the columns at ``numbers`` are right-aligned, and words wrap in a narrow terminal."""
+    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    cells = [tuple(row) for row in rows]
+    for index, (column, *own) in enumerate(zip(columns, *cells, strict=True)):  # no word is broken or lost
+        justify: Literal["right", "left"] = "right" if index in numbers else "left"
+        least = max(map(_longest_word, (column, *own)))
+        fixed = None if widths is None else widths[index]
+        grid.add_column(column, justify=justify, overflow="fold", min_width=least, width=fixed)
+    for row in cells:
+        grid.add_row(*row)
+    return grid
+
+
+def section(
+    console: Console,
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    numbers: Sequence[int] = (),
+) -> None:
+    """Print a table under its title."""
+    console.print(f"\n{title}", style="bold")
+    print_table(console, columns, rows, numbers=numbers)
+
+
+def print_table(
+    console: Console, columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()
+) -> None:
+    """Print a table; where its words do not fit side by side, every row as a block of lines instead."""
+    cells = [tuple(row) for row in rows]
+    widths = _widths(list(zip(columns, *cells, strict=True)), console.width - GAP * (len(columns) - 1))
+    if widths is not None:
+        console.print(table(columns, cells, numbers=numbers, widths=widths))
+        return
+    for row in cells:
+        console.print(row[0], style="bold", soft_wrap=False, overflow="fold")
+        for column, cell in list(zip(columns, row, strict=True))[1:]:
+            if cell:
+                console.print(f"  {column}: {cell}" if column else f"  {cell}", overflow="fold")
+
+
+def _widths(columns: Sequence[tuple[str, ...]], room: int) -> list[int] | None:
+    """Widths of columns, the widest narrowed until all fit into ``room``; None where their words do not."""
+    least = [max(map(_longest_word, column)) for column in columns]
+    widths = [max(len(line) for cell in column for line in cell.split("\n")) for column in columns]
+    if sum(least) > room:
+        return None
+    while sum(widths) > room:
+        widths[max((k for k, width in enumerate(widths) if width > least[k]), key=widths.__getitem__)] -= 1
+    return widths
+
+
+def _longest_word(text: str) -> int:
+    return max((len(word) for word in text.split()), default=0)
+
+
+def number(value: float | None) -> str:
+    """Six digits for the eye; the JSON has them all."""
+    if value is None:
+        return "-"
+    return f"{0.0 if abs(value) < NEGLIGIBLE else value:.6g}"
+
+
+def with_degrees(value: float, unit: str) -> str:
+    """The unit, and for an angle the value in degrees behind it."""
+    return f"{unit} ({math.degrees(value):.5g} deg)" if unit == "rad" else unit
+
+
+FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
+LIST_COLUMNS = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
+STABILITY = {True: "stable", False: "unstable"}
+
+
+def print_problems(console: Console, problems: Sequence[tuple[Problem, Mapping[str, Any]]]) -> None:
+    """Problems by walker, each with what is known of its gait; columns that are empty are left out."""
+    for model in sorted({problem.walker.model for problem, _ in problems}):
+        rows = [_listed(problem, record) for problem, record in problems if problem.walker.model == model]
+        kept = [k for k, column in enumerate(LIST_COLUMNS) if column == "about" or any(row[k] for row in rows)]
+        section(console, model, [LIST_COLUMNS[k] for k in kept], [[row[k] for k in kept] for row in rows])
+
+
+def _listed(problem: Problem, record: Mapping[str, Any]) -> tuple[str, ...]:
+    radius = record.get("spectral_radius")
+    known = ("", "", "") if radius is None else (number(record["period"]), number(radius), STABILITY[radius < 1])
+    kind = problem.control.type if problem.control.type != "none" else ""
+    return problem.name, kind, friction(problem), str(problem.modes), *known, problem.about.strip()
+
+
+def print_problem(console: Console, problem: Problem) -> None:
+    """A problem: walker, control, mode sequence, guess, unknowns."""
+    console.print(problem.name, style="bold")
+    if problem.about:
+        console.print(problem.about)
+    section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), _walker(problem), numbers=(1,))
+    section(console, "contact and control", ("key", "value", "unit"), _contact(problem), numbers=(1,))
+    for title, step in _steps(problem):
+        section(console, title, ("phase", "mode"), _sequence(step))
+    if problem.start is not None:
+        values = problem.start.state.items()
+        state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values)
+        section(console, "guess, just after the impact", ("state", "value", "unit"), state, numbers=(1,))
+    if problem.free:
+        unknowns = ((key, number(f.lower), number(f.upper), number(f.guess)) for key, f in problem.free.items())
+        section(console, "unknown parameters", ("key", "from", "to", "guess"), unknowns, numbers=(1, 2, 3))
+    if problem.objective:
+        weights = ((name, number(weight)) for name, weight in problem.objective.items())
+        section(console, "minimised", ("scalar", "weight"), weights, numbers=(1,))
+    if problem.constraints:
+        spans = ((name, number(s.minimum), number(s.maximum)) for name, s in problem.constraints.items())
+        section(console, "constraints", ("scalar", "from", "to"), spans, numbers=(1, 2))
+
+
+def print_gait(console: Console, record: Mapping[str, Any]) -> None:
+    """A gait from its JSON object."""
+    stable = STABILITY[record["spectral_radius"] < 1]
+    console.print(f"{record['problem']}: {record['status']}, {stable}", style="bold")
+    _print_motion(console, record)
+    rows = ((number(m["re"]), number(m["im"]), number(abs(complex(m["re"], m["im"])))) for m in record["multipliers"])
+    section(console, "Floquet multipliers", ("re", "im", "modulus"), rows, numbers=(0, 1, 2))
+    if record["parameters"]:
+        freed = ((key, number(value)) for key, value in record["parameters"].items())
+        section(console, "parameters found", ("key", "value"), freed, numbers=(1,))
+    if record["verification"]:
+        print_verification(console, record["verification"])
+
+
+def print_walk(console: Console, record: Mapping[str, Any]) -> None:
+    """A simulated walk from its JSON object."""
+    console.print(f"{record['problem']}: {record['steps']} steps, {record['status']}", style="bold")
+    console.print(record["message"])
+    _print_motion(console, record, last=" of the last step")
+
+
+def print_verification(console: Console, record: Mapping[str, Any]) -> None:
+    """Every claim with its figure and tolerance."""
+    rows = (
+        (
+            c["name"],
+            f"{c['figure']:.2g}" if c["figure"] is not None else "-",
+            f"{c['tolerance']:.2g}",
+            "ok" if c["passed"] else "FAILED",
+            c["note"],
+        )
+        for c in record["claims"]
+    )
+    title = "verified by forward simulation" if record["passed"] else "NOT verified by forward simulation"
+    section(console, title, ("claim", "figure", "tolerance", "", ""), rows, numbers=(1, 2))
+
+
+def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -> None:
+    if record["phases"]:  # a walk without a complete step has neither phases nor figures
+        steps = record["steps"] if isinstance(record.get("steps"), list) else [record]
+        phases = [row for step in steps for row in _phases(step)]
+        section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
+        values = scalar_values(record)
+        scalars = ((label_of(key), number(values[key]), unit_of(key)) for key in relevant_scalars([record]))
+        section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
+    state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
+    section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
+
+
+def _phases(step: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    rows = [
+        (str(k), Mode.from_record(phase), number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)
+    ]
+    return [*rows, ("impact", step["impact"], "")]
+
+
+def friction(problem: Problem) -> str:
+    """The coefficient of friction, or static and kinetic coefficient."""
+    return " / ".join(number(problem.parameters[key]) for key in FRICTION_KEYS if key in problem.parameters)
+
+
+def _walker(problem: Problem) -> Iterable[tuple[str, str, str, str]]:
+    for name, field in type(problem.walker).model_fields.items():
+        value = getattr(problem.walker, name)
+        words, _, unit = (field.description or "").partition(" [")
+        yield name, number(value), with_degrees(value, unit.rstrip("]")), words
+
+
+def _contact(problem: Problem) -> Iterable[tuple[str, str, str]]:
+    for key, value in problem.parameters.items():
+        if key.partition(".")[0] == "friction":
+            yield key, number(value), unit_of(key)
+    yield "impact_law", str(problem.impact_law), ""
+    yield "control", problem.control.type, ""
+    for key, value in problem.parameters.items():
+        group, _, name = key.rpartition(".")
+        if group == "control":
+            yield name, number(value), unit_of(key) or "N m"
+    if isinstance(problem.control, PDSpec) and problem.reference is not None:
+        yield "reference", problem.reference.name, f"beyond its end: {problem.control.reference.beyond_end}"
+
+
+def _steps(problem: Problem) -> Iterable[tuple[str, ModeSequence | OpenSequence]]:
+    """The steps of the cycle with their titles, or what is known of an open one."""
+    if isinstance(problem.modes, OpenSequence):
+        yield "one step" if problem.modes.steps == 1 else f"at most {problem.modes.steps} steps", problem.modes
+        return
+    steps = problem.modes.steps
+    for k, step in enumerate(steps, start=1):
+        yield "one step" if len(steps) == 1 else f"step {k} of {len(steps)}", step
+
+
+def _sequence(step: ModeSequence | OpenSequence) -> Iterable[tuple[str, str]]:
+    if isinstance(step, OpenSequence):
+        yield "1, 2, ...", "to be found"
+        yield "impact", str(step.impact or "to be found")
+        return
+    for index, mode in enumerate(step.phases, start=1):
+        yield str(index), str(mode)
+    yield "impact", str(step.impact)
+
+
+Record = Mapping[str, Any]
+
+
+def sequence(record: Record) -> str:
+    """The mode sequence of the record of a gait."""
+    steps = [str(step) for step in Cycle.from_record(record).steps]
+    return f"{len(steps)} times {steps[0]}" if len(steps) > 1 and len(set(steps)) == 1 else " | ".join(steps)
+
+
+def print_gaits(console: Console, record: Record) -> None:
+    """What a search has found, one line per gait, and what was searched."""
+    searched = record["searched"]
+    tried = ", ".join(f"{count} of {method}" for method, count in searched["starts"].items())
+    console.print(f"{record['problem']}: {len(record['gaits'])} gaits from {tried}", style="bold")
+    if record["gaits"]:
+        _print_list(console, "gaits", record["gaits"])
+    for lost in searched["rejected"]:
+        console.print(f"no gait: {lost['sequence']}, from {len(lost['starts'])} starts: {lost['reason']}")
+    for reason in searched["failed"]:
+        console.print(f"a part of the search failed: {reason}")
+
+
+def print_explanation(console: Console, record: Record) -> None:
+    """Why there is no gait, what happens instead, and where it begins to exist."""
+    if record["exists"]:
+        console.print(f"{record['problem']}: this gait exists; `gaitopt solve` shows it", style="bold")
+        return
+    console.print(f"{record['problem']}: there is no such gait", style="bold")
+    for cause in record["causes"]:
+        console.print(f"  {cause['words']}")
+    if record["simulated"]:
+        walk = record["simulated"]
+        console.print(f"from the guess: {walk['steps']} steps, {walk['status']}: {walk['message']}")
+    for nearest in record["nearest"]:
+        where = f"{nearest['parameter']} = {nearest['value']:.10g}"
+        console.print(f"the phases begin to exist at {where} ({_words(nearest['type'])}): {nearest['reason']}")
+    if record["instead"]:
+        _print_list(console, "gaits that there are", record["instead"])
+    else:
+        console.print("no gait of any other mode sequence was found here")
+
+
+def _print_list(console: Console, title: str, gaits: Sequence[Record]) -> None:
+    columns = ("", "phases; impact", "steps", "period [s]", "speed [m/s]", "radius", "", "starts")
+    rows = (
+        (
+            str(k),
+            sequence(gait),
+            str(gait["n_steps"]),
+            number(gait["period"]),
+            number(gait["speed"]),
+            number(gait["spectral_radius"]),
+            STABILITY[gait["spectral_radius"] < 1],
+            str(len(gait["starts"])),
+        )
+        for k, gait in enumerate(gaits)
+    )
+    section(console, title, columns, rows, numbers=(2, 3, 4, 5, 7))
+
+
+def print_branch(console: Console, records: Sequence[Record], parameter: str) -> None:
+    """The branches of a family, what happens on them, and its cascades; records may state their ``sequence``."""
+    specials = [record for record in records if record["record"] == "special"]
+    unit = unit_of(parameter)
+    rows = list[tuple[str, ...]]()
+    for branch in sorted({record["branch"] for record in records if record["record"] == "point"}):
+        points = [record for record in records if record["record"] == "point" and record["branch"] == branch]
+        radii = [point["spectral_radius"] for point in points]
+        own = [s for s in specials if s["branch"] == branch and (s["next"] or s["type"] in TERMINAL)]
+        joints = [" -> ".join(filter(None, (_words(s["type"]), ", ".join(map(str, s["next"]))))) for s in own]
+        rows.append(
+            (
+                str(branch),
+                points[0].get("sequence") or sequence(points[0]),
+                number(points[0]["value"]),
+                number(points[-1]["value"]),
+                str(len(points)),
+                f"{min(radii):.4f} to {max(radii):.4f}",
+                "; ".join(joints),
+            )
+        )
+    between = [f"{end} [{unit}]" if unit else end for end in ("from", "to")]
+    columns = ("branch", "mode sequence", *between, "points", "|multiplier|", "joints")
+    section(console, "branches", columns, rows, numbers=(2, 3, 4))
+    for k, special in enumerate(specials):
+        guess = "" if special["status"] == "converged" else " (only bracketed)"
+        place = f"{special['value']:.12g} {with_degrees(special['value'], unit)}".rstrip()
+        console.print(f"{k}: branch {special['branch']}, {place}{guess}: {event(special)}")
+    for cascade in cascades(records):
+        console.print(f"cascade: {cascade}")
+
+
+def event(special: Record) -> str:
+    """What happens at a special point."""
+    return ": ".join(filter(None, (_words(special["type"]), special["reason"])))
+
+
+def print_basin(console: Console, record: Record) -> None:
+    """The gaits that states settle on, and how the others fail."""
+    gaits = [
+        (str(k), g["kind"], f"{g['states']:,}", f"{g['share']:.2%}", f"{', '.join(g['phases'])}; {g['impact']}")
+        for k, g in enumerate(record["gaits"])
+    ]
+    failures = sorted(record["failures"].items(), key=lambda failure: -failure[1])
+    failed = [("", _words(name), f"{n:,}", f"{n / record['states']:.2%}", "") for name, n in failures]
+    title = f"{record['problem']}: {record['states']:,} states"
+    section(console, title, ("", "ends on", "states", "share", "modes; impact"), [*gaits, *failed], numbers=(0, 2, 3))
+
+
+def print_sweep(console: Console, record: Record) -> None:
+    """How many points of a grid have a gait, and what became of the others."""
+    statuses = ", ".join(f"{count} {_words(status)}" for status, count in record["statuses"].items())
+    console.print(f"{record['problem']}: {record['jobs']} jobs, {statuses}")
+    console.print(f"verified: {record['verified']}" + (f", REFUTED: {record['refuted']}" if record["refuted"] else ""))
+    for job in record["set_aside"]:
+        place = ", ".join(f"{key} = {value:g}" for key, value in job["at"].items())
+        console.print(f"set aside: {place}: {job['reason']}")
+
+
+def print_front(console: Console, record: Record) -> None:
+    """The designs of a front in the order of what is varied."""
+    rows = list[tuple[str, ...]]()
+    for point in record["points"]:
+        if point["objective"] is None:
+            rows.append((number(point["value"]), "", "", "", "", f"{_words(point['status'])}: {point['message']}"))
+            continue
+        scalars = (number(point[key]) for key in ("value", "objective", "speed", "spectral_radius"))
+        checked = "verified" if point["verification"]["passed"] else "REFUTED"
+        rows.append((*scalars, "front" if point["pareto"] else "beaten", checked))
+    columns = (record["over"].partition("=")[0], "objective", "speed [m/s]", "radius", "", "")
+    section(console, record["problem"], columns, rows, numbers=(0, 1, 2, 3))
+
+
+def print_optima(console: Console, optima: Sequence[Optimum], starts: int) -> None:
+    """One line per distinct solution of many starts."""
+    converged = sum(len(optimum.starts) for optimum in optima)
+    console.print(f"{starts} starts: {converged} found a gait, {len(optima)} of them distinct")
+    for optimum in optima:
+        times = f"{len(optimum.starts)} start{'s' if len(optimum.starts) > 1 else ''}"
+        checked = "verified" if optimum.verified else "REFUTED"
+        gait = f"period {optimum.record['period']:.6g} s, radius {optimum.radius:.4g}"
+        console.print(f"  objective {optimum.objective:.9g}, {gait}, {times}, {checked}")
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+WIDTH = 110
+"""Characters of a line."""
+BLOCK = '<pre style="line-height: 1.25; overflow-x: auto">{code}</pre>'
+
+
+def printed(result: Any) -> str:
+    """What is printed of a result, in a block of HTML."""
+    console = Console(record=True, file=StringIO(), width=WIDTH, markup=False, highlight=False, emoji=False)
+    print_result(result, console)
+    return console.export_html(inline_styles=True, code_format=BLOCK)
+
+
+@singledispatch
+def print_result(result: Any, console: Console) -> None:
+    """Print a result."""
+    raise TypeError(f"a {type(result).__name__} has no table")
+
+
+@print_result.register
+def _(result: Gait, console: Console) -> None:
+    if result.converged:
+        print_gait(console, result.to_record())
+    else:
+        console.print(f"{result.problem.name}: {result.status}: {result.message}")
+
+
+@print_result.register
+def _(result: Trajectory, console: Console) -> None:
+    rows = [
+        (
+            str(k),
+            mode_words(mode for mode, _ in step.phases),
+            "-" if step.impact is None else str(step.impact.mode),
+            number(step.period),
+            "-" if step.impact is None else number(step.impact.step_length),
+        )
+        for k, step in enumerate(result.steps, start=1)
+    ]
+    section(console, "steps", ("", "phases", "impact", "time [s]", "length [m]"), rows, numbers=(0, 3, 4))
+    console.print(result.message)
+
+
+print_result.register(Problem, lambda problem, console: print_problem(console, problem))
+print_result.register(Walk, lambda walk, console: print_walk(console, walk.to_record()))
+print_result.register(Verification, lambda checked, console: print_verification(console, checked.to_record()))
+print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.to_record()))
+print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))
+print_result.register(Branch, lambda branch, console: print_branch(console, branch.to_records(), branch.parameter))
+print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
+print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep_record(sweep)))
+
+
+@print_result.register
+def _(result: Front, console: Console) -> None:
+    record = {"problem": result.problem.name, "over": result.key, "points": result.to_records()}
+    print_front(console, record)

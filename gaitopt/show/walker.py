@@ -1,0 +1,288 @@
+"""What a walker looks like: points that move, lines between them, and discs for the masses.
+
+The legs of the named walkers are known. A walker may state the lines that draw it (``Walker.outline``). Any other
+walker is drawn from its bodies and feet: two points that keep their distance are joined, and whatever hangs loose is
+tied to its neighbour by a thin line.
+
+A moving walker on a page, and its data: the walker's drawing, forces, states and torques at some tens of times.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import accumulate, combinations
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from casadi import SX, Function, horzcat, vertcat
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from gaitopt.arrays import Array
+from gaitopt.gait import curves
+from gaitopt.gait.trajectory import Arc
+from gaitopt.model.declaration import state_mechanism, state_picture
+from gaitopt.model.lagrangian import parameter_namespace
+from gaitopt.model.walker import Walker
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.show.motion import Motion, running
+from gaitopt.show.style import pack
+
+RIGID = 1e-9
+"""Relative change of a distance below which two points belong to one rigid part."""
+COINCIDENT = 1e-9
+"""Points so close [m] are one."""
+DIGITS = 9
+"""Of lengths that are compared: rounding does not decide which of two equal legs comes first."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Skeleton:
+    """A walker's drawing along a motion.
+
+    Attributes
+    ----------
+    points : ndarray, shape (m, n, 2) - positions [m] at m times; the first is the stance foot, the second the swing
+        foot.
+    legs : pairs of indices into the points, stance leg first.
+    ties : pairs that are not rigid.
+    discs : index and mass fraction of every mass.
+    contact : index of the point at which the ground acts.
+    """
+
+    points: Array
+    legs: tuple[tuple[int, int], ...]
+    ties: tuple[tuple[int, int], ...] = ()
+    discs: tuple[tuple[int, float], ...] = ()
+    contact: int = 0
+
+
+def skeleton(motion: Motion, states: Array, sides: Sequence[int] = (0,)) -> Skeleton:
+    """The drawing of a motion's walker at ``states`` of shape (m, n_z).
+
+    Parameters
+    ----------
+    sides : which leg stands at each of them, see ``Walker.side``; one for all will do.
+    """
+    walker = motion.walker
+    positions, masses, _, lines = _mechanism(walker)
+    p = motion.dynamics.p[: len(walker.model_fields)]
+    standing = np.array([walker.standing(p, side) for side in sides]).T
+    q = states[:, : motion.dynamics.system.n_shape + 1].T
+    points = np.asarray(positions(q, standing)).T.reshape(len(states), -1, 2)
+    mass = np.asarray(masses(p)).ravel()
+    discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
+    if lines:
+        contact = points.shape[1] - 1
+        return Skeleton(points=points, legs=_strokes(lines, 2 + mass.size), discs=discs, contact=contact)
+    draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
+    return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), motion)
+
+
+def slope(motion: Motion) -> float:
+    """Slope of the ground [rad], downhill along x, from the direction of gravity."""
+    _, _, gravity, _ = _mechanism(motion.walker)
+    along, normal = np.asarray(gravity(motion.dynamics.p[: len(motion.walker.model_fields)])).ravel()
+    return float(np.arctan2(along, -normal))
+
+
+def _strokes(lines: tuple[int, ...], first: int) -> tuple[tuple[int, int], ...]:
+    """Pairs of neighbours on lines of so many points each, which follow one another from index ``first``."""
+    starts = accumulate(lines[:-1], initial=first)
+    return tuple((k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1))
+
+
+def _wheel(bare: Skeleton, motion: Motion) -> Skeleton:
+    """All spokes, turned about the hub from the stance spoke."""
+    spokes = round(motion.dynamics.parameter("walker.spokes"))
+    foot, swing, hub = (bare.points[:, k] for k in range(3))
+    turns = -2 * np.pi / spokes * np.arange(2, spokes)
+    arm = foot - hub
+    others = [hub + arm @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) for a in -turns]
+    points = np.stack([foot, swing, hub, *others], axis=1)
+    return replace(bare, points=points, legs=tuple((2, k) for k in range(points.shape[1]) if k != 2))
+
+
+_DRAWINGS: dict[type[Walker], Callable[[Skeleton, Motion], Skeleton]] = {
+    CompassBiped: lambda bare, motion: replace(bare, legs=((0, 3), (3, 1))),  # bodies are leg, hip, leg
+    RimlessWheel: _wheel,
+}
+
+
+def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
+    """A shortest tree over the points (Kruskal), rigid pairs first."""
+    pairs = []
+    for a, b in combinations(range(bare.points.shape[1]), 2):
+        distance = np.linalg.norm(bare.points[:, a] - bare.points[:, b], axis=1)
+        length = float(f"{distance.mean():.{DIGITS}g}")
+        pairs.append((bool(np.ptp(distance) > RIGID * max(length, COINCIDENT)), length, a, b))
+    part = list(range(bare.points.shape[1]))
+    legs, ties = list[tuple[int, int]](), list[tuple[int, int]]()
+    for loose, length, a, b in sorted(pairs):
+        if part[a] != part[b]:
+            part = [part[a] if x == part[b] else x for x in part]
+            if length > COINCIDENT:
+                (ties if loose else legs).append((a, b))
+    return replace(bare, legs=tuple(legs), ties=tuple(ties))
+
+
+@lru_cache(maxsize=8)
+def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tuple[int, ...]]:
+    """(coordinates, p) -> stance foot, swing foot, bodies, outline, contact in columns; p -> masses; p -> gravity.
+
+    Last come the numbers of points of the lines of the outline.
+    """
+    p = SX.sym("p", len(walker.model_fields))
+    names = walker.coordinates()
+    q = SX.sym("q", len(names))
+    coordinates = {"y": SX(0)} | {name: q[k] for k, name in enumerate(names)}
+    named = SimpleNamespace(**coordinates), parameter_namespace(walker, p)
+    mechanism, (lines, contact) = state_mechanism(walker, *named), state_picture(walker, *named)
+    drawn = [*(body.position for body in mechanism.bodies), *(point for line in lines for point in line)]
+    foot = vertcat(coordinates["x"], coordinates["y"])
+    places = horzcat(foot, mechanism.swing_foot, *drawn, contact)
+    masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
+    return (
+        Function("positions", [q, p], [places]),
+        Function("masses", [p], [masses]),
+        Function("gravity", [p], [mechanism.gravity]),
+        tuple(map(len, lines)),
+    )
+
+
+FRAMES = 72
+"""Most frames of a cycle; a page draws smooth curves through them."""
+FRAMES_OF_WALK = 240
+"""Fewest frames of a walk."""
+REPEATS = 4
+"""How often the page goes through a cycle before it starts again."""
+FEWEST = 5
+"""Frames of a phase, however short."""
+VISIBLE, SMALLEST = 3e-4, 1e-6
+"""Part of a state's range that can be seen on a page; and ranges [rad, m; per s] too small to matter."""
+
+
+def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
+    """A cycle or a walk as a JSON-able object, in SI units; ``walker.js`` and the report read it.
+
+    Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot, ``contact``
+    the one on which the ground acts; all x are counted from where the foot stood at the start of its step, which is
+    ``origin`` in the cycle. ``path`` are times and places between which the picture follows the walker.
+    """
+    cycle = list(_running(motion, frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))))
+    arcs = [part.arc for part in cycle]
+    sides = [part.arc.side for part in cycle for _ in part.arc.times]
+    drawing = skeleton(motion, np.vstack([arc.states for arc in arcs]), sides)
+    path = _path(motion)
+    impacts = [step.impact for step in motion.steps if step.impact is not None]
+    impulses = [impact.stick_impulse.tolist() for impact in impacts]
+    return {
+        "name": motion.name,
+        "slope": slope(motion),
+        "friction": motion.dynamics.static_friction,
+        "weight": float(motion.dynamics.system.weight(motion.dynamics.p)),
+        "period": _short(motion.period),
+        "steps": len(motion.steps),
+        "repeats": REPEATS if motion.periodic else 1,
+        "step_length": path[-1][1],
+        "path": path,
+        "impacts": [str(impact.mode) for impact in impacts],
+        "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
+        "shape": list(motion.walker.shape),
+        "lengths": bool(motion.walker.lengths),
+        "actuators": list(motion.walker.actuators),
+        "phases": _phases(cycle),
+        "legs": drawing.legs,
+        "ties": drawing.ties,
+        "discs": drawing.discs,
+        "contact": drawing.contact,
+        "frames": pack(_columns(motion, arcs, drawing)),
+    }
+
+
+def animation_page(motion: Motion, about: str = "") -> str:
+    """HTML of the walker going through several steps of ``motion``; ``about`` stands under the title."""
+    templates = Environment(
+        loader=PackageLoader("gaitopt.show", "web"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    templates.policies["json.dumps_kwargs"] = {"sort_keys": False, "separators": (",", ":")}
+    return templates.get_template("animation.html").render(film=film(motion), about=about)
+
+
+def _path(motion: Motion) -> list[list[float]]:
+    """Time [s] and place [m] of the stance foot at the start of each step, and of the walker at the end."""
+    times, places = [0.0], [0.0]
+    for step in motion.steps:
+        pace = places[-1] / times[-1] if times[-1] else 0.0
+        times.append(times[-1] + step.period)
+        places.append(places[-1] + (step.impact.step_length if step.impact is not None else pace * step.period))
+    return [[_short(time), _short(place)] for time, place in zip(times, places, strict=True)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """An arc at its frames, the index of its step, and time [s] and place [m] at which that step begins."""
+
+    arc: Arc
+    step: int
+    began: float
+    origin: float
+
+
+def _running(motion: Motion, frames: int) -> Iterator[_Part]:
+    origin = 0.0
+    for index, (began, step) in enumerate(running(motion.steps)):
+        for arc in step.arcs:
+            most = max(FEWEST, round(frames * arc.duration / motion.period))
+            yield _Part(_resolved(arc, most), index, began, origin)
+        origin += 0.0 if step.impact is None else step.impact.step_length
+
+
+def _resolved(arc: Arc, most: int) -> Arc:
+    """The arc at as few Chebyshev points as resolve it for the eye, but no more than ``most``."""
+    if len(arc.times) == 2:  # too short to be anything but straight
+        return arc
+    fitted = curves.coefficients(arc.states)
+    scale = np.maximum(np.ptp(arc.states, axis=0), SMALLEST)
+    left = (np.abs(fitted[::-1]).cumsum(axis=0)[::-1] / scale).max(axis=1)  # what is lost from each term on
+    enough = int(np.argmax(np.append(left, 0.0) < VISIBLE))
+    s = curves.points(min(max(enough, FEWEST), max(most, FEWEST)))
+    states = np.asarray(curves.evaluate(fitted, s))
+    return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
+
+
+def _phases(cycle: list[_Part]) -> list[dict[str, Any]]:
+    """Mode, times, step and first and last frame of every arc."""
+    ends = np.cumsum([len(part.arc.times) for part in cycle])
+    return [
+        {
+            "mode": str(part.arc.mode.contact),
+            "start": _short(part.began + part.arc.start),
+            "end": _short(part.began + part.arc.end),
+            "step": part.step,
+            "origin": _short(part.origin),
+            "first": int(end - len(part.arc.times)),
+            "last": int(end - 1),
+        }
+        for part, end in zip(cycle, ends, strict=True)
+    ]
+
+
+def _short(value: float) -> float:
+    """As many digits as a page can show."""
+    return float(f"{value:.7g}")
+
+
+def _columns(motion: Motion, arcs: list[Arc], drawing: Skeleton) -> dict[str, Any]:
+    observed = [motion.observe(arc) for arc in arcs]
+    force = np.vstack([o.force for o in observed])
+    torque = np.vstack([o.torque for o in observed])
+    states = np.vstack([arc.states for arc in arcs])
+    columns = {"f_t": force[:, 0], "f_n": force[:, 1]}
+    for name in motion.walker.shape:
+        columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
+    columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.walker.actuators)}
+    for k in range(drawing.points.shape[1]):
+        columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}
+    return columns

@@ -1,1 +1,0 @@
-"""Many steps at a time, by heyoka in batches."""

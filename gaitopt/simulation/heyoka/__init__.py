@@ -1,1 +1,0 @@
-"""Taylor integration and compiled functions by heyoka."""

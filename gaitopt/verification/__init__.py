@@ -1,0 +1,1 @@
+"""Comparison of a gait with the simulation; return map and multipliers; simulated walks."""

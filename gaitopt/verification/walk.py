@@ -1,0 +1,151 @@
+"""Walking forward from a state, without any knowledge of the mode sequence."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.gait.gait import Gait, WalkerMotion
+from gaitopt.gait.measures import MEASURES, measure
+from gaitopt.gait.trajectory import Step, Trajectory
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.problem.problem import Problem
+from gaitopt.simulation.engine import Engine, make_stepper
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk(WalkerMotion):
+    """A simulated walk.
+
+    Attributes
+    ----------
+    problem : whose walker, control and friction were used.
+    dynamics : the hybrid system at its parameters.
+    trajectory : steps, ending and message.
+    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait that it is compared with; no rows
+        if it started from a problem.
+    """
+
+    trajectory: Trajectory
+    gait_states: Array
+
+    def __repr__(self) -> str:
+        count, ending = len(self.complete_steps), self.trajectory.ending
+        return f"<Walk {self.problem.name}: {count} step{'' if count == 1 else 's'}, {ending}>"
+
+    @cached_property
+    def complete_steps(self) -> tuple[Step, ...]:
+        """The steps that ended with an impact."""
+        return tuple(step for step in self.trajectory.steps if step.impact is not None)
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object with the keys of a gait as far as a simulation knows them; scalars are of the last step."""
+        last = self.complete_steps[-1] if self.complete_steps else None
+        state = self.trajectory.section_states[-1]
+        values = zip(self.dynamics.parameters.items(), self.system.values(self.problem.parameters), strict=True)
+        impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
+        return {
+            "problem": self.problem.name,
+            "status": str(self.trajectory.ending),
+            "message": self.trajectory.message,
+            "friction": self.problem.friction_data,
+            "steps": len(self.complete_steps),
+            "phases": [] if last is None else [{**m.record, "duration": d} for m, d in last.phases],
+            "impact": None if last is None or last.impact is None else str(last.impact.mode),
+            "state": self._state_record(state),
+            **(dict.fromkeys(MEASURES) if last is None else measure(self.dynamics, [last])),
+            "section": [
+                {"time": float(t), "impact": mode, "state": self._state_record(z)}
+                for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
+            ],
+            "gait_states": [self._state_record(state) for state in self.gait_states],
+            "parameters": {key: value for (key, value), own in values if value != own},  # those of the gait
+        }
+
+    @property
+    def section_times(self) -> Array:
+        """Times of the start and of each impact [s]; shape (n_impacts + 1,)."""
+        return np.cumsum([0.0, *(step.period for step in self.complete_steps)])
+
+    def _tabulated(self) -> tuple[tuple[Step, ...], dict[str, str]]:
+        return self.trajectory.steps, {"problem": self.problem.name, "ending": str(self.trajectory.ending)}
+
+
+def simulate(
+    start: Gait | Problem,
+    state: Mapping[str, float] | None = None,
+    steps: int = 1,
+    *,
+    dense: bool = True,
+    engine: str = Engine.AUTO,
+    should_stop: Stop = None,
+) -> Walk:
+    """Simulate steps from a state just after an impact.
+
+    Parameters
+    ----------
+    start : a gait, or a problem (then from the state of its guess).
+    state : values by name that replace those of ``start``'s state; what follows from the section is completed.
+    steps : how many.
+    dense : False keeps only the ends of every arc, for long walks.
+    engine : ``auto``, ``scipy`` or ``heyoka``.
+
+    Raises
+    ------
+    SolveError
+        If ``start`` is an attempt that failed, and ``state`` does not say where to start.
+    ProblemError
+        If a coordinate or rate of the state is not a finite number.
+    UnknownNameError
+        If ``state`` names something that is not a section coordinate of the walker, or the
+        engine is unknown or not installed.
+    """
+    problem = start.problem if isinstance(start, Gait) else start
+    dynamics = start.dynamics if isinstance(start, Gait) else problem_dynamics(start)
+    z = _initial_state(start, dynamics, state or {})
+    stepper = make_stepper(dynamics, engine, steps=steps)
+    trajectory = Simulator(dynamics, stepper=stepper).run(z, steps=steps, dense=dense, should_stop=should_stop)
+    width = len(dynamics.system.state_names)
+    states = section_states(start) if isinstance(start, Gait) else np.empty(0)
+    return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width))
+
+
+def section_states(gait: Gait) -> Array:
+    """States of a gait after each impact; shape (n_steps, n_z)."""
+    return np.array([step.arcs[0].states[0] for step in gait.steps])
+
+
+def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
+    names = dynamics.system.walker.section_names(slipping=True)
+    unknown = [name for name in state if name not in names]
+    if unknown:
+        raise UnknownNameError(
+            f"state {', '.join(unknown)}: not a coordinate just after an impact; use {', '.join(names)}"
+        )
+    if isinstance(start, Gait) and not start.steps and len(state) < len(names):
+        raise SolveError(
+            f"{start.problem.name} is {start.status}: give the whole state to start from: {', '.join(names)}"
+        )
+    if isinstance(start, Problem):
+        known = dict(start.guess.state)
+    elif not start.steps:
+        known = {}
+    else:
+        known = dict(zip(dynamics.system.state_names, start.state, strict=True))
+    section = {name: float({**known, **state}[name]) for name in names}
+    z = dynamics.lift(np.array([*section.values()]))
+    undefined = [
+        f"{name} = {value}" for name, value in zip(dynamics.system.state_names, z, strict=True) if not isfinite(value)
+    ]
+    if undefined:
+        words = ", ".join(f"{name} = {value:g}" for name, value in section.items())
+        raise ProblemError(f"state {words}: the walker would start with {undefined[0]}, which is no number")
+    return z
