@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from types import SimpleNamespace, UnionType
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 from casadi import DM, SX, Function, depends_on, jacobian, symvar, vertcat
@@ -50,6 +51,8 @@ LISTS = ("shape", "section", "section_rates", "stops", "open_in_impact", "switch
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
 """Of what a method may return where an expression belongs."""
 MODEL = re.compile(r"\w[\w.-]*")
+_PASSED: WeakSet[type[Walker]] = WeakSet()
+"""Classes that have passed ``check_class``: every point of a branch builds a problem of the same class."""
 
 
 def check_class(walker: object) -> None:
@@ -62,12 +65,15 @@ def check_class(walker: object) -> None:
     """
     if not (isinstance(walker, type) and issubclass(walker, Walker)):
         raise ProblemError(f"{shown(walker)} is no subclass of gaitopt.Walker")
+    if walker in _PASSED:
+        return
     with calling(walker, "reading its attributes"):
         if inspect.isabstract(walker):
             raise ProblemError(f"{walker.__name__}: lacks {', '.join(sorted(walker.__abstractmethods__))}")
         reason = next(_class_faults(walker), None)
     if reason is not None:
         raise ProblemError(f"{walker.__name__}: {reason}")
+    _PASSED.add(walker)
 
 
 @contextmanager
