@@ -50,7 +50,6 @@ from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.gait import curves
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint, WalkState
 from gaitopt.gait.gait import Gait, Status
-from gaitopt.gait.measures import MEASURES
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
@@ -60,6 +59,7 @@ from gaitopt.nlp.assembly import impact_record
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.shooting import integrate_to
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import MEASURES
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.verify import Claim, confirm
 

@@ -155,8 +155,6 @@ def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int
 
 def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
     """The problem with a known gait as its guess."""
-    from gaitopt.verification.warm import guessed_from
-
     if "@" in start:
         source, record, known = _branch_point(start)
     else:
@@ -168,7 +166,7 @@ def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
         raise ProblemError(
             f"--start {start}: a gait of {source.walker.model}, but {problem.name} has {problem.walker.model}"
         )
-    return guessed_from(problem, record, known)
+    return problem.with_guess(record, known)
 
 
 def _branch_point(start: str) -> "tuple[Problem, dict[str, Any], dict[str, float]]":

@@ -86,7 +86,6 @@ def _prove_special(target: str, width: float | None, output: Path | None, termin
     from gaitopt.problem.faults import shown
     from gaitopt.proof.check import BRACKETED
     from gaitopt.proof.prove import prove_special
-    from gaitopt.search.find import closed
 
     run, _, number = target.rpartition(SPECIAL)
     problem, parameter, records = special_records(run)
@@ -96,7 +95,7 @@ def _prove_special(target: str, width: float | None, output: Path | None, termin
     kind = special["type"]
     if kind not in BRACKETED or not special["gait"]:
         raise UnknownNameError(f"{target} is of type {kind}; {', '.join(BRACKETED)} can be proved")
-    gait = solve(closed(problem, special["gait"]).replace({parameter: special["value"]}))
+    gait = solve(problem.with_gait(special["gait"]).replace({parameter: special["value"]}))
     if not gait.converged:
         return report(gait, None, terminal)
     terminal.say(f"proving {kind} of {gait.problem.name} near {parameter} = {special['value']:.9g}: some minutes")

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError
-from gaitopt.gait.measures import MEASURES, observe
+from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc, Step, data_frame, sample_set
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import state_unit, unit_of
+from gaitopt.problem.scalars import MEASURES, state_unit, unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame

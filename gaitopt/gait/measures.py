@@ -1,10 +1,11 @@
-"""Scalars of one step: period, speed, cost, forces, slip, clearance, with their units in the docstring of ``measure``.
+"""The scalars of a motion as numbers: the formulas of ``problem.scalars`` evaluated along arcs.
 
-The NLP and the simulator both provide arcs at Chebyshev points, so both are measured by the same functions.
+Solver and simulator both provide arcs at Chebyshev points, so the same functions measure both.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,17 +14,12 @@ from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import Scales
-from gaitopt.problem.scalars import SCALARS
-
-MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
-"""Names of what ``measure`` finds, in order."""
-
+from gaitopt.problem.scalars import MEASURES, SCALARS
 
 ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9
-"""Length of a step, in leg lengths, below which there is none."""
+"""Length of a step, in leg lengths, below which the walker has not moved."""
 WITHOUT_FORCE = 1e-9
 """Part of the largest contact force below which it counts as zero, as the force of a massless leg's spring may be."""
 
@@ -39,7 +35,7 @@ class Observation:
     power : ndarray, shape (m, n_u) - of each motor [W].
     swing_foot : ndarray, shape (m, 2) - position [m].
     energy : ndarray, shape (m,) - kinetic plus potential [J].
-    loss : ndarray, shape (m,) - power that the dampers take [W].
+    loss : ndarray, shape (m,) - power that the dampers dissipate [W].
     """
 
     force: Array
@@ -60,54 +56,32 @@ def observe(dynamics: Dynamics, arc: Arc) -> Observation:
 
 
 def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None]:
-    """Scalars of complete steps by the names of the result; lengths and works are sums over all of them.
+    """All scalars of complete steps, by the names in ``MEASURES``.
 
-    ``period`` [s]; ``step_length``, ``slip_distance``, ``foot_clearance`` [m]; ``speed`` [m/s]; ``work``,
-    ``damping_loss`` [J]; ``cost_of_transport``, ``absolute_cost_of_transport`` (work per weight and step length, None
-    on the spot); ``torque_squared`` (integral of u'u) [N^2 m^2 s]; ``peak_torque`` [N m]; ``required_friction``
-    (largest ``|f_t|/f_n`` while sticking, None without sticking), ``impulse_ratio`` (None without an impulse);
-    ``min_normal_force`` on the ground [N].
+    A scalar that is not defined is None: a cost where the walker stays on the spot, the required friction without a
+    sticking phase, the impulse ratio without an impulse. Units are those of ``problem.scalars.SCALARS``.
 
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
-    several steps the least of these. The work is that of motors and pushes.
-
-    References
-    ----------
-    Gamus & Or (2013), eq. (22) for the cost of transport.
+    several steps it is the smallest of these.
     """
-    impacts = [step.final_impact for step in steps]
-    by_step = [[(arc, observe(dynamics, arc)) for arc in step.arcs] for step in steps]
-    observed = [pair for pairs in by_step for pair in pairs]
-    driven = [(arc.duration, o.power, o.torque) for arc, o in observed if o.torque.any()]
-    pushed = sum(impact.push_work for impact in impacts)
-    work = pushed + sum(curves.integral(power.sum(axis=1), duration) for duration, power, _ in driven)
-    absolute = abs(pushed) + sum(
-        curves.absolute_integral(column, duration) for duration, power, _ in driven for column in power.T
-    )
-    length, period = sum(impact.step_length for impact in impacts), sum(step.period for step in steps)
-    moves = abs(length) > ON_THE_SPOT * dynamics.scales.length
-    weighted_length = float(buffered(dynamics.system.weight)(dynamics.p)[0][0]) * length
-    sticking = [friction_ratio(o.force) for a, o in observed if a.mode.sticks]
-    return {
-        "period": period,
-        "step_length": length,
-        "speed": length / period,
-        "work": work,
-        "damping_loss": sum(curves.integral(o.loss, a.duration) for a, o in observed),
-        "cost_of_transport": work / weighted_length if moves else None,
-        "absolute_cost_of_transport": absolute / weighted_length if moves else None,
-        "torque_squared": sum(curves.integral((torque**2).sum(axis=1), duration) for duration, _, torque in driven),
-        "peak_torque": max((_peak(column) for _, _, torque in driven for column in torque.T), default=0.0),
-        "slip_distance": sum(_slip(dynamics.system, a) for a, _ in observed),
-        "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in by_step),
-        "required_friction": max((_peak(ratio) for ratio in sticking), default=None),
-        "impulse_ratio": max((r for r in (impact.impulse_ratio for impact in impacts) if r is not None), default=None),
-        "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for a, o in observed if not a.mode.flies),
+    motion = _Motion(dynamics, steps)
+    extrema = {
+        "peak_torque": motion.peak_torque,
+        "foot_clearance": motion.foot_clearance,
+        "required_friction": motion.required_friction,
+        "impulse_ratio": motion.impulse_ratio,
+        "min_normal_force": motion.min_normal_force,
     }
+    values: dict[str, float | None] = {}
+    for name in MEASURES:
+        formula = SCALARS[name].formula
+        value = extrema[name]() if formula is None else formula(motion)
+        values[name] = None if value is None or np.isnan(value) else value
+    return values
 
 
 def measure_scales(scales: Scales) -> dict[str, float]:
-    """Natural unit of every measure by its name; one where it is a ratio."""
+    """Natural unit of every measure by its name; one for a ratio."""
     return {name: SCALARS[name].within.size(scales) for name in MEASURES}
 
 
@@ -120,13 +94,62 @@ def friction_ratio(force: Array) -> Array:
     return np.asarray(full[:, 0] / full[:, 1])
 
 
+class _Motion:
+    """``Quantities`` of complete steps as numbers, and the extrema of their curves."""
+
+    def __init__(self, dynamics: Dynamics, steps: Sequence[Step]) -> None:
+        self._dynamics = dynamics
+        self._impacts = [step.final_impact for step in steps]
+        self._steps = [[(arc, observe(dynamics, arc)) for arc in step.arcs] for step in steps]
+        self._arcs = [pair for pairs in self._steps for pair in pairs]
+        self.duration = sum(step.period for step in steps)
+        self.distance = sum(impact.step_length for impact in self._impacts)
+        self.push_work = sum(impact.push_work for impact in self._impacts)
+        x = dynamics.system.n_shape
+        self.slip = sum(float(abs(a.states[-1, x] - a.states[0, x])) if a.mode.slips else 0.0 for a, _ in self._arcs)
+
+    @property
+    def transport(self) -> float:
+        """Weight times distance [J]; NaN on the spot, where no cost is defined."""
+        if abs(self.distance) <= ON_THE_SPOT * self._dynamics.scales.length:
+            return float("nan")
+        return float(buffered(self._dynamics.system.weight)(self._dynamics.p)[0][0]) * self.distance
+
+    def integral(self, rate: str) -> float:
+        """Integral of ``power``, ``absolute_power``, ``loss`` or ``squared_torque`` over all arcs."""
+        if rate == "loss":
+            return sum(curves.integral(o.loss, arc.duration) for arc, o in self._arcs)
+        if rate == "power":
+            return sum(curves.integral(o.power.sum(axis=1), arc.duration) for arc, o in self._driven)
+        if rate == "squared_torque":
+            return sum(curves.integral((o.torque**2).sum(axis=1), arc.duration) for arc, o in self._driven)
+        columns = ((column, arc.duration) for arc, o in self._driven for column in o.power.T)
+        return sum(curves.absolute_integral(column, duration) for column, duration in columns)
+
+    def peak_torque(self) -> float:
+        return max((_peak(column) for _, o in self._driven for column in o.torque.T), default=0.0)
+
+    def foot_clearance(self) -> float:
+        return min(max(_clearances(pairs), default=0.0) for pairs in self._steps)
+
+    def required_friction(self) -> float | None:
+        return max((_peak(friction_ratio(o.force)) for arc, o in self._arcs if arc.mode.sticks), default=None)
+
+    def impulse_ratio(self) -> float | None:
+        ratios = [impact.impulse_ratio for impact in self._impacts]
+        return max((ratio for ratio in ratios if ratio is not None), default=None)
+
+    def min_normal_force(self) -> float:
+        return min(-curves.maximum(-o.force[:, 1])[1] for arc, o in self._arcs if not arc.mode.flies)
+
+    @cached_property
+    def _driven(self) -> list[tuple[Arc, Observation]]:
+        """The arcs on which the motors act."""
+        return [(arc, o) for arc, o in self._arcs if o.torque.any()]
+
+
 def _peak(values: Array) -> float:
     return max(curves.maximum(values)[1], curves.maximum(-values)[1])
-
-
-def _slip(system: HybridSystem, arc: Arc) -> float:
-    x = arc.states[:, system.n_shape]
-    return float(abs(x[-1] - x[0])) if arc.mode.slips else 0.0
 
 
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:

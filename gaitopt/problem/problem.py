@@ -769,6 +769,96 @@ class Problem(ProblemStatement):
         same = problem_data(changed) == problem_data(file) and changed.reference == file.reference
         return replace(changed, place=ChangedPlace(self.place, place), file=None if same else file)
 
+    def with_guess(self, gait: Mapping[str, Any], parameters: Mapping[str, float] | None = None) -> "Problem":
+        """The problem with a known gait as its first guess; the modes stay those of the problem.
+
+        Durations are taken where the phases are the same, and the slip velocity where the impact is.
+
+        Parameters
+        ----------
+        gait : record of a gait of the same walker model, see ``Gait.to_record``.
+        parameters : of that gait by dotted key, control points of a curve as ``control.reference.JOINT.K``; they are
+            the guesses of free numbers and curves. Those of the record if left out.
+
+        Raises
+        ------
+        ProblemError
+            As ``replace``.
+        """
+        values = gait.get("parameters", {}) if parameters is None else parameters
+        same_impact = gait["impact"] == self.cycle.impact
+        names = self.walker.section_names(slipping=self.cycle.impact.slips)
+        state = {name: gait["state"][name] for name in names if same_impact or name != "dx"}
+        same_phases = [Mode.from_record(phase) for phase in gait["phases"]] == list(self.cycle.phases)
+        changes: dict[str, object] = {f"gait.guess.state.{name}": value for name, value in state.items()}
+        if same_phases:
+            changes["gait.guess.durations"] = [phase["duration"] for phase in gait["phases"]]
+        points = self._curve_guess(values)
+        changes |= {"control.reference.curve.points": points} if points else {}
+        return self.replace(changes | self.free_guesses(values))
+
+    def with_gait(self, gait: Mapping[str, Any]) -> "Problem":
+        """The problem with the modes of a known gait and its motion as the guess; raises as ``replace``.
+
+        Parameters
+        ----------
+        gait : record of a gait, or of a candidate: its steps or phases and impact, ``state`` and ``parameters``.
+        """
+        cycle = Cycle.from_record(gait)
+        phases = [phase for step in gait.get("steps", (gait,)) for phase in step["phases"]]
+        durations = [phase["duration"] for phase in phases]
+        return self.with_modes(cycle, gait["state"], durations, gait.get("parameters", {}))
+
+    def with_modes(
+        self,
+        cycle: Cycle,
+        state: Mapping[str, float],
+        durations: Sequence[float] | None = None,
+        parameters: Mapping[str, float] | None = None,
+    ) -> "Problem":
+        """The problem with another mode sequence; raises as ``replace``.
+
+        Parameters
+        ----------
+        state : guess of the state just after the last impact by name; only section coordinates are used.
+        durations : guess of the phases [s]; those of the problem if left out, where the numbers of phases are the same.
+        parameters : guesses of free numbers by dotted key.
+        """
+        if durations is None and not self.is_open and _phase_numbers(cycle) == _phase_numbers(self.cycle):
+            durations = self.guess.durations
+        names = self.walker.section_names(slipping=cycle.impact.slips)
+        guess: dict[str, Any] = {"state": {name: float(state[name]) for name in names}}
+        guess |= {} if durations is None else {"durations": list(durations)}
+        return self.replace({"gait": {**cycle_data(cycle), "guess": guess}, **self.free_guesses(parameters or {})})
+
+    def free_guesses(self, values: Mapping[str, float]) -> dict[str, object]:
+        """Overrides that make known values the guesses of the free numbers, clipped to their bounds."""
+        return {
+            key: {"free": [free.lower, free.upper], "guess": float(np.clip(values[key], free.lower, free.upper))}
+            for key, free in self.free.items()
+            if key in values
+        }
+
+    def with_fixed(self, values: Mapping[str, float]) -> "Problem":
+        """The problem with its free numbers fixed at values by dotted key, without objective and constraints."""
+        plain = replace(self, free={}, objective={}, constraints={})
+        return plain.replace({key: values[key] for key in self.free})
+
+    def _curve_guess(self, values: Mapping[str, float]) -> dict[str, list[float]]:
+        """Control points of a free curve, clipped to its bound; empty where the values have not all of them."""
+        if not isinstance(self.control, PDSpec) or not isinstance(self.control.reference, CurveReference):
+            return {}
+        curve = self.control.reference.curve
+        keys = {
+            name: [f"control.reference.{name}.{k}" for k in range(curve.degree + 1)] for name in self.walker.tracked
+        }
+        if not all(key in values for row in keys.values() for key in row):
+            return {}
+        return {
+            name: [float(np.clip(values[key], -curve.within, curve.within)) for key in row]
+            for name, row in keys.items()
+        }
+
     def objection(self, key: str, value: float) -> str | None:
         """Why a parameter cannot have a value, independently of all others; None if it can."""
         faults: list[Fault] = []
@@ -809,6 +899,10 @@ class Problem(ProblemStatement):
     def hash8(self) -> str:
         """The first eight digits of the digest."""
         return self.digest[:8]
+
+
+def _phase_numbers(cycle: Cycle) -> list[int]:
+    return [len(step.phases) for step in cycle.steps]
 
 
 def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> Problem:

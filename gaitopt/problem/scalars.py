@@ -1,33 +1,75 @@
-"""The scalars of a gait: label, unit, range, and what they need; the one table behind files, tables, figures and pages.
+"""The table of scalars: for each its label, unit, meaning, range and formula.
 
-Of the ranges that are no matter of sign: feet are never farther apart than twice the leg length l, and what a foot
-slips in one step is held to the same; over a period the ground carries the weight m g on average.
+    work = W_push + int P dt        cost of transport = work / (m g L)        speed = L / T
+
+A formula is written once, in terms of ``Quantities`` of a cycle. It is evaluated with numbers (``gait.measures``), with
+numbers that carry derivatives, and with expressions of the NLP (``design.rows``). A scalar without a formula is the
+largest or smallest value of some curves. Proofs have enclosures of their own, so that they stay independent.
+
+Two ranges do not follow from a sign: the feet are never farther apart than twice the leg length l, which also bounds
+the slip of one step; and the ground carries the weight m g on average over a period.
+
+References
+----------
+Gamus & Or (2013), eq. (22) for the cost of transport.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Any, Protocol
 
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.units import Interval, Within, symmetric
 
 POSITIVE: Interval = (0, inf)
 MOTORS, PUSH, DAMPERS = "motors", "push", "dampers"
-"""What drives a walker, torques in joints and the push-off of the stance foot; and what takes energy."""
+"""Sources of energy, joint torques and the push-off of the stance foot; and the sink of energy besides friction."""
+
+
+class Quantities(Protocol):
+    """The quantities of a cycle that formulas are made of, summed over its steps.
+
+    They are numbers, numbers with derivatives or symbolic expressions, with the operators + / and abs.
+    """
+
+    @property
+    def duration(self) -> Any:
+        """T, from the first impact to the last [s]."""
+
+    @property
+    def distance(self) -> Any:
+        """L, from the first footprint to the last [m]."""
+
+    @property
+    def slip(self) -> Any:
+        """Path of the sliding foot [m]."""
+
+    @property
+    def transport(self) -> Any:
+        """Weight times distance, m g L [J]."""
+
+    @property
+    def push_work(self) -> Any:
+        """Work of the push-offs before the impacts [J]."""
+
+    def integral(self, rate: str) -> Any:
+        """Integral over time of ``power`` of all motors, ``absolute_power``, ``loss`` or ``squared_torque``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scalar:
-    """One scalar.
+    """One scalar of a gait.
 
     Attributes
     ----------
     label, unit : as in tables and on axes.
-    meaning : the label at length, where it does not say everything.
+    meaning : a longer text, where the label does not say everything.
     within : its range, in its natural unit.
-    needs : parts of a walker, one of which it takes; empty where every walker has it.
+    needs : parts of a walker of which it must have one; empty where every walker has the scalar.
     of_designs : whether objectives and constraints may name it.
+    formula : the scalar from the quantities of a cycle; None for an extremum.
+    extremum : 1 for the largest of some values, -1 for the smallest, 0 for a formula.
     """
 
     label: str
@@ -36,11 +78,21 @@ class Scalar:
     within: Within
     needs: tuple[str, ...] = ()
     of_designs: bool = True
+    formula: Callable[[Quantities], Any] | None = None
+    extremum: int = 0
 
     @property
     def description(self) -> str:
         """Meaning with its unit."""
         return f"{self.meaning or self.label}{f' [{self.unit}]' if self.unit else ''}"
+
+
+def _work(cycle: Quantities) -> Any:
+    return cycle.push_work + cycle.integral("power")
+
+
+def _absolute_work(cycle: Quantities) -> Any:
+    return abs(cycle.push_work) + cycle.integral("absolute_power")
 
 
 SCALARS: Mapping[str, Scalar] = {
@@ -49,18 +101,21 @@ SCALARS: Mapping[str, Scalar] = {
         unit="s",
         meaning="time of one step",
         within=Within(unit="time", possible=(1e-6, 1000), usual=(0.1, 50)),
+        formula=lambda cycle: cycle.duration,
     ),
     "step_length": Scalar(
         label="step length",
         unit="m",
         meaning="distance of two footprints, slip included",
         within=Within(unit="length", possible=symmetric(4)),
+        formula=lambda cycle: cycle.distance,
     ),
     "speed": Scalar(
         label="speed",
         unit="m/s",
         meaning="step length per period",
         within=Within(unit="speed", possible=symmetric(100), usual=symmetric(2)),
+        formula=lambda cycle: cycle.distance / cycle.duration,
     ),
     "work": Scalar(
         label="motor work",
@@ -68,6 +123,7 @@ SCALARS: Mapping[str, Scalar] = {
         meaning="net work of the motors",
         within=Within(unit="torque", possible=symmetric(1e4), usual=symmetric(10)),
         needs=(MOTORS, PUSH),
+        formula=_work,
     ),
     "damping_loss": Scalar(
         label="energy that the dampers take",
@@ -75,18 +131,21 @@ SCALARS: Mapping[str, Scalar] = {
         within=Within(unit="torque", possible=POSITIVE),
         needs=(DAMPERS,),
         of_designs=False,
+        formula=lambda cycle: cycle.integral("loss"),
     ),
     "cost_of_transport": Scalar(
         label="cost of transport",
         meaning="work per weight and step length",
         within=Within(possible=symmetric(1e6), usual=symmetric(10)),
         needs=(MOTORS, PUSH),
+        formula=lambda cycle: _work(cycle) / cycle.transport,
     ),
     "absolute_cost_of_transport": Scalar(
         label="absolute cost of transport",
         meaning="integral of |power| of each motor per weight and step length",
         within=Within(possible=(0, 1e6), usual=(0, 10)),
         needs=(MOTORS, PUSH),
+        formula=lambda cycle: _absolute_work(cycle) / cycle.transport,
     ),
     "torque_squared": Scalar(
         label="integral of squared torques",
@@ -94,6 +153,7 @@ SCALARS: Mapping[str, Scalar] = {
         meaning="integral of the squares of the torques",
         within=Within(unit="torque_squared", possible=POSITIVE),
         needs=(MOTORS,),
+        formula=lambda cycle: cycle.integral("squared_torque"),
     ),
     "peak_torque": Scalar(
         label="peak torque",
@@ -101,41 +161,50 @@ SCALARS: Mapping[str, Scalar] = {
         meaning="largest torque",
         within=Within(unit="torque", possible=POSITIVE, usual=(0, 10)),
         needs=(MOTORS,),
+        extremum=1,
     ),
     "slip_distance": Scalar(
         label="slip distance",
         unit="m",
         meaning="path of the sliding foot",
         within=Within(unit="length", possible=(0, 2)),
+        formula=lambda cycle: cycle.slip,
     ),
     "foot_clearance": Scalar(
         label="foot clearance",
         unit="m",
         meaning="largest height of the swing foot after mid-swing",
         within=Within(unit="length", possible=symmetric(2)),
+        extremum=1,
     ),
     "spectral_radius": Scalar(
         label="largest multiplier modulus",
         meaning="largest modulus of the Floquet multipliers",
         within=Within(possible=POSITIVE),
+        extremum=1,
     ),
     "required_friction": Scalar(
         label="friction required to stick",
         meaning="largest |f_t|/f_n while sticking",
         within=Within(possible=(0, 1000), usual=(0, 3)),
+        extremum=1,
     ),
     "impulse_ratio": Scalar(
         label="impulse ratio required to stick",
         meaning="|F_t|/F_n of an impact that sticks",
         within=Within(possible=POSITIVE),
+        extremum=1,
     ),
     "min_normal_force": Scalar(
         label="smallest normal force",
         unit="N",
         within=Within(unit="force", possible=(0, 1)),
+        extremum=-1,
     ),
 }
 """By the keys of the result, in the order of its tables."""
+MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
+"""The scalars that follow from a motion alone."""
 DESIGN_SCALARS = tuple(name for name, scalar in SCALARS.items() if scalar.of_designs)
 SLIPLESS_STEP = Within(unit="length", possible=symmetric(2))
 """Of the step length where the foot never slips."""

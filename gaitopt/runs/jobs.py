@@ -22,7 +22,6 @@ from gaitopt.search.solve import solve
 from gaitopt.store.files import validated
 from gaitopt.store.folder import growing, stored_lines
 from gaitopt.verification.verify import verify
-from gaitopt.verification.warm import guessed_from
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 
@@ -117,7 +116,7 @@ def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None, shou
     """The record of a problem's verified gait, from that of a neighbour if there is one; runs in any process."""
     starts = {"cold": problem}
     if neighbour is not None and neighbour["status"] == Status.CONVERGED:
-        starts = {"warm": guessed_from(problem, neighbour, neighbour["parameters"])} | starts
+        starts = {"warm": problem.with_guess(neighbour)} | starts
     for start, candidate in starts.items():
         try:
             gait = solve(candidate, should_stop=should_stop)

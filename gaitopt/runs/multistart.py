@@ -19,7 +19,6 @@ from gaitopt.runs.jobs import problem_job, solve_all
 from gaitopt.search.find import grouped
 from gaitopt.store.folder import begin_run, writing
 from gaitopt.systems import build_system
-from gaitopt.verification.warm import free_guesses
 from gaitopt.workers.jobs import Workers
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
@@ -116,7 +115,7 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float, should_st
         }
         sizes = {key: abs(free.guess) or free.upper - free.lower for key, free in problem.free.items()}
         guesses = {key: problem.free[key].guess + spread * size * rng.uniform(-1, 1) for key, size in sizes.items()}
-        changes |= free_guesses(problem, guesses)
+        changes |= problem.free_guesses(guesses)
         for name, points in curves.items():
             row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
             within = control.unknowns[f"reference.{name}.0"]

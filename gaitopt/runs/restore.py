@@ -40,7 +40,7 @@ from gaitopt.runs.basin import BASIN_FILE
 from gaitopt.runs.front import front_file
 from gaitopt.runs.jobs import ResultFile, kept_results
 from gaitopt.runs.sweep import SWEEP_FILE
-from gaitopt.search.find import Gaits, Part, SearchPlan, Task, closed, search
+from gaitopt.search.find import Gaits, Part, SearchPlan, Task, search
 from gaitopt.store.files import Table, csv_text, damaged, validated
 from gaitopt.store.folder import (
     BRANCH_FILE,
@@ -120,7 +120,7 @@ def restore_gait(folder: Path) -> Gait:
     path = folder / GAIT_FILE
     validated(GaitRecord, record, path, states=problem.walker.state_names())
     if problem.is_open:
-        problem = replace(closed(problem, record), origin=problem)
+        problem = replace(problem.with_gait(record), origin=problem)
     try:
         freed = {name: float(value) for name, value in record["parameters"].items()}
         dynamics = problem_dynamics(problem).at(freed)

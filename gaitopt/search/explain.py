@@ -8,7 +8,7 @@ rounding.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any
 
@@ -268,8 +268,7 @@ def _given(problem: Problem, gait: Gait) -> Problem | None:
         return None
     if not problem.free:
         return problem
-    values = gait.dynamics.parameters
-    return replace(problem, free={}, objective={}, constraints={}).replace({key: values[key] for key in problem.free})
+    return problem.with_fixed(gait.dynamics.parameters)
 
 
 def _refuted(gait: Gait) -> tuple[Cause, ...]:

@@ -16,11 +16,10 @@ from gaitopt.display import Reported
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.model.cycle import Cycle
-from gaitopt.problem.problem import Problem, cycle_data
+from gaitopt.problem.problem import Problem
 from gaitopt.search.candidates import GUESSES, SAME, WALKS, Record, SearchJob, search_family, search_part, varied
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.verify import verify
-from gaitopt.verification.warm import free_guesses
 from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 
 Item = TypeVar("Item")
@@ -113,28 +112,14 @@ def gaits_of(
     )
 
 
-def closed(problem: Problem, candidate: Mapping[str, Any]) -> Problem:
-    """A problem with the mode sequence of a candidate or of a gait's record, and its motion as the guess."""
-    cycle = Cycle.from_record(candidate)
-    names = problem.walker.section_names(slipping=cycle.impact.slips)
-    phases = [phase for step in candidate.get("steps", (candidate,)) for phase in step["phases"]]
-    guess = {
-        "state": {name: candidate["state"][name] for name in names},
-        "durations": [phase["duration"] for phase in phases],
-    }
-    return problem.replace(
-        {"gait": {**cycle_data(cycle), "guess": guess}, **free_guesses(problem, candidate.get("parameters", {}))}
-    )
-
-
 def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, should_stop: Stop) -> Gait:
     """The gait of the first candidate that leads to one, verified; or the last attempt."""
     for candidate in candidates:
-        gait = solve_sequence(closed(problem, candidate), progress=progress, should_stop=should_stop)
+        gait = solve_sequence(problem.with_gait(candidate), progress=progress, should_stop=should_stop)
         if gait.repeats_after < len(gait.steps):  # a shorter cycle, which is counted once
             record = gait.to_record()
             shorter = record | {"steps": record["steps"][: gait.repeats_after]}
-            gait = solve_sequence(closed(problem, shorter), progress=progress, should_stop=should_stop)
+            gait = solve_sequence(problem.with_gait(shorter), progress=progress, should_stop=should_stop)
         if gait.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if gait.converged:
@@ -295,7 +280,7 @@ def family_jobs(plan: SearchPlan, gaits: Gaits) -> list[Job]:
     if plan.problem.free or plan.problem.objective:
         return []
     return [
-        plan.job(closed(plan.problem, gait.to_record()), "families", number, parameter)
+        plan.job(plan.problem.with_gait(gait.to_record()), "families", number, parameter)
         for number, gait in enumerate(gaits)
         for parameter in varied(plan.problem)
     ]

@@ -18,7 +18,7 @@ from gaitopt.nlp.following import follow
 from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem
 from gaitopt.search.candidates import cycle_record
-from gaitopt.search.find import closed, find_best
+from gaitopt.search.find import find_best
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.return_map import ReturnMap
@@ -95,5 +95,5 @@ def solve_attractor(attractor: Attractor, *, progress: Valued = None, should_sto
     walked = ReturnMap(Simulator(dynamics), mode, attractor.period * dynamics.system.walker.n_sides())(xi)
     if walked.xi is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
-    guessed = closed(problem, cycle_record(dynamics.system, walked.steps, "attractor"))
+    guessed = problem.with_gait(cycle_record(dynamics.system, walked.steps, "attractor"))
     return solve_sequence(guessed, progress=progress, should_stop=should_stop)

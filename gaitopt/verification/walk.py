@@ -12,10 +12,11 @@ from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait, WalkerMotion
-from gaitopt.gait.measures import MEASURES, measure
+from gaitopt.gait.measures import measure
 from gaitopt.gait.trajectory import Step, Trajectory
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import MEASURES
 from gaitopt.simulation.engine import Engine, make_stepper
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics

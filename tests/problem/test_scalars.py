@@ -7,9 +7,8 @@ import pytest
 from named import named
 from rich.console import Console
 
-from gaitopt.gait.measures import MEASURES
 from gaitopt.model.units import Scales
-from gaitopt.problem.scalars import SCALARS, scalar_values, unit_of
+from gaitopt.problem.scalars import MEASURES, SCALARS, scalar_values, unit_of
 from gaitopt.show.tables import print_gait
 
 SCALES = Scales(length=2.0, time=3.0, mass=5.0)

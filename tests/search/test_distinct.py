@@ -6,7 +6,7 @@ import pytest
 from named import named, verification
 
 from gaitopt.search.candidates import cycle_record
-from gaitopt.search.find import closed, gaits_of
+from gaitopt.search.find import gaits_of
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def test_a_gait_walked_several_times_is_the_candidate_of_one_step(gait):
 
 
 def test_a_candidate_closes_the_problem_with_its_motion(gait):
-    problem = closed(gait.problem, cycle_record(gait.system, gait.steps, "a"))
+    problem = gait.problem.with_gait(cycle_record(gait.system, gait.steps, "a"))
     assert problem.cycle == gait.problem.cycle
     assert problem.guess.durations == pytest.approx([duration for _, duration in gait.phases])
 

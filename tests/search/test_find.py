@@ -10,7 +10,7 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.gait.gait import Status
 from gaitopt.problem.problem import load_problem
 from gaitopt.search.candidates import SearchJob, search_family, search_part, start_box
-from gaitopt.search.find import SearchPlan, closed, family_jobs, gaits_of, opened
+from gaitopt.search.find import SearchPlan, family_jobs, gaits_of, opened
 from gaitopt.systems import problem_dynamics
 from gaitopt.workers.jobs import FailedJob
 
@@ -114,7 +114,7 @@ def test_a_box_of_a_coordinate_that_is_not_there_is_refused():
 
 def test_a_closed_problem_has_the_sequence_and_the_motion_of_the_record():
     gait = solve(load_problem("compass-passive-b"))
-    problem = closed(open_problem("compass-passive-b"), gait.to_record())
+    problem = open_problem("compass-passive-b").with_gait(gait.to_record())
     assert problem.cycle == gait.problem.cycle
     assert problem.guess.durations == tuple(duration for _, duration in gait.phases)
 

@@ -11,9 +11,9 @@ from named import named
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.measures import MEASURES
 from gaitopt.gait.trajectory import Ending
 from gaitopt.model.control import BeyondEnd
+from gaitopt.problem.scalars import MEASURES
 from gaitopt.systems import build_system, gait_reference
 from gaitopt.verification.walk import Walk
 
