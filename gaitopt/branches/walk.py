@@ -5,8 +5,6 @@ Following a family of gaits along a parameter, through folds and through changes
 predict along the tangent, correct by Newton, watch; where something watched changes its sign, find that place,
 say what it is, and where the mode sequence ends there, go on with one that the physics allows.
 
-Gaits and special points of a branch from their JSON records: each is integrated again from its state.
-
 Walks along a family: from a gait towards each target, and along every branch that begins at a special point.
 """
 
@@ -14,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
@@ -47,19 +44,13 @@ from gaitopt.branches.request import (
 from gaitopt.branches.switching import Beginning, beginnings, first_point, started
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError
-from gaitopt.gait import curves
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint, WalkState
 from gaitopt.gait.gait import Gait, Status
-from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.margins import MARGINS
-from gaitopt.model.modes import Mode
-from gaitopt.nlp.assembly import impact_record
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import integrate_to
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import MEASURES
+from gaitopt.store.gaits import special_point
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.verify import Claim, confirm
 
@@ -384,56 +375,11 @@ def _value(function: TestFunction, point: Point) -> float:
 
 RecordsRecord = Mapping[str, Any]
 
-POINTS = 33
-"""Chebyshev points of a phase; they resolve a phase of walking."""
-OLDER = {"damping_loss": 0.0}
-"""Measures that are not in records from before there were dampers."""
-
 
 def family_of(problem: Problem, parameter: str) -> Gait:
     """A gait without a motion, with problem and dynamics of the family of ``problem`` along ``parameter``."""
     stated = Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.CONVERGED, message="")
     return with_friction(stated, parameter)
-
-
-def recorded_gait(family: Gait, parameter: str, record: RecordsRecord) -> Gait:
-    """The gait of a point, or of a special point that has one; ``family`` is any gait of the family."""
-    value, record = record["value"], record.get("gait") or record
-    freed = {name: float(number) for name, number in record["parameters"].items()}
-    dynamics = family.dynamics.at({**freed, parameter: value})
-    state = np.array([record["state"][name] for name in family.system.state_names])
-    problem = family.problem.replace({parameter: value})
-    return Gait(
-        problem=with_cycle(problem, family.system, Cycle.from_record(record), state),
-        dynamics=dynamics,
-        status=Status(record["status"]),
-        message=str(record["message"]),
-        steps=recorded_steps(dynamics, record),
-        multipliers=np.array([complex(m["re"], m["im"]) for m in record["multipliers"]]),
-        measures={name: {**OLDER, **record}[name] for name in MEASURES},
-        freed=freed,
-        solver=dict(record["solver"]),
-        verification=record["verification"],
-    )
-
-
-def recorded_special(family: Gait, parameter: str, record: RecordsRecord) -> SpecialPoint:
-    """The special point that a record holds."""
-    tangent = record.get("tangent")
-    return SpecialPoint(
-        branch=record["branch"],
-        type=record["type"],
-        value=record["value"],
-        status=record["status"],
-        reason=record["reason"],
-        before=Cycle.from_record(record["from"]) if "from" in record else None,
-        after=Cycle.from_record(record["to"]) if "to" in record else None,
-        next=tuple(record["next"]),
-        bound=record.get("bound", False),
-        open=record.get("open", False),
-        gait=recorded_gait(family, parameter, record) if record["gait"] else None,
-        tangent=None if tangent is None else np.array(tangent),
-    )
 
 
 def resumed_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[RecordsRecord]) -> tuple[Segment, Point]:
@@ -493,50 +439,6 @@ def _resumed_point(
     rolled = roll_out(dynamics, problem.cycle, states, durations)
     segment, w = segment_through(problem, dynamics, parameter, metric, rolled, record.get("intervals", ()))
     return segment, first_point(segment, w, segment.curve.direction(np.array(record["tangent"])))
-
-
-def recorded_steps(dynamics: Dynamics, record: Mapping[str, Any], points: int = POINTS) -> tuple[Step, ...]:
-    """The steps of a gait, or of a point of a branch.
-
-    Parameters
-    ----------
-    dynamics : at the parameters for which the record holds.
-    record : with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
-    points : Chebyshev points of every phase.
-    """
-    sides = map(dynamics.system.walker.side, count())
-    return tuple(
-        _integrated(dynamics.standing(side), step, points, side)
-        for side, step in zip(sides, record.get("steps", (record,)), strict=False)
-    )
-
-
-def _integrated(dynamics: Dynamics, record: Mapping[str, Any], points: int, side: int) -> Step:
-    """One step from the record of its state after impact, its phases and its impact."""
-    system, p = dynamics.system, dynamics.p
-    z = np.array([record["state"][name] for name in system.state_names])
-    time, arcs = 0.0, list[Arc]()
-    for phase in record["phases"]:
-        mode = Mode.from_record(phase)
-        if arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
-            z = dynamics.after_impact(mode, z)
-        if mode.sticks:
-            z[-1] = 0.0
-        for start, end, segment in _segments(time, time + phase["duration"], system.control.breakpoints):
-            times = start + (end - start) * (curves.points(points) + 1) / 2
-            states = integrate_to(system, mode, z, times, p, system.control.data(segment))
-            arcs.append(Arc(mode=mode, segment=segment, times=times, states=states, side=side))
-            z = states[-1].copy()
-        time += phase["duration"]
-    return Step(arcs=tuple(arcs), impact=impact_record(dynamics, Mode(record["impact"]), z))
-
-
-def _segments(start: float, end: float, breakpoints: Sequence[float]) -> list[tuple[float, float, int]]:
-    """Pieces of [start, end] between the control's breakpoints, each with its segment."""
-    cuts = [start, *(b for b in breakpoints if start < b < end), end]
-    middles = [(a + b) / 2 for a, b in pairwise(cuts)]
-    segments = np.searchsorted(breakpoints, middles, side="right")
-    return [(a, b, int(k)) for a, b, k in zip(cuts[:-1], cuts[1:], segments, strict=True)]
 
 
 WalksRecord = Mapping[str, Any]
@@ -614,7 +516,7 @@ class Walk:
 
         They are found from its record, so that a walk taken up again finds the same.
         """
-        begun = beginnings(recorded_special(self.gait, self.parameter, record), self.parameter, self.metric)
+        begun = beginnings(special_point(self.gait, self.parameter, record), self.parameter, self.metric)
         return [(segment, point) for segment, point in begun if self.limits.lower < point.value < self.limits.upper]
 
     def _branch(self, kind: str, number: int, begin: Callable[[], Beginning]) -> "Walk":

@@ -126,7 +126,8 @@ def continue_(
 
 def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint, Gait]":
     """The special point RUN@special.K and its gait: the K-th of a run's branch, from 0, in the order of the table."""
-    from gaitopt.branches.walk import family_of, recorded_special
+    from gaitopt.branches.walk import family_of
+    from gaitopt.store.gaits import special_point
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {place} is a point of a finished run")
@@ -138,7 +139,7 @@ def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint
     if problem.free:  # whose values a point of the branch does not hold
         words = "has free parameters: fix them at the values of the design, and continue that"
         raise ProblemError(f"{problem.name} {words}")
-    special = recorded_special(family_of(problem, parameter), parameter, records[int(index)])
+    special = special_point(family_of(problem, parameter), parameter, records[int(index)])
     if special.gait is None:
         raise SolveError(f"{place}: there is no gait at this {special.type}")
     return special, special.gait

@@ -12,11 +12,10 @@ A part is known by all that it depends on. What an earlier version has kept unde
 line without the entries of ``PartRecord`` is refused with file and line.
 """
 
-from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate, groupby, pairwise
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +23,15 @@ import numpy as np
 
 from gaitopt.branches.family import follow_family, resumable
 from gaitopt.branches.request import Request
-from gaitopt.branches.walk import family_of, recorded_gait, recorded_special
+from gaitopt.branches.walk import family_of
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError, StorageError
-from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, WalkState, branch_header, branch_rows
+from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.measures import measure
 from gaitopt.gait.records import GaitRecord, PartRecord, WalkRecord, differing
-from gaitopt.gait.trajectory import Arc, Ending, Step, Trajectory
-from gaitopt.model.dynamics import Dynamics
+from gaitopt.gait.trajectory import Ending, Trajectory
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.assembly import impact_record
 from gaitopt.problem.problem import Problem
 from gaitopt.runs.basin import BASIN_FILE
 from gaitopt.runs.front import front_file
@@ -61,6 +58,7 @@ from gaitopt.store.folder import (
     write_files,
     writing,
 )
+from gaitopt.store.gaits import branch_point, freed_values, gait_from_record, special_point, tabulated_steps
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
 from gaitopt.workers.jobs import Job, Workers
@@ -102,10 +100,6 @@ def refuse_other_results(folder: Path) -> None:
         raise StorageError(f"{folder} holds no gait; give the folder of its basin or sweep: {' or '.join(places)}")
 
 
-SAME_TIME = 1e-14
-"""Of the period: the end of one arc and the start of the next may differ by rounding, points inside an arc do not."""
-
-
 def restore_gait(folder: Path) -> Gait:
     """The gait in a run folder.
 
@@ -122,26 +116,13 @@ def restore_gait(folder: Path) -> Gait:
     if problem.is_open:
         problem = replace(problem.with_gait(record), origin=problem)
     try:
-        freed = {name: float(value) for name, value in record["parameters"].items()}
-        dynamics = problem_dynamics(problem).at(freed)
+        dynamics = problem_dynamics(problem).at(freed_values(record))
         periods = [float(step["period"]) for step in record.get("steps", (record,))]
-        began = list(accumulate(periods[:-1], initial=0.0))
-        steps = _table_steps(dynamics, table, began, problem.cycle.impacts)
-        multipliers = np.array([complex(m["re"], m["im"]) for m in record["multipliers"]])
+        starts = list(accumulate(periods[:-1], initial=0.0))
+        steps = tabulated_steps(dynamics, table, starts, problem.cycle.impacts)
+        gait = gait_from_record(problem, dynamics, record, steps, measure(dynamics, steps))
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
-    gait = Gait(
-        problem=problem,
-        dynamics=dynamics,
-        status=Status.CONVERGED,
-        message=str(record.get("message", "")),
-        steps=steps,
-        multipliers=multipliers,
-        measures=measure(dynamics, steps),
-        freed=freed,
-        solver=dict(record.get("solver", {})),
-        verification=record.get("verification"),
-    )
     _check_same(path, record, gait.to_record())
     return gait
 
@@ -160,7 +141,7 @@ def restore_walk(folder: Path) -> Walk:
         start, *_ = (np.array([point["state"][name] for name in system.state_names]) for point in section)
         gait = [[float(state[name]) for name in system.state_names] for state in record["gait_states"]]
         ending, message = Ending(record["status"]), str(record["message"])
-        steps = _table_steps(dynamics, table, began, impacts) if table.rows else ()
+        steps = tabulated_steps(dynamics, table, began, impacts) if table.rows else ()
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: walk.json or walk.csv does not hold a walk ({error!r})") from error
     trajectory = Trajectory(names=system.state_names, start=start, steps=steps, ending=ending, message=message)
@@ -175,39 +156,6 @@ def _check_same(path: Path, record: Mapping[str, Any], restored: Mapping[str, An
     key = differing(record, restored)
     if key:
         raise damaged(path, f"{key}: is not what the table beside it gives")
-
-
-def _table_steps(dynamics: Dynamics, table: Table, began: Sequence[float], impacts: Sequence[Mode]) -> tuple[Step, ...]:
-    """The steps of a table, in which time runs on over the impacts; the last one of a walk may have no impact.
-
-    A time that occurs twice separates two arcs.
-    """
-    system, rows = dynamics.system, list[Any](table.rows)
-    splits = np.cumsum([0, *(later[0] - earlier[0] <= SAME_TIME * rows[-1][0] for earlier, later in pairwise(rows))])
-    arcs: dict[int, list[Arc]] = {}
-    for _, group in groupby(zip(splits, rows, strict=True), key=lambda pair: pair[0]):
-        points = [row for _, row in group]
-        if len(points) < 2:
-            raise ValueError(f"an arc of one point at {points[0][0]}")
-        step = bisect_right(began, (points[0][0] + points[-1][0]) / 2) - 1
-        times = np.array([row[0] for row in points]) - began[step]
-        arc = Arc(
-            mode=Mode(points[0][1]),
-            segment=bisect_right(system.control.breakpoints, (times[0] + times[-1]) / 2),
-            times=times,
-            states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
-            side=system.walker.side(step),
-        )
-        arcs.setdefault(step, []).append(arc)
-    return tuple(
-        Step(
-            arcs=tuple(arcs[k]),
-            impact=impact_record(dynamics.standing(arcs[k][0].side), impacts[k], arcs[k][-1].states[-1])
-            if k < len(impacts)
-            else None,
-        )
-        for k in range(max(len(impacts), 1 + max(arcs)))
-    )
 
 
 CLOSED = 1e-6
@@ -242,22 +190,10 @@ def restore_branch(folder: Path) -> Branch:
     problem, parameter, records = stored_branch(folder)
     family = family_of(problem, parameter)
     try:
-        points = tuple(
-            BranchPoint(
-                branch=record["branch"],
-                index=record["index"],
-                value=record["value"],
-                gait=recorded_gait(family, parameter, record),
-                tangent=np.array(record["tangent"], dtype=float),
-                length=float(record["length"]),
-                walk=WalkState.from_record(record["walk"]) if record.get("walk") else None,
-            )
-            for record in records
-            if record["record"] == "point"
-        )
+        points = tuple(branch_point(family, parameter, record) for record in records if record["record"] == "point")
         for point in points:
             _check_closes(point, folder / BRANCH_FILE)
-        specials = (recorded_special(family, parameter, r) for r in records if r["record"] == "special")
+        specials = (special_point(family, parameter, r) for r in records if r["record"] == "special")
         return Branch(parameter=parameter, points=points, specials=tuple(specials))
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise StorageError(f"{folder / BRANCH_FILE} does not hold a branch ({error!r})") from error

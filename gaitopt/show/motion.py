@@ -30,7 +30,6 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.branches.walk import POINTS, recorded_steps
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import Observation, friction_ratio, observe
@@ -56,6 +55,7 @@ from gaitopt.show.style import (
     symbol,
 )
 from gaitopt.simulation.simulator import Simulator
+from gaitopt.store.gaits import POINTS, integrated_steps, multipliers_of
 from gaitopt.verification.walk import Walk
 
 SMOOTH = 120
@@ -133,7 +133,7 @@ def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str 
     record : a gait or a point of a branch, with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : Chebyshev points of every phase.
     """
-    steps = recorded_steps(dynamics, record, points)
+    steps = integrated_steps(dynamics, record, points)
     return Motion(name=name or str(record["problem"]), dynamics=dynamics, steps=steps)
 
 
@@ -432,7 +432,7 @@ def multiplier_paths(records: Sequence[Mapping[str, Any]], parameter: Parameter)
     specials = [record for record in records if record["record"] == "special" and record["type"] in CROSSINGS]
     figure, handles, reach = _plane()
     axes = figure.axes[0]
-    z = np.array([complex(m["re"], m["im"]) for point in points for m in point["multipliers"]])
+    z = np.concatenate([multipliers_of(point) for point in points])
     values = np.array([point["value"] for point in points for _ in point["multipliers"]])
     reach = max(reach, _reach(z))
     handles += _crossings(axes, specials)

@@ -16,12 +16,12 @@ from gaitopt.branches.curve import Metric, segment_through
 from gaitopt.branches.family import follow_family, resumable
 from gaitopt.branches.request import Request
 from gaitopt.branches.switching import beginnings, motion_of
-from gaitopt.branches.walk import recorded_special
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import Branch, SpecialPoint, cascades
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
+from gaitopt.store.gaits import special_point
 
 DOUBLING = radians(5.34641438276)
 """Slope at which the period of the sticking compass doubles, at friction 0.6."""
@@ -102,7 +102,7 @@ def test_a_gait_walked_twice_meets_the_doubled_family_at_a_branch_point() -> Non
 def test_a_special_point_from_its_record_has_the_same_branches() -> None:
     (doubling,) = stick().special("period_doubling")
     record = json.loads(json.dumps(doubling.to_record()))
-    again = recorded_special(stick()[0].gait, SLOPE, record)
+    again = special_point(stick()[0].gait, SLOPE, record)
     metric = Metric.of(doubling.gait, 0.01)
     points = [beginnings(special, SLOPE, metric)[0][1] for special in (doubling, again)]
     assert points[0].gait.state == pytest.approx(points[1].gait.state, abs=1e-8)

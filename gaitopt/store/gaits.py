@@ -1,0 +1,198 @@
+"""Gaits, walks and special points from their records: the inverse of ``to_record``.
+
+A record holds the state after each impact, modes and durations, multipliers and scalars. The motion between the impacts
+comes from the table beside the record, or is integrated again from the state, z(t) = Phi_mode(t; z_plus), which gives
+every digit of a fresh gait but not the solver's own nodes.
+"""
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from itertools import count, groupby, pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.gait import curves
+from gaitopt.gait.branch import BranchPoint, SpecialPoint, WalkState
+from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.nlp.assembly import impact_record
+from gaitopt.nlp.shooting import integrate_to
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import MEASURES
+from gaitopt.store.files import Table
+
+Record = Mapping[str, Any]
+
+POINTS = 33
+"""Chebyshev points of a phase; they resolve a phase of walking."""
+SAME_TIME = 1e-14
+"""Relative to the period: the end of one arc and the start of the next may differ by rounding, other points never."""
+OLDER = {"damping_loss": 0.0}
+"""Scalars that are missing in records written before there were dampers."""
+
+
+def multipliers_of(record: Record) -> NDArray[np.complex128]:
+    """Floquet multipliers of a gait's record; shape (n,)."""
+    return np.array([complex(m["re"], m["im"]) for m in record["multipliers"]], dtype=complex)
+
+
+def freed_values(record: Record) -> dict[str, float]:
+    """Values of the freed parameters in a gait's record, by dotted key."""
+    return {name: float(value) for name, value in record["parameters"].items()}
+
+
+def gait_from_record(
+    problem: Problem,
+    dynamics: Dynamics,
+    record: Record,
+    steps: tuple[Step, ...],
+    measures: Mapping[str, float | None] | None = None,
+) -> Gait:
+    """The gait of a record with a known motion.
+
+    Parameters
+    ----------
+    dynamics : at the parameters of the gait.
+    steps : from ``tabulated_steps`` or ``integrated_steps``.
+    measures : its scalars by name; those of the record if they are not given.
+    """
+    return Gait(
+        problem=problem,
+        dynamics=dynamics,
+        status=Status(record["status"]),
+        message=str(record["message"]),
+        steps=steps,
+        multipliers=multipliers_of(record),
+        measures={name: {**OLDER, **record}[name] for name in MEASURES} if measures is None else measures,
+        freed=freed_values(record),
+        solver=dict(record["solver"]),
+        verification=record["verification"],
+    )
+
+
+def branch_gait(family: Gait, parameter: str, record: Record) -> Gait:
+    """The gait of a point, or of a special point that has one; ``family`` is any gait of the family."""
+    value, record = record["value"], record.get("gait") or record
+    dynamics = family.dynamics.at({**freed_values(record), parameter: value})
+    problem = family.problem.replace({parameter: value}).with_modes(Cycle.from_record(record), record["state"])
+    return gait_from_record(problem, dynamics, record, integrated_steps(dynamics, record))
+
+
+def branch_point(family: Gait, parameter: str, record: Record) -> BranchPoint:
+    """The point of a branch that a record holds."""
+    return BranchPoint(
+        branch=record["branch"],
+        index=record["index"],
+        value=record["value"],
+        gait=branch_gait(family, parameter, record),
+        tangent=np.array(record["tangent"], dtype=float),
+        length=float(record["length"]),
+        walk=WalkState.from_record(record["walk"]) if record.get("walk") else None,
+    )
+
+
+def special_point(family: Gait, parameter: str, record: Record) -> SpecialPoint:
+    """The special point that a record holds."""
+    tangent = record.get("tangent")
+    return SpecialPoint(
+        branch=record["branch"],
+        type=record["type"],
+        value=record["value"],
+        status=record["status"],
+        reason=record["reason"],
+        before=Cycle.from_record(record["from"]) if "from" in record else None,
+        after=Cycle.from_record(record["to"]) if "to" in record else None,
+        next=tuple(record["next"]),
+        bound=record.get("bound", False),
+        open=record.get("open", False),
+        gait=branch_gait(family, parameter, record) if record["gait"] else None,
+        tangent=None if tangent is None else np.array(tangent),
+    )
+
+
+def integrated_steps(dynamics: Dynamics, record: Record, points: int = POINTS) -> tuple[Step, ...]:
+    """The steps of a gait, integrated from its states after the impacts.
+
+    Parameters
+    ----------
+    dynamics : at the parameters for which the record holds.
+    record : with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
+    points : Chebyshev points of every phase.
+    """
+    sides = map(dynamics.system.walker.side, count())
+    return tuple(
+        _integrated(dynamics.standing(side), step, points, side)
+        for side, step in zip(sides, record.get("steps", (record,)), strict=False)
+    )
+
+
+def _integrated(dynamics: Dynamics, record: Record, points: int, side: int) -> Step:
+    system, p = dynamics.system, dynamics.p
+    breakpoints = system.control.breakpoints
+    z = np.array([record["state"][name] for name in system.state_names])
+    time, arcs = 0.0, list[Arc]()
+    for phase in record["phases"]:
+        mode = Mode.from_record(phase)
+        if arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
+            z = dynamics.after_impact(mode, z)
+        if mode.sticks:
+            z[-1] = 0.0
+        end = time + phase["duration"]
+        for t0, t1 in pairwise([time, *(b for b in breakpoints if time < b < end), end]):
+            segment = bisect_right(breakpoints, (t0 + t1) / 2)
+            times = t0 + (t1 - t0) * (curves.points(points) + 1) / 2
+            states = integrate_to(system, mode, z, times, p, system.control.data(segment))
+            arcs.append(Arc(mode=mode, segment=segment, times=times, states=states, side=side))
+            z = states[-1].copy()
+        time = end
+    return Step(arcs=tuple(arcs), impact=impact_record(dynamics, Mode(record["impact"]), z))
+
+
+def tabulated_steps(
+    dynamics: Dynamics, table: Table, starts: Sequence[float], impacts: Sequence[Mode]
+) -> tuple[Step, ...]:
+    """The steps of a table as ``trajectory_rows`` writes it.
+
+    A time that occurs twice separates two arcs.
+
+    Parameters
+    ----------
+    starts : time at which each step begins [s].
+    impacts : mode of the impact after each step; the last step of a walk may have none.
+
+    Raises
+    ------
+    ValueError
+        If an arc has a single point.
+    """
+    system, rows = dynamics.system, list[Any](table.rows)
+    splits = np.cumsum([0, *(later[0] - earlier[0] <= SAME_TIME * rows[-1][0] for earlier, later in pairwise(rows))])
+    arcs: dict[int, list[Arc]] = {}
+    for _, group in groupby(zip(splits, rows, strict=True), key=lambda pair: pair[0]):
+        points = [row for _, row in group]
+        if len(points) < 2:
+            raise ValueError(f"an arc of one point at {points[0][0]}")
+        step = bisect_right(starts, (points[0][0] + points[-1][0]) / 2) - 1
+        times = np.array([row[0] for row in points]) - starts[step]
+        arc = Arc(
+            mode=Mode(points[0][1]),
+            segment=bisect_right(system.control.breakpoints, (times[0] + times[-1]) / 2),
+            times=times,
+            states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
+            side=system.walker.side(step),
+        )
+        arcs.setdefault(step, []).append(arc)
+    return tuple(
+        Step(
+            arcs=tuple(arcs[k]),
+            impact=impact_record(dynamics.standing(arcs[k][0].side), impacts[k], arcs[k][-1].states[-1])
+            if k < len(impacts)
+            else None,
+        )
+        for k in range(max(len(impacts), 1 + max(arcs)))
+    )
