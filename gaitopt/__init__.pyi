@@ -31,7 +31,7 @@ from gaitopt.nlp.family import Family as Family
 from gaitopt.problem.problem import Problem as Problem
 from gaitopt.problem.problem import load_problem as load_problem
 from gaitopt.problem.problem import parse_problem as parse_problem
-from gaitopt.problem.problem import problem_names as problem_names
+from gaitopt.problem.source import problem_names as problem_names
 from gaitopt.runs.basin import Basin as Basin
 from gaitopt.runs.front import Front as Front
 from gaitopt.runs.sweep import Sweep as Sweep

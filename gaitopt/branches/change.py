@@ -39,7 +39,8 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
-from gaitopt.problem.problem import Problem, cycle_data
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import cycle_data
 from gaitopt.verification.verify import confirm
 
 EDGE = 0.02

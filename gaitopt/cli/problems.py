@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 def list_problems(terminal: Terminal) -> int:
     """List the named problems by walker; of those whose run is in results/ also period, radius and stability."""
-    from gaitopt.problem.problem import load_problem, problem_names
+    from gaitopt.problem.problem import load_problem
+    from gaitopt.problem.source import problem_names
 
     problems = [load_problem(name) for name in problem_names()]
     if terminal.json:

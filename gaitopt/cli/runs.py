@@ -49,7 +49,7 @@ def is_folder(run: str) -> bool:
         If it is a path to nothing, and no problem file.
     """
     from gaitopt.problem.faults import shown
-    from gaitopt.problem.problem import problem_names
+    from gaitopt.problem.source import problem_names
 
     path = Path(run)
     if run in problem_names():

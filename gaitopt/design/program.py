@@ -30,7 +30,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.ipopt import NEAR_OPTIMUM, Ipopt, IpoptResult, Progress
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.schema import Range
+from gaitopt.problem.statement import Range
 
 ROUGH = 0.2
 """KKT residual, in the sizes of objective and unknowns, from where ``sqp`` goes on: it takes one iteration where IPOPT,

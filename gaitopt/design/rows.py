@@ -49,7 +49,7 @@ from gaitopt.nlp.shooting import (
     sampled_step,
 )
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.schema import Range
+from gaitopt.problem.statement import Range
 
 RADIUS = "spectral_radius"
 EXTREMA = {

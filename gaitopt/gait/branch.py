@@ -24,8 +24,9 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import columns_of, data_frame, data_set
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
-from gaitopt.problem.problem import Problem, cycle_data
+from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import unit_of
+from gaitopt.problem.statement import cycle_data
 
 if TYPE_CHECKING:
     from pandas import DataFrame

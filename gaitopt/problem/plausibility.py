@@ -33,10 +33,10 @@ from gaitopt.problem.schema import (
     HeadSection,
     NoControlSpec,
     PDSpec,
-    ProblemStatement,
     state_section,
     torques_section,
 )
+from gaitopt.problem.statement import ProblemStatement
 
 FEET_APART = 1e-6
 """Least distance of the feet at the start of a step, in leg lengths."""

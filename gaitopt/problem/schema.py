@@ -1,44 +1,18 @@
-"""JSON Schema of a problem file, so that an editor completes keys and shows units and ranges while one types.
+"""The sections of a problem file, one pydantic model per mapping: keys, units, ranges and meaning; and its JSON Schema.
 
-What a problem consists of besides its walker and its control, in SI: unknowns, ranges, open sequences, guesses.
-
-The base of the sections of a problem file: a model that takes no other keys than its own.
-
-The sections of a problem file, one model per mapping: keys, units, ranges and meaning.
-
-The same models validate a file and describe it to an editor. Sections that depend on the walker (its state, its
-torques) are made from the walker's own names.
-
-The control section of a problem file, one model per kind of control.
-
-Objective and constraints of a design on scalars of the gait, and whether the unknowns suffice.
-
-What a problem says of a gait: walker, friction, control, modes, guess and unknowns, complete and in SI.
+The same models validate a file and describe it to an editor, which completes keys and shows units and ranges. Sections
+that depend on the walker (its state, its torques) are made from the walker's own names.
 """
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import lru_cache
 from math import pi
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    TypeAdapter,
-    ValidationError,
-    create_model,
-    model_validator,
-)
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
 
-from gaitopt.display import Tabulated
-from gaitopt.errors import ProblemError
 from gaitopt.model.control import BeyondEnd
-from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import ImpactLaw, Mode
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.units import (
@@ -53,51 +27,7 @@ from gaitopt.model.units import (
     symmetric,
 )
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
-from gaitopt.problem.scalars import DESIGN_SCALARS, MOTORS, PUSH, SCALARS, Scalar
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Free:
-    """A parameter that is an unknown, in SI: its bounds and its first guess."""
-
-    lower: float
-    upper: float
-    guess: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Range:
-    """A constraint on a scalar, in SI: -inf or inf where it is open, both equal for an equality."""
-
-    minimum: float
-    maximum: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OpenSequence:
-    """A mode sequence that is to be found: its impact if that is known, and the largest number of steps of a cycle."""
-
-    impact: Mode | None = None
-    steps: int = 1
-
-    def __str__(self) -> str:
-        return f"to be found; {self.impact or 'to be found'}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Guess:
-    """First guess of a gait.
-
-    Attributes
-    ----------
-    state : the whole state just after the impact by name [rad, m, rad/s, m/s].
-    durations : of the phases [s]; None where the solver is to find them.
-    """
-
-    state: Mapping[str, float]
-    durations: tuple[float, ...] | None
-
+from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, Scalar
 
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 """Of another problem: a name, or a path."""
@@ -241,6 +171,8 @@ class AngleRangeSection(RangeSection):
 
 SECTION_KEYS = ("walker", "control", "gait", "objective", "constraints")
 """Keys of a file besides those of its head."""
+OPEN = "auto"
+"""Value of ``gait.phases`` where the mode sequence is open."""
 
 
 @lru_cache
@@ -361,258 +293,6 @@ def torques_section(walker: type[Walker]) -> type[Section]:
     }
     kind = Annotated[Literal["constant_torque"], Field(description="constant torques [N m]")]
     return section_model("TorquesSection", {"type": kind, **torque})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scope:
-    """What the names in an objective or a constraint may refer to; None where it is open or at fault."""
-
-    walker: type[Walker]
-    control: ControlSpec | None
-    cycle: Cycle | None
-    free: Mapping[str, Free]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Every name that may be used."""
-        return (*DESIGN_SCALARS, *(f"state.{name}" for name in self.walker.state_names()), *self.free)
-
-    def objection(self, name: str) -> str | None:
-        """Why ``name`` cannot be used, if so."""
-        if name not in self.names:
-            return f"is no scalar of a gait and no freed parameter{near_miss(name, self.names)}"
-        powers = (() if isinstance(self.control, NoControlSpec) else (MOTORS,)) + (
-            (PUSH,) if self.walker.pushes else ()
-        )
-        if name in SCALARS and SCALARS[name].needs and not {*SCALARS[name].needs} & {*powers}:
-            return (
-                "is a quantity of the motors, and this walker is passive: give it a control, or choose another scalar"
-            )
-        if name == "required_friction" and self.cycle and Mode.STICK not in self.cycle.phases:
-            return "is defined by sticking phases, and this gait has none"
-        return None
-
-    def is_angle(self, name: str) -> bool:
-        """Whether values of ``name`` may carry a unit of angle."""
-        group, _, key = name.partition(".")
-        fields = self.walker.model_fields
-        return (group == "state" and key in self.walker.shape) or (
-            group == "walker" and key in fields and is_angle(fields[key])
-        )
-
-    @property
-    def unknowns(self) -> int:
-        """Number of free parameters, coefficients of a free curve included."""
-        count = len(self.free)
-        if isinstance(self.control, PDSpec) and isinstance(self.control.reference, CurveReference):
-            count += (self.control.reference.curve.degree + 1) * len(self.walker.tracked)
-        return count
-
-
-def read_objective(data: object, scope: Scope, faults: list[Fault]) -> dict[str, float]:
-    """Weights by name, of a single name or a mapping; empty if there is no objective."""
-    path: Key = ("objective",)
-    if data is None:
-        return {}
-    if isinstance(data, str):
-        faults += [Fault(path, f"{data} {why}") for why in [scope.objection(data)] if why]
-        return {data: 1.0}
-    if not isinstance(data, Mapping) or not data:
-        faults.append(Fault(path, f"{shown(data)} is neither a NAME nor a mapping {{NAME: weight}}"))
-        return {}
-    weights = {}
-    for name, value in data.items():
-        why, weight = scope.objection(name), _number(value)
-        if why:
-            faults.append(Fault((*path, name), why))
-        elif weight is None or abs(weight) < SMALLEST:
-            message = (
-                f"{shown(value)} is not a weight: give a number, negative to maximise, at least {SMALLEST:g} in size"
-            )
-            faults.append(Fault((*path, name), message))
-        else:
-            weights[name] = weight
-    return weights
-
-
-def read_constraints(data: object, scope: Scope, faults: list[Fault]) -> dict[str, Range]:
-    """Ranges by name; a single value is an equality."""
-    if data is None:
-        return {}
-    if not isinstance(data, Mapping):
-        faults.append(
-            Fault(("constraints",), f"{shown(data)} is not a mapping {{NAME: value}} or {{NAME: {{min, max}}}}")
-        )
-        return {}
-    ranges = {}
-    for name, value in data.items():
-        why = scope.objection(name)
-        if why:
-            faults.append(Fault(("constraints", name), why))
-        elif interval := _read_range(value, scope.is_angle(name), ("constraints", name), faults):
-            ranges[name] = interval
-            faults += _contradiction(name, interval, scope.free)
-    return ranges
-
-
-def check_unknowns(
-    scope: Scope, objective: Mapping[str, float], constraints: Mapping[str, Range], faults: list[Fault]
-) -> None:
-    """Whether the free parameters are neither too few nor too many for objective and constraints."""
-    if scope.unknowns and scope.cycle is not None and len(scope.cycle.steps) > 1:
-        message = "several steps and unknown parameters do not go together yet: give numbers, or a gait of one step"
-        faults.append(Fault(("gait", "steps"), message))
-    equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
-    if not scope.unknowns and (objective or constraints):
-        path: Key = ("objective",) if objective else ("constraints",)
-        remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
-        faults.append(Fault(path, f"too few unknowns: the gait has no free parameter to choose; {remedy}"))
-    elif len(equalities) > scope.unknowns:
-        given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {scope.unknowns} free parameters"
-        faults.append(Fault(("constraints",), f"too few unknowns: {given}; free more, or turn a value into a range"))
-    elif scope.unknowns and not objective and not constraints:
-        key = next(iter(scope.free), "control.reference")
-        remedy = "add an objective or constraints, or give numbers"
-        faults.append(
-            Fault(tuple(key.split(".")), f"too many unknowns: no objective or constraint determines them; {remedy}")
-        )
-
-
-def _read_range(value: object, angle: bool, path: Key, faults: list[Fault]) -> Range | None:
-    if not isinstance(value, Mapping):
-        number = _number(value, angle=angle)
-        if number is None:
-            form = "a number or {min: a, max: b}, in SI" + (" or with deg" if angle else "")
-            faults.append(Fault(path, f"{shown(value)} is not a constraint: {form}"))
-            return None
-        return Range(minimum=number, maximum=number)
-    span = read_section(AngleRangeSection if angle else RangeSection, value, path, faults)
-    if span is None:
-        return None
-    if span.min is None and span.max is None:
-        faults.append(Fault(path, "has neither min nor max: give one or both"))
-        return None
-    interval = Range(
-        minimum=-math.inf if span.min is None else span.min, maximum=math.inf if span.max is None else span.max
-    )
-    if interval.minimum > interval.maximum:
-        faults.append(Fault(path, f"is empty: min = {interval.minimum:g} is above max = {interval.maximum:g}"))
-    return interval
-
-
-def _contradiction(name: str, span: Range, free: Mapping[str, Free]) -> list[Fault]:
-    """A constraint on a freed parameter has to leave something of the parameter's own bounds."""
-    if name not in free or not (span.minimum > free[name].upper or span.maximum < free[name].lower):
-        return []
-    bounds = f"[{free[name].lower:g}, {free[name].upper:g}]"
-    return [Fault(("constraints", name), f"contradicts the bounds {bounds} of {name}: no value satisfies both")]
-
-
-def _number(value: object, *, angle: bool = False) -> float | None:
-    try:
-        return TypeAdapter[float](Angle if angle else Number).validate_python(value)
-    except ValidationError:
-        return None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProblemStatement(Tabulated):
-    """The statement of one gait.
-
-    Attributes
-    ----------
-    name, about : from the file.
-    walker : the walker with its parameters; a freed parameter has its guess, here and below.
-    friction : coefficient of friction mu, or static and kinetic coefficient and drag.
-    impact_law : tangential law of a slipping impact.
-    control : what the motors do.
-    modes : those of the step, or of the steps, after which the gait repeats itself, and their impacts; or what is
-        known of a sequence that is open.
-    start : first guess of the gait, its state complete; None only where the sequence is open.
-    free : the unknown parameters by dotted key.
-    objective : weights of the scalars whose sum is minimised; empty if there is none.
-    constraints : ranges of scalars by name.
-    """
-
-    name: str
-    about: str = ""
-    walker: Walker
-    friction: float | FrictionCoefficients
-    impact_law: ImpactLaw = ImpactLaw.COULOMB
-    control: ControlSpec
-    modes: Cycle | OpenSequence
-    start: Guess | None
-    free: Mapping[str, Free] = field(default_factory=dict)
-    objective: Mapping[str, float] = field(default_factory=dict)
-    constraints: Mapping[str, Range] = field(default_factory=dict)
-
-    def __repr__(self) -> str:
-        return f"<Problem {self.name}: {self.walker.model}, {self.modes}>"
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the mode sequence is to be found."""
-        return isinstance(self.modes, OpenSequence)
-
-    @property
-    def is_design(self) -> bool:
-        """Whether some of its numbers, or the control points of a reference, are unknowns."""
-        reference = self.control.reference if isinstance(self.control, PDSpec) else None
-        return bool(self.free) or isinstance(reference, CurveReference)
-
-    @property
-    def cycle(self) -> Cycle:
-        """The mode sequences of the steps after which the gait repeats itself.
-
-        Raises
-        ------
-        ProblemError
-            If they are open.
-        """
-        if isinstance(self.modes, OpenSequence):
-            raise self._open_error()
-        return self.modes
-
-    @property
-    def guess(self) -> Guess:
-        """The first guess.
-
-        Raises
-        ------
-        ProblemError
-            If the sequence is open and there is none.
-        """
-        if self.start is None:
-            raise self._open_error()
-        return self.start
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Every scalar parameter by dotted key, in a fixed order: walker, friction, control."""
-        walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
-        scalars = self.control.model_dump(exclude={"type", "reference"})
-        control = {f"control.{key}": value for key, value in scalars.get("torques", scalars).items()}
-        numbers = self.friction_data
-        friction = (
-            {f"friction.{k}": v for k, v in numbers.items()} if isinstance(numbers, dict) else {"friction": numbers}
-        )
-        return {**walker, **friction, **control}
-
-    @property
-    def static_friction(self) -> float:
-        """Coefficient that bounds the force of a sticking foot."""
-        return self.friction if isinstance(self.friction, float) else self.friction.static
-
-    @property
-    def friction_data(self) -> float | dict[str, float]:
-        """The coefficient of friction, or the coefficients by name, as in a file."""
-        return self.friction if isinstance(self.friction, float) else self.friction.model_dump()
-
-    def _open_error(self) -> ProblemError:
-        return ProblemError(
-            f"{self.name}: its mode sequence is open (gait.phases: auto), and this needs one: `gaitopt find` lists the "
-            "gaits that there are; give the phases and the impact of one of them"
-        )
 
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,10 @@ from ruamel.yaml.events import (
 from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.reader import ReaderError
 
-from gaitopt.errors import ProblemError
-from gaitopt.problem.faults import Fault, Key, plain, shown
+from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.problem.faults import Fault, Key, near_miss, plain, shown
 
+SUFFIXES = (".yaml", ".yml")
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20
 MAX_VALUES = 2000  # ten times the largest sensible file; bounds the time of a pure Python parser
@@ -55,6 +57,37 @@ class Source:
     data: Any
     marks: Mapping[Key, tuple[int, int]]
     faults: tuple[Fault, ...]
+
+
+def problem_names() -> tuple[str, ...]:
+    """Every name that ``load_problem`` knows, in alphabetical order."""
+    return tuple(sorted(path.stem for path in _folder().glob("*.yaml")))
+
+
+def find_problem(name_or_path: str | Path, folder: Path | None = None) -> Path:
+    """The file of a named problem, or the path itself, taken relative to ``folder``.
+
+    A path is recognised by its suffix or by a separator.
+
+    Raises
+    ------
+    UnknownNameError
+        If it is neither a name nor looks like a path.
+    """
+    text = str(name_or_path)
+    if isinstance(name_or_path, Path) or text.endswith(SUFFIXES) or "/" in text or "\\" in text:
+        return (folder or Path()) / name_or_path
+    names = problem_names()
+    if text not in names:
+        raise UnknownNameError(
+            f"no problem is called {text!r}{near_miss(text, names)} (or give the path of a .yaml file)"
+        )
+    return _folder() / f"{text}.yaml"
+
+
+def _folder() -> Path:
+    shipped = Path(str(files("gaitopt.problem"))) / "catalogue"
+    return shipped if shipped.is_dir() else Path(__file__).resolve().parents[2] / "problems"
 
 
 def read_text(path: Path) -> str:

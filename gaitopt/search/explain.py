@@ -24,7 +24,7 @@ from gaitopt.gait.gait import Cause, Gait, Status
 from gaitopt.model.cycle import Cycle
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.schema import Free
+from gaitopt.problem.statement import Free
 from gaitopt.search.find import STARTS, Gaits, SearchPlan, in_memory, opened, search
 from gaitopt.search.solve import file_gait, solve
 from gaitopt.verification.verify import verify

@@ -24,7 +24,8 @@ from gaitopt.model.cycle import Cycle, ModeSequence, mode_words
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import label_of, relevant_scalars, scalar_values, state_unit, unit_of
-from gaitopt.problem.schema import OpenSequence, PDSpec
+from gaitopt.problem.schema import PDSpec
+from gaitopt.problem.statement import OpenSequence
 from gaitopt.runs.basin import Basin
 from gaitopt.runs.front import Front
 from gaitopt.runs.multistart import Optimum

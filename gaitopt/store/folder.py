@@ -32,7 +32,8 @@ from typing import Any
 
 from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.gait.records import ContinuationRecord, PointRecord, SpecialRecord
-from gaitopt.problem.problem import Problem, digest_of, restore_problem
+from gaitopt.problem.problem import Problem, restore_problem
+from gaitopt.problem.statement import digest_of
 from gaitopt.store.files import (
     LOCK_FILE,
     TEMPORARY_SUFFIX,

@@ -12,7 +12,8 @@ from gaitopt import __version__
 from gaitopt.cli.console import ResultConsole
 from gaitopt.cli.main import main
 from gaitopt.cli.terminal import printable
-from gaitopt.problem.problem import load_problem, problem_names
+from gaitopt.problem.problem import load_problem
+from gaitopt.problem.source import problem_names
 
 ATTACK = "\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f‮⁦ 한국 ñ\n\ttab"
 SHOWN = r"\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f\u202e\u2066 한국 ñ" + "\n\ttab"

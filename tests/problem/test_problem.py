@@ -15,8 +15,10 @@ from gaitopt.model.control import BeyondEnd
 from gaitopt.model.modes import ImpactLaw, Mode
 from gaitopt.model.units import NonNegative
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.problem.problem import load_problem, parse_problem, problem_names, restore_problem
-from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, Free, GaitReference, NoControlSpec, PDSpec, Range
+from gaitopt.problem.problem import load_problem, parse_problem, restore_problem
+from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, GaitReference, NoControlSpec, PDSpec
+from gaitopt.problem.source import problem_names
+from gaitopt.problem.statement import Free, Range
 
 PAPER = {
     "rimless-wheel-stick": (1.0, ("stick",), "stick"),

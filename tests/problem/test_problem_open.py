@@ -6,7 +6,7 @@ import pytest
 
 from gaitopt.errors import ProblemError
 from gaitopt.problem.problem import load_problem, parse_problem, restore_problem
-from gaitopt.problem.schema import OpenSequence
+from gaitopt.problem.statement import OpenSequence
 
 WHEEL = """
 name: wheel

@@ -6,9 +6,9 @@ import re
 import pytest
 
 from gaitopt.model.registry import registered_walkers
-from gaitopt.problem.problem import load_problem, problem_names
+from gaitopt.problem.problem import load_problem
 from gaitopt.problem.schema import problem_schema
-from gaitopt.problem.source import parse_source
+from gaitopt.problem.source import parse_source, problem_names
 
 TYPES = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
 LIMITS = {

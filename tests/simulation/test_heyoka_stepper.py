@@ -14,7 +14,8 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.gait.trajectory import Ending
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.problem.problem import load_problem, problem_names
+from gaitopt.problem.problem import load_problem
+from gaitopt.problem.source import problem_names
 from gaitopt.simulation.engine import choose_engine, make_stepper
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.scipy_stepper import ScipyStepper
