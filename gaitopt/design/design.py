@@ -1,24 +1,22 @@
-"""Where parameters are unknowns: the best gait that meets the constraints.
+"""A design: the gait that minimises an objective over freed parameters and meets constraints.
 
-A design starts from a gait: a given one, or that of the guessed parameters. From there IPOPT looks for the optimum of a
-smoothed problem over nodes, durations and freed parameters (``program``). Sequential quadratic programming in the freed
-parameters alone goes on to that of the exact problem, as the gait is measured (``reduced``, ``sqp``).
-
-Where a design starts: from the motion rolled out from its guess, or from a gait that is known.
+It starts from a known gait, or from the motion rolled out from the guess. IPOPT first solves the smoothed problem over
+nodes, durations and freed parameters (``smoothed``), again from its solution as long as that lies on the boundary of
+its trust region or a switch has passed a breakpoint of the control. Sequential quadratic programming in the freed
+parameters alone then solves the exact problem (``exact``, ``sqp``), again on a finer mesh until the gait is resolved.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.design.program import Program, conflicts
-from gaitopt.design.quadratic import SMALL, freed_sizes
-from gaitopt.design.rows import RADIUS
-from gaitopt.design.sqp import Reduced, optimise
+from gaitopt.design.exact import RADIUS, SMALL, ExactProblem, freed_sizes
+from gaitopt.design.smoothed import SmoothedProblem, conflicts
+from gaitopt.design.sqp import optimise
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Cause, Gait, Status, in_words
 from gaitopt.gait.trajectory import Step
@@ -26,56 +24,181 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.ipopt import Progress
-from gaitopt.nlp.layout import Layout, layout
+from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import polish, refine
-from gaitopt.nlp.rollout import Rollout, roll_out
+from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.nlp.solve import free_parameters, rejection_reason
 from gaitopt.problem.problem import Problem
 
+MAX_ROUNDS = 12
+"""Searches of the smoothed problem, each from the solution of the one before."""
+MAX_MESHES = 3
+"""Searches of the exact problem, each on the mesh that the optimum of the one before needs."""
+COALESCED = 1e-3
+"""Distance of two multipliers, relative to their modulus, below which rounding errors grow like their root."""
+CREDITED = 1.2
+"""Ratio of absolute to net cost above which the message says that the design profits from negative work."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Start:
-    """Where a design starts.
 
-    Attributes
-    ----------
-    durations : ndarray, shape (n_phases,) - [s].
-    states : from times since impact (n,) to states (n_z, n).
-    freed : ndarray, shape (n_free,) - values of the freed parameters.
-    """
+class _Start(NamedTuple):
+    """Durations (n_phases,), states (n_z, n) as a function of times since impact (n,), freed parameters (n_free,)."""
 
     durations: Array
     states: Callable[[Array], Array]
     freed: Array
 
 
-def guessed(problem: Problem, system: HybridSystem) -> Start:
-    """The motion rolled out from the guess, which does not close."""
-    dynamics = Dynamics(system, system.values(problem.parameters))
-    state = np.array([problem.guess.state[name] for name in system.state_names])
-    rolled = roll_out(dynamics, problem.cycle, state, problem.guess.durations)
-    free = free_parameters(problem, system)
-    freed = np.array([dynamics.parameter(name) for name in free])
-    return Start(durations=np.array(rolled.durations), states=rolled_states(rolled), freed=freed)
+def design_gait(
+    problem: Problem,
+    system: HybridSystem,
+    first: Gait,
+    *,
+    progress: Progress | None = None,
+    should_stop: Stop = None,
+) -> Gait:
+    """The best gait over the freed parameters of ``problem``; other arguments as of ``nlp.solve.find_gait``.
+
+    Parameters
+    ----------
+    first : a gait of the same system with the same mode sequence, where the design starts; or a failed attempt at one,
+        and the design starts from the guess.
+    """
+    return _Design(problem, system, progress, should_stop).run(first)
 
 
-def rolled_states(rollout: Rollout) -> Callable[[Array], Array]:
-    """States of a motion that is rolled out, as a function of times since impact."""
-    ends = np.cumsum(rollout.durations)[:-1]
+class _Design:
+    """The searches of one design."""
 
-    def states(times: Array) -> Array:
-        phases = np.searchsorted(ends, times, side="right")
-        return np.hstack([rollout(phase, np.array([t])) for phase, t in zip(phases, times, strict=True)])
+    def __init__(self, problem: Problem, system: HybridSystem, progress: Progress | None, should_stop: Stop) -> None:
+        self._problem, self._system = problem, system
+        self._progress, self._should_stop = progress, should_stop
+        free = free_parameters(problem, system)
+        self._free, self._bounds = tuple(free), np.array(list(free.values())).T
+        self._dynamics = Dynamics(system, system.values(problem.parameters))
 
-    return states
+    def run(self, first: Gait) -> Gait:
+        """Solve the smoothed problem until its solution stays in the trust region, and then the exact one."""
+        start = self._known(first) if first.steps else self._guessed()
+        iterations = 0
+        for _ in range(MAX_ROUNDS):
+            smoothed = self._smoothed(start)
+            result = smoothed.solve()
+            iterations += result.iterations
+            solver = {"iterations": float(iterations), "kkt": result.kkt, "objective": result.objective}
+            if result.status is Status.INTERRUPTED:
+                return self._failed(result.status, result.words, solver)
+            if result.status is not Status.CONVERGED:
+                causes = self._conflicts(start)
+                message = "\n".join(cause.words for cause in causes) or result.words
+                return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes)
+            w, transcription = smoothed.motion(result.w), smoothed.transcription
+            plan = layout(self._problem.cycle, transcription.unpack(w).durations, self._system.control.breakpoints)
+            if not smoothed.hits_trust_region(result.w) and plan.same_arcs(transcription.layout):
+                gait = self._exact(transcription, w, iterations)
+                if gait.status is not Status.NOT_CONVERGED:
+                    return gait
+                iterations = int(gait.solver.get("iterations", iterations))
+                return self._exact(transcription, w, iterations, cautious=True)
+            start = self._rolled_out(smoothed, result.w)
+        return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
 
+    def _known(self, gait: Gait) -> _Start:
+        (step,) = gait.steps
+        freed = np.array([gait.dynamics.parameter(name) for name in self._free])
+        return _Start(np.array([d for _, d in step.phases]), lambda times: step_states(step, times), freed)
 
-def known(gait: Gait, free: tuple[str, ...]) -> Start:
-    """A gait that is known."""
-    (step,) = gait.steps
-    freed = np.array([gait.dynamics.parameter(name) for name in free])
-    return Start(durations=np.array([d for _, d in step.phases]), states=lambda t: step_states(step, t), freed=freed)
+    def _guessed(self) -> _Start:
+        """The motion rolled out from the guess, which is not periodic."""
+        guess = self._problem.guess
+        state = np.array([guess.state[name] for name in self._system.state_names])
+        freed = np.array([self._dynamics.parameter(name) for name in self._free])
+        return self._from(self._dynamics, state, guess.durations, freed)
+
+    def _rolled_out(self, smoothed: SmoothedProblem, x: Array) -> _Start:
+        """The motion from the initial state of a solution, which the next search cuts into arcs again."""
+        t = smoothed.transcription
+        nodes, durations, freed = t.unpack(smoothed.motion(x))
+        start = self._from(t.dynamics(self._dynamics.p, freed), nodes[:, 0], list(durations), freed)
+        return start._replace(durations=durations)
+
+    def _from(self, dynamics: Dynamics, state: Array, durations: Sequence[float] | None, freed: Array) -> _Start:
+        rolled = roll_out(dynamics, self._problem.cycle, state, durations)
+        ends = np.cumsum(rolled.durations)[:-1]
+
+        def states(times: Array) -> Array:
+            phases = np.searchsorted(ends, times, side="right")
+            return np.hstack([rolled(phase, np.array([t])) for phase, t in zip(phases, times, strict=True)])
+
+        return _Start(np.array(rolled.durations), states, freed)
+
+    def _smoothed(self, start: _Start, *, elastic: bool = False) -> SmoothedProblem:
+        """The smoothed problem with its nodes on the starting motion, on a coarse mesh."""
+        plan = layout(self._problem.cycle, start.durations, self._system.control.breakpoints)
+        transcription = MultipleShooting(self._system, plan, self._free)
+        states = start.states(plan.node_times(start.durations))
+        return SmoothedProblem(
+            self._problem,
+            transcription,
+            bounds=self._bounds,
+            w=transcription.pack(states, start.durations, np.clip(start.freed, *self._bounds)),
+            p=self._dynamics.p,
+            elastic=elastic,
+            progress=self._progress,
+            should_stop=self._should_stop,
+        )
+
+    def _conflicts(self, start: _Start) -> tuple[Cause, ...]:
+        """The constraints that cannot be met, by repeated elastic searches from the start."""
+        if not self._problem.constraints:
+            return ()
+        for _ in range(MAX_ROUNDS):
+            elastic = self._smoothed(start, elastic=True)
+            result = elastic.solve()
+            if result.status is not Status.CONVERGED or not elastic.hits_trust_region(result.w):
+                break
+            start = self._rolled_out(elastic, result.w)
+        return conflicts(self._problem, elastic, result)
+
+    def _exact(self, transcription: MultipleShooting, w: Array, iterations: int, *, cautious: bool = False) -> Gait:
+        """The optimum of the exact problem next to a solution of the smoothed one; ``cautious`` as in ``optimise``."""
+        exact = ExactProblem(self._problem, self._free, self._bounds)
+        refined = refine(polish(transcription, w, self._dynamics.p))
+        for _ in range(MAX_MESHES):
+            start = exact.evaluate(refined.transcription, refined.w, self._dynamics.p)
+            if start is None:
+                lost = rejection_reason(refined)
+                message = in_words(lost) or "the gait is lost on a finer mesh"
+                return self._failed(Status.NOT_CONVERGED, message, {}, lost)
+            freed, levels = np.split(start.u, [len(self._free)])
+            sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
+            optimum = optimise(
+                exact, start, sizes, cautious=cautious, progress=self._progress, should_stop=self._should_stop
+            )
+            iterations += optimum.iterations
+            solution = optimum.evaluation.sensitivity.solution
+            refined = refine(solution)
+            if refined.transcription is solution.transcription or optimum.interrupted:
+                break
+        solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.evaluation.objective}
+        if optimum.interrupted:
+            return self._failed(Status.INTERRUPTED, "interrupted", solver)
+        causes = rejection_reason(refined)
+        if causes or optimum.shortcoming:
+            message = in_words(causes) or str(optimum.shortcoming)
+            return self._failed(Status.NOT_CONVERGED, message, solver, causes)
+        gait = assemble_gait(self._problem, refined, errors=refined.errors, message="", solver=solver)
+        return replace(gait, message=_message(gait))
+
+    def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:
+        return Gait(
+            problem=self._problem,
+            dynamics=self._dynamics,
+            status=status,
+            message=words,
+            solver=solver,
+            causes=causes,
+        )
 
 
 def step_states(step: Step, times: Array) -> Array:
@@ -89,171 +212,16 @@ def step_states(step: Step, times: Array) -> Array:
     return np.array(columns).T
 
 
-MAX_ROUNDS = 12
-"""Times that a smoothed search may be taken up again where its reach or a breakpoint of the control has stopped it."""
-MAX_MESHES = 3
-"""Times that an optimum may need a finer mesh than the gait from which it was reached."""
-COALESCED = 1e-3
-"""Distance of two multipliers, relative to their modulus, at which rounding begins to count by its root."""
-CREDITED = 1.2
-"""Ratio of absolute to net cost above which a design is said to live on credited negative work."""
-
-
-def design_gait(
-    problem: Problem,
-    system: HybridSystem,
-    first: Gait,
-    *,
-    progress: Progress | None = None,
-    should_stop: Stop = None,
-) -> Gait:
-    """The best gait over the freed parameters of ``problem``; arguments as of ``nlp.find_gait``.
-
-    Parameters
-    ----------
-    first : a gait, or a failed attempt at one, of the same system with the same mode sequence.
-    """
-    design = _Design(problem, system, progress, should_stop)
-    return design.run(known(first, design.free) if first.steps else guessed(problem, system))
-
-
-class _Design:
-    """The searches of one design."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        system: HybridSystem,
-        progress: Progress | None,
-        should_stop: Stop,
-    ) -> None:
-        self._problem, self._system = problem, system
-        self._progress, self._should_stop = progress, should_stop
-        free = free_parameters(problem, system)
-        self.free, self._bounds = tuple(free), np.array(list(free.values())).T
-        self._dynamics = Dynamics(system, system.values(problem.parameters))
-
-    def run(self, start: Start) -> Gait:
-        """Solve the smoothed problem until the search stays where it is, and then the exact one."""
-        iterations = 0
-        for _ in range(MAX_ROUNDS):
-            program = self._program(start)
-            result = program.solve()
-            iterations += result.iterations
-            solver = {"iterations": float(iterations), "kkt": result.kkt, "objective": result.objective}
-            if result.status is Status.INTERRUPTED:
-                return self._failed(result.status, result.words, solver)
-            if result.status is not Status.CONVERGED:
-                why = self._conflicts(start)
-                message = "\n".join(cause.words for cause in why) or result.words
-                return self._failed(Status.INFEASIBLE if why else result.status, message, solver, why)
-            durations = program.transcription.unpack(program.motion(result.w)).durations
-            if not program.hits_trust_region(result.w) and self._layout(durations).same_arcs(
-                program.transcription.layout
-            ):
-                w = program.motion(result.w)
-                gait = self._optimum(program.transcription, w, iterations)
-                if gait.status is not Status.NOT_CONVERGED:
-                    return gait
-                iterations = int(gait.solver.get("iterations", iterations))
-                return self._optimum(program.transcription, w, iterations, cautious=True)
-            start = self._moved(program, result.w)
-        return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
-
-    def _optimum(self, transcription: MultipleShooting, w: Array, iterations: int, *, cautious: bool = False) -> Gait:
-        """The optimum of the exact problem next to a solution of the smoothed one; see ``optimise``."""
-        reduced = Reduced(self._problem, self.free, self._bounds)
-        refined = refine(polish(transcription, w, self._dynamics.p))
-        for _ in range(MAX_MESHES):
-            point = reduced.first(refined.transcription, refined.w, self._dynamics.p)
-            if point is None:
-                lost = rejection_reason(refined)
-                message = in_words(lost) or "the gait is lost on a finer mesh"
-                return self._failed(Status.NOT_CONVERGED, message, {}, lost)
-            freed, levels = np.split(point.u, [len(self.free)])
-            sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
-            optimum = optimise(
-                reduced, point, sizes, cautious=cautious, progress=self._progress, should_stop=self._should_stop
-            )
-            iterations += optimum.iterations
-            s = optimum.point.sensitivity
-            refined = refine(s.at)
-            if refined.transcription is s.transcription or optimum.interrupted:
-                break
-        solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.point.objective}
-        if optimum.interrupted:
-            return self._failed(Status.INTERRUPTED, "interrupted", solver)
-        wrong = rejection_reason(refined)
-        if wrong or optimum.shortcoming:
-            message = in_words(wrong) or str(optimum.shortcoming)
-            return self._failed(Status.NOT_CONVERGED, message, solver, wrong)
-        gait = assemble_gait(self._problem, refined, errors=refined.errors, message="", solver=solver)
-        return replace(gait, message=_verdict(gait))
-
-    def _conflicts(self, start: Start) -> tuple[Cause, ...]:
-        """Which constraints cannot be met, by repeated elastic searches from the start."""
-        if not self._problem.constraints:
-            return ()
-        for _ in range(MAX_ROUNDS):
-            program = self._program(start, elastic=True)
-            result = program.solve()
-            if result.status is not Status.CONVERGED or not program.hits_trust_region(result.w):
-                break
-            start = self._moved(program, result.w)
-        return conflicts(self._problem, program, result)
-
-    def _program(self, start: Start, *, elastic: bool = False) -> Program:
-        """The smoothed NLP with its nodes on the starting motion, on a coarse mesh."""
-        plan = self._layout(start.durations)
-        transcription = MultipleShooting(self._system, plan, self.free)
-        times = plan.node_times(start.durations)
-        w = transcription.pack(start.states(times), start.durations, np.clip(start.freed, *self._bounds))
-        return Program(
-            self._problem,
-            transcription,
-            bounds=self._bounds,
-            w=w,
-            p=self._dynamics.p,
-            elastic=elastic,
-            progress=self._progress,
-            should_stop=self._should_stop,
-        )
-
-    def _layout(self, durations: Array) -> Layout:
-        return layout(self._problem.cycle, durations, self._system.control.breakpoints)
-
-    def _moved(self, program: Program, x: Array) -> Start:
-        """A solution whose switches have passed a breakpoint, to be cut into arcs again."""
-        t = program.transcription
-        nodes, durations, freed = t.unpack(program.motion(x))
-        rolled = roll_out(t.dynamics(self._dynamics.p, freed), self._problem.cycle, nodes[:, 0], list(durations))
-        return Start(durations=durations, states=rolled_states(rolled), freed=freed)
-
-    def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:
-        return Gait(
-            problem=self._problem,
-            dynamics=self._dynamics,
-            status=status,
-            message=words,
-            solver=solver,
-            causes=causes,
-        )
-
-
-def _verdict(gait: Gait) -> str:
-    """That it is solved, and what should be known about the cost and the radius."""
+def _message(gait: Gait) -> str:
+    """That it is solved, with warnings about the cost and the spectral radius."""
     words, problem = ["solved"], gait.problem
     net, absolute = gait.measures["cost_of_transport"], gait.measures["absolute_cost_of_transport"]
-    concerned = {*problem.objective, *problem.constraints}
-    by_net = bool({"cost_of_transport", "work"} & concerned)
+    names = {*problem.objective, *problem.constraints}
+    by_net = bool({"cost_of_transport", "work"} & names)
     if by_net and net is not None and absolute is not None and absolute > CREDITED * abs(net):
         words.append(f"the net cost {net:.4g} credits negative work, the absolute cost is {absolute:.4g}")
-    if RADIUS in concerned and _coalesce(gait.multipliers):
-        words.append("multipliers at the radius coalesce, where it is not a Lipschitz function of the parameters")
+    if RADIUS in names:
+        distances = np.sort(np.abs(gait.multipliers - gait.multipliers[0]))
+        if distances.size > 1 and distances[1] < COALESCED * abs(gait.multipliers[0]):
+            words.append("multipliers at the radius coalesce, where it is not a Lipschitz function of the parameters")
     return "; ".join(words)
-
-
-def _coalesce(multipliers: NDArray[np.complex128]) -> bool:
-    """Whether a multiplier of the largest modulus has another one next to it."""
-    distances = np.sort(np.abs(multipliers - multipliers[0]))
-    return bool(distances.size > 1 and distances[1] < COALESCED * abs(multipliers[0]))

@@ -1,7 +1,7 @@
-"""Is a design the best of its neighbourhood? Random neighbours, brought back to the constraints, and measured.
+"""An independent check of a design: random neighbours that meet the constraints, none of which may be better.
 
-It uses none of the gradients of the design's own search: at other freed parameters the gait is solved again by
-Newton's method and measured like any other; violated constraints are corrected by Gauss-Newton steps with differences.
+It uses no gradient of the design's own search: at other freed parameters the gait is solved again by Newton's method
+and measured like any other; violated constraints are corrected by Gauss-Newton steps with finite differences.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.design.design import step_states
-from gaitopt.design.quadratic import SMALL, freed_sizes
-from gaitopt.design.rows import RADIUS
+from gaitopt.design.exact import RADIUS, SMALL, freed_sizes
+from gaitopt.design.sensitivity import EVENT_MARGINS
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
@@ -38,12 +38,12 @@ SOLVED = 1e-10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Neighbourhood:
-    """What a search has seen.
+    """The result of a search among neighbours.
 
     Attributes
     ----------
-    tried, feasible : how many neighbours there were, and how many of them meet all constraints.
-    gain : largest gain of a feasible neighbour, relative to the objective; negative where all are worse.
+    tried, feasible : number of neighbours, and of those that meet all constraints.
+    gain : largest gain of a feasible neighbour, relative to the objective; negative if all are worse.
     freed : ndarray, shape (n_free,) - the freed parameters of that neighbour.
     """
 
@@ -58,7 +58,7 @@ class Neighbourhood:
 
     @property
     def words(self) -> str:
-        """What was seen, in a sentence."""
+        """The result in a sentence."""
         seen = f"{self.feasible} of {self.tried} neighbours meet all constraints"
         if self.gain > BETTER:
             return f"{seen}; NOT an optimum, one of them is better by {self.gain:.2g} of the objective"
@@ -83,7 +83,7 @@ def neighbourhood(
     Parameters
     ----------
     gait : a converged design with an objective.
-    directions, radii, seed : random directions, and how far to go in each.
+    directions, radii, seed : number of random directions, distances along each, and random seed.
     progress : called with the number of directions done and their total.
 
     Raises
@@ -197,7 +197,7 @@ def _margins(gait: Gait) -> list[float]:
         values = system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, system.control.data(arc.segment))
         names = margin_names(arc.mode)
         for name, row, unit in zip(names, np.asarray(values), margin_scales(arc.mode, scales), strict=True):
-            if name not in ("touchdown", "upright"):
+            if name not in EVENT_MARGINS:
                 rows.append(-curves.maximum(-row)[1] / float(unit))
     impact, friction = step.final_impact, float(system.static_friction(gait.p))
     if impact.mode.sticks:

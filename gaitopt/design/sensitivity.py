@@ -1,45 +1,47 @@
-"""A gait as a function of the freed parameters alone: its curves with exact derivatives.
+"""A gait as a function of the freed parameters alone: its curves and scalars with exact derivatives.
 
 The equalities F(w, v) = 0 leave nodes and durations w as a function of the freed parameters v,
 
     dw/dv = -F_w^-1 F_v
 
-and every state between the nodes with them, through the derivative of one partial Runge-Kutta step. Derivatives of a
+and with them every state between the nodes, through the derivative of a partial Runge-Kutta step. Derivatives of a
 curve are taken at a fixed fraction of its arc, whose ends move too.
 
-The absolute work of motions next to a gait, their torques and motor rates linear in the unknowns.
-
-    W(d) = sum of integrals |(u + u' d)(w + w' d)| dt,      r(d) = W(d) - W(0) - W'(0) d
-
-Of a design that saves absolute work, r is what no quadratic function describes: optima lie where the power just touches
-zero, and there its second derivatives change within steps that hardly move anything else.
+Extrema are located on the curves, also between the nodes; the derivative of an extremum is that of the curve at its
+place, since its place has no effect to first order. |power| is integrated between its located zeros.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from casadi import SX, Function, cse, jacobian, vertcat
+from casadi import MX, SX, Function, cse, jacobian, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
-from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.model.buffered import buffered_map
+from gaitopt.gait.trajectory import Arc
+from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names
+from gaitopt.model.margins import margin_names, margin_scales
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.shooting import MultipleShooting, step_derivatives
+from gaitopt.nlp.shooting import MultipleShooting, impact_margins, is_zero_by_event, step_derivatives
 
 COUNTS = (17, 25, 33, 65, 129, 257)
-"""Chebyshev points tried in turn until an arc is resolved; every point costs a step."""
+"""Numbers of Chebyshev points that are tried in turn until an arc is resolved; every point costs a step."""
+EVENT_MARGINS = ("touchdown", "upright")
+"""Margins that are no constraints of a design: the touchdown ends the step, and a gait is upright throughout."""
+
+Valued = tuple[float, Array]
+"""A number and its derivatives in the freed parameters, shape (n_free,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Curve:
+class DifferentiatedCurve:
     """A quantity along one arc.
 
     Attributes
@@ -54,13 +56,13 @@ class Curve:
     duration: float
     stretch: Array
 
-    def integral(self) -> tuple[float, Array]:
-        """Integral over the arc and its derivatives."""
+    def integral(self) -> Valued:
+        """Integral over the arc."""
         value = curves.integral(self.values, self.duration)
         return value, curves.integrals(self.slopes, self.duration) + value * self.stretch / self.duration
 
-    def absolute_integral(self) -> tuple[float, Array]:
-        """Integral of the absolute value; the changes of sign, where it is zero, add nothing to the derivatives."""
+    def absolute_integral(self) -> Valued:
+        """Integral of the absolute value; where the sign changes the value is zero and adds nothing to the slopes."""
         weights = curves.signed_weights(self.values)[0] * self.duration / 2
         value = float(weights @ self.values)
         return value, weights @ self.slopes + value * self.stretch / self.duration
@@ -76,13 +78,13 @@ class ArcCurves:
     """All curves of one arc; ``ahead`` is the swing foot's lead over the stance foot."""
 
     arc: Arc
-    force: tuple[Curve, ...]
-    torque: tuple[Curve, ...]
-    rate: tuple[Curve, ...]
-    power: tuple[Curve, ...]
-    height: Curve
-    ahead: Curve
-    margins: dict[str, Curve]
+    force: tuple[DifferentiatedCurve, ...]
+    torque: tuple[DifferentiatedCurve, ...]
+    rate: tuple[DifferentiatedCurve, ...]
+    power: tuple[DifferentiatedCurve, ...]
+    height: DifferentiatedCurve
+    ahead: DifferentiatedCurve
+    margins: dict[str, DifferentiatedCurve]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,24 +93,32 @@ class Sensitivity:
 
     Attributes
     ----------
-    step : the step.
+    solution : of the equalities.
     slopes : ndarray, shape (n_w, n_free) - of nodes, durations and freed parameters.
     arcs : curves of every arc.
     """
 
-    transcription: MultipleShooting
-    at: Solution[MultipleShooting]
-    step: Step
+    solution: Solution[MultipleShooting]
     slopes: Array
     arcs: tuple[ArcCurves, ...]
 
     @property
+    def transcription(self) -> MultipleShooting:
+        """The equalities."""
+        return self.solution.transcription
+
+    @property
+    def freed(self) -> Array:
+        """The freed parameters, shape (n_free,)."""
+        return self.transcription.unpack(self.solution.w).freed
+
+    @property
     def dynamics(self) -> Dynamics:
-        """The system at all its parameters, the freed ones put in."""
-        return self.transcription.dynamics(self.at.p, self.transcription.unpack(self.at.w).freed)
+        """The system with the values of the freed parameters."""
+        return self.transcription.dynamics(self.solution.p, self.freed)
 
 
-def sensitivity(transcription: MultipleShooting, at: Solution[MultipleShooting]) -> Sensitivity:
+def sensitivity(solution: Solution[MultipleShooting]) -> Sensitivity:
     """Curves and derivatives at a solution of the equalities.
 
     Raises
@@ -116,47 +126,68 @@ def sensitivity(transcription: MultipleShooting, at: Solution[MultipleShooting])
     RuntimeError
         If the equalities are singular there, so that the gait is no function of the freed parameters.
     """
-    n = at.residual.size
-    answer = -at.scaled.solve(at.jacobian.dense(n, at.w.size))
-    slopes = np.vstack([answer, np.eye(answer.shape[1])])
-    (step,) = assemble_steps(transcription, at.w, at.p, COUNTS)
-    arcs = tuple(_arc_curves(transcription, at, slopes, k, arc) for k, arc in enumerate(step.arcs))
-    return Sensitivity(transcription=transcription, at=at, step=step, slopes=slopes, arcs=arcs)
+    transcription, n = solution.transcription, solution.residual.size
+    response = -solution.scaled.solve(solution.jacobian.dense(n, solution.w.size))
+    slopes = np.vstack([response, np.eye(response.shape[1])])
+    (step,) = assemble_steps(transcription, solution.w, solution.p, COUNTS)
+    arcs = tuple(_arc_curves(solution, slopes, k, arc) for k, arc in enumerate(step.arcs))
+    return Sensitivity(solution=solution, slopes=slopes, arcs=arcs)
 
 
-def _arc_curves(t: MultipleShooting, at: Solution[MultipleShooting], slopes: Array, index: int, arc: Arc) -> ArcCurves:
-    layout, system = t.layout.arcs[index], t.system
-    names = margin_names(arc.mode)
-    starts, ends = _ends(t, slopes, index)
+def _arc_curves(solution: Solution[MultipleShooting], slopes: Array, index: int, arc: Arc) -> ArcCurves:
+    t, n_z = solution.transcription, solution.transcription.system.n_z
+    arc_layout, system = t.layout.arcs[index], t.system
+    nodes, durations, freed = t.unpack(solution.w)
+    p, data = t.dynamics(solution.p, freed).p, system.data(arc_layout.segment)
+
+    # ends of the arc; the times are affine in the durations
+    first = n_z * t.n_nodes
+    origin, *units = (t.layout.arc_times(e)[index] for e in np.vstack([np.zeros(t.n_phases), np.eye(t.n_phases)]))
+    by_durations = np.array(units) - np.array(origin)
+    starts, ends = by_durations.T @ slopes[first : first + t.n_phases]
     stretch = ends - starts
-    dt = starts + np.multiply.outer((curves.points(arc.times.size) + 1) / 2, stretch)
-    dz = _state_slopes(t, at, slopes, index, arc, dt)
-    data, p = system.data(layout.segment), t.dynamics(at.p, t.unpack(at.w).freed).p
+
+    # states at the Chebyshev points, each by a partial step from the node before it
+    fractions = (curves.points(arc.times.size) + 1) / 2
+    dt = starts + np.multiply.outer(fractions, stretch)
+    k = np.clip((fractions * arc_layout.intervals).astype(int), 0, arc_layout.intervals - 1)
+    begin, end = t.layout.arc_times(durations)[index]
+    times = begin + k * (end - begin) / arc_layout.intervals
+    d_times = starts + np.multiply.outer(k / arc_layout.intervals, stretch)
+    node = t.layout.first_nodes[index] + k
+    by = step_derivatives(system, arc_layout.mode, t.free, nodes[:, node], times, arc.times - times, p, data)
+    d_nodes = slopes[:first].reshape(t.n_nodes, n_z, -1)[node]
+    dz = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)
+    dz += by[:, :, n_z, None] * d_times[:, None, :] + by[:, :, n_z + 1, None] * (dt - d_times)[:, None, :]
+    dz += by[:, :, n_z + 2 :]
+
+    # quantities there
     quantities = buffered_map(_quantities(system, arc.mode, t.free), arc.times.size)
     rows, jacobians = quantities(arc.times[:, None], arc.states, p, data)
     values, by = rows.T.copy(), jacobians.transpose(2, 0, 1)
-    n_q = len(values)
-    total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + system.n_z], dz) + by[:, :, 1 + system.n_z :]
-    every = [
-        Curve(values=value, slopes=slope, duration=arc.duration, stretch=stretch)
-        for value, slope in zip(values, total, strict=True)
-    ]
-    n_u = (n_q - 4 - len(names)) // 3
+    total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + n_z], dz) + by[:, :, 1 + n_z :]
+    every = iter(
+        [
+            DifferentiatedCurve(values=value, slopes=slope, duration=arc.duration, stretch=stretch)
+            for value, slope in zip(values, total, strict=True)
+        ]
+    )
+    names, motors = margin_names(arc.mode), range(len(system.walker.actuators))
     return ArcCurves(
         arc=arc,
-        force=tuple(every[:2]),
-        height=every[2],
-        ahead=every[3],
-        torque=tuple(every[4 : 4 + n_u]),
-        rate=tuple(every[4 + n_u : 4 + 2 * n_u]),
-        power=tuple(every[4 + 2 * n_u : 4 + 3 * n_u]),
-        margins=dict(zip(names, every[4 + 3 * n_u :], strict=True)),
+        force=(next(every), next(every)),
+        height=next(every),
+        ahead=next(every),
+        torque=tuple(next(every) for _ in motors),
+        rate=tuple(next(every) for _ in motors),
+        power=tuple(next(every) for _ in motors),
+        margins=dict(zip(names, every, strict=True)),
     )
 
 
 @lru_cache(maxsize=64)
 def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
-    """(t, z, p, r) -> force, swing foot's height and lead, torques, motor rates, powers, margins; their Jacobian."""
+    """(t, z, p, r) -> force, height and lead of the swing foot, torques, motor rates, powers, margins; Jacobian."""
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
     force, torque, power, foot, _, rate, _ = system.observation(mode)(t, z, p, r)
@@ -166,117 +197,164 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
     return Function(f"quantities_{mode.key}", [t, z, p, r], cse([values, jacobian(values, by)]))
 
 
-def _ends(t: MultipleShooting, slopes: Array, index: int) -> tuple[Array, Array]:
-    """Derivatives of the times at which an arc starts and ends; each of shape (n_free,)."""
-    first = t.system.n_z * t.n_nodes
-    durations = slopes[first : first + t.n_phases]
-    zero, one = (
-        t.layout.arc_times(np.zeros(t.n_phases))[index],
-        [t.layout.arc_times(e)[index] for e in np.eye(t.n_phases)],
-    )
-    by = np.array(one) - np.array(zero)
-    return by[:, 0] @ durations, by[:, 1] @ durations
+class Candidate(NamedTuple):
+    """One of the values whose largest (or smallest) is an extremum; ``key`` distinguishes it from the others."""
 
-
-def _state_slopes(
-    t: MultipleShooting, at: Solution[MultipleShooting], slopes: Array, index: int, arc: Arc, dt: Array
-) -> Array:
-    """Derivatives of the states at the arc's Chebyshev points; shape (m, n_z, n_free)."""
-    layout, n_z = t.layout.arcs[index], t.system.n_z
-    fractions = (curves.points(arc.times.size) + 1) / 2
-    k = np.clip((fractions * layout.intervals).astype(int), 0, layout.intervals - 1)
-    nodes, durations, freed = t.unpack(at.w)
-    begin, end = t.layout.arc_times(durations)[index]
-    times = begin + k * (end - begin) / layout.intervals
-    starts, ends = _ends(t, slopes, index)
-    d_times = starts + np.multiply.outer(k / layout.intervals, ends - starts)
-    at_node = t.layout.first_nodes[index] + k
-    full = t.dynamics(at.p, freed).p
-    by = step_derivatives(
-        t.system,
-        layout.mode,
-        t.free,
-        nodes[:, at_node],
-        times,
-        arc.times - times,
-        full,
-        t.system.data(layout.segment),
-    )
-    d_nodes = slopes[: n_z * t.n_nodes].reshape(t.n_nodes, n_z, -1)[at_node]
-    moved = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)
-    moved += by[:, :, n_z, None] * d_times[:, None, :] + by[:, :, n_z + 1, None] * (dt - d_times)[:, None, :]
-    return moved + by[:, :, n_z + 2 :]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remainder:
-    """A value, its gradient (n_u,) and its second derivatives (n_u, n_u)."""
-
+    key: str
     value: float
     gradient: Array
-    hessian: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Motor:
-    """Torque and rate at the points of an arc, shape (m,), and their derivatives, shape (m, n_free)."""
-
-    torque: Array
-    torque_slopes: Array
-    rate: Array
-    rate_slopes: Array
-    duration: float
-
-    def work(self, d: Array) -> tuple[float, Array, Array]:
-        """Absolute work a step (n_free,) away, with its derivatives."""
-        u, w = self.torque + self.torque_slopes @ d, self.rate + self.rate_slopes @ d
-        weights, changes = curves.signed_weights(u * w)
-        weights = weights * self.duration / 2
-        mixed = self.torque_slopes.T @ (weights[:, None] * self.rate_slopes)
-        bent = mixed + mixed.T
-        slopes = u[:, None] * self.rate_slopes + w[:, None] * self.torque_slopes
-        if changes.size:  # 2 P' P' / |dP/dt| at each
-            moved = curves.evaluate(curves.coefficients(slopes), changes)
-            bent += (moved.T * (self.duration / np.abs(curves.slopes(u * w, changes)))) @ moved
-        return float(weights @ (u * w)), weights @ slopes, bent
+IMPACT_SCALARS = ("step_length", "weight", "impulse_t", "impulse_n", "push_work")
+"""Scalars at the end of the step. The impulse is that of a sticking impact; the work is that of the push."""
 
 
-class WorkRemainder:
-    """r and its derivatives.
+class ExactScalars:
+    """Scalars of one gait.
 
     Parameters
     ----------
-    arcs : of the gait.
-    sizes : of the unknowns, in which d is counted, shape (n_u,); freed parameters come first.
+    sensitivity : the gait's curves with their derivatives.
     """
 
-    def __init__(self, arcs: Sequence[ArcCurves], sizes: Array) -> None:
-        self._n_u, self._n = sizes.size, arcs[0].ahead.stretch.size if arcs else 0
-        by = sizes[: self._n]
-        self._motors = [
-            _Motor(
-                torque=torque.values,
-                torque_slopes=torque.slopes * by,
-                rate=rate.values,
-                rate_slopes=rate.slopes * by,
-                duration=torque.duration,
-            )
-            for arc in arcs
-            for torque, rate in zip(arc.torque, arc.rate, strict=True)
-        ]
-        self._value, self._gradient, _ = self._work(np.zeros(self._n))
+    def __init__(self, sensitivity: Sensitivity) -> None:
+        self._s, self._t = sensitivity, sensitivity.transcription
+        values, by = buffered(_at_impact(self._t))(sensitivity.solution.w, sensitivity.solution.p)
+        slopes = by.reshape(-1, values.size).T @ sensitivity.slopes
+        at_impact = list(zip(values.tolist(), slopes, strict=True))
+        n = len(IMPACT_SCALARS)
+        self._impact: dict[str, Valued] = dict(zip(IMPACT_SCALARS, at_impact[:n], strict=True))
+        self._impact_margins: list[Valued] = at_impact[n:]
+        self._smooth: dict[str, Valued] = {}
 
-    def at(self, d: Array) -> Remainder:
-        """The remainder of a step (n_u,)."""
-        n, freed = self._n, d[: self._n]
-        value, slope, bent = self._work(freed)
-        gradient, hessian = np.zeros(self._n_u), np.zeros((self._n_u, self._n_u))
-        gradient[:n], hessian[:n, :n] = slope - self._gradient, bent
-        return Remainder(value=value - self._value - float(self._gradient @ freed), gradient=gradient, hessian=hessian)
+    def smooth(self, name: str) -> Valued:
+        """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
+        if name not in self._smooth:
+            self._smooth[name] = self._evaluated(name)
+        return self._smooth[name]
 
-    def _work(self, d: Array) -> tuple[float, Array, Array]:
-        value, gradient, hessian = 0.0, np.zeros(self._n), np.zeros((self._n, self._n))
-        for motor in self._motors:
-            work, slope, bent = motor.work(d)
-            value, gradient, hessian = value + work, gradient + slope, hessian + bent
-        return value, gradient, hessian
+    def _evaluated(self, name: str) -> Valued:
+        t, s = self._t, self._s
+        if name in t.system.parameters:
+            return s.dynamics.parameter(name), np.array([float(name == other) for other in t.free])
+        if name.startswith("state."):
+            k = t.system.state_names.index(name.removeprefix("state."))
+            return float(s.solution.w[k]), s.slopes[k]
+        match name:
+            case "period":
+                durations = slice(t.system.n_z * t.n_nodes, t.system.n_z * t.n_nodes + t.n_phases)
+                return float(s.solution.w[durations].sum()), s.slopes[durations].sum(axis=0)
+            case "step_length":
+                return self._impact["step_length"]
+            case "speed":
+                return _ratio(self.smooth("step_length"), self.smooth("period"))
+            case "work":
+                return _total([*(c.integral() for a in s.arcs for c in a.power), self._impact["push_work"]])
+            case "cost_of_transport":
+                return _ratio(self.smooth("work"), self._weighted_length())
+            case "absolute_cost_of_transport":
+                work = [*(c.absolute_integral() for a in s.arcs for c in a.power), self._impact["push_work"]]
+                return _ratio(_total(work), self._weighted_length())
+            case "torque_squared":
+                return _total([_squared(c).integral() for a in s.arcs for c in a.torque])
+            case "slip_distance":
+                distances, x = [], t.system.n_shape
+                for arc, first in zip(t.layout.arcs, t.layout.first_nodes, strict=True):
+                    start, end = (t.system.n_z * node + x for node in (first, first + arc.intervals))
+                    slip = float(s.solution.w[end] - s.solution.w[start]), s.slopes[end] - s.slopes[start]
+                    distances.append((arc.mode.direction * slip[0], arc.mode.direction * slip[1]))
+                return _total(distances)
+        raise KeyError(name)
+
+    def by_work(self, name: str) -> float:
+        """Derivative of a scalar in the absolute work of the motors [1/J]."""
+        return 1 / self._weighted_length()[0] if name == "absolute_cost_of_transport" else 0.0
+
+    def candidates(self, name: str) -> list[Candidate]:
+        """The values whose extremum a scalar is."""
+        arcs = list(enumerate(self._s.arcs))
+        match name:
+            case "peak_torque":
+                torques = [(f"torque {j} {k}", curve) for k, arc in arcs for j, curve in enumerate(arc.torque)]
+                return _both_signs(c for key, curve in torques for c in _extremes(curve, key))
+            case "required_friction":
+                sticking = [(k, arc) for k, arc in arcs if arc.arc.mode.sticks]
+                return _both_signs(c for k, arc in sticking for c in _extremes(_quotient(*arc.force), f"friction {k}"))
+            case "impulse_ratio":
+                return _both_signs(
+                    [Candidate("impulse", *_ratio(self._impact["impulse_t"], self._impact["impulse_n"]))]
+                )
+            case "foot_clearance":
+                found = list[Candidate]()
+                for k, arc in arcs:
+                    if arc.ahead.values[-1] > 0:  # from where the legs pass each other for the last time
+                        passing = curves.roots(arc.ahead.values)
+                        after = float(passing[-1]) if passing.size else -1.0
+                        found += _extremes(arc.height, f"height {k}", [1.0], after=after)
+                return found
+            case "min_normal_force":
+                return [c for k, arc in arcs for c in _extremes(arc.force[1], f"normal force {k}")]
+        raise KeyError(name)
+
+    def margins(self) -> Iterator[tuple[str, float, Candidate]]:
+        """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact."""
+        t, scales = self._t, self._s.dynamics.scales
+        for k, arc in enumerate(self._s.arcs):
+            last, mode = t.layout.arcs[k].intervals, arc.arc.mode
+            for (name, curve), unit in zip(arc.margins.items(), margin_scales(mode, scales), strict=True):
+                if name in EVENT_MARGINS:
+                    continue
+                ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not is_zero_by_event(t, k, node, name)]
+                for candidate in _extremes(curve, f"{name} {k}", ends):
+                    yield name, float(unit), candidate
+        for (value, slope), (_, label) in zip(self._impact_margins, impact_margins(t), strict=True):
+            yield label.name, label.unit(scales), Candidate(f"impact {label.name}", value, slope)
+
+    def _weighted_length(self) -> Valued:
+        (length, slope), (weight, weight_slope) = self._impact["step_length"], self._impact["weight"]
+        return length * weight, slope * weight + length * weight_slope
+
+
+@lru_cache(maxsize=8)
+def _at_impact(t: MultipleShooting) -> Function:
+    """(w, p) -> ``IMPACT_SCALARS`` and the margins of the impact; and their Jacobian in w."""
+    landed = t.system.impact(t.layout.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"]
+    impulse = t.system.impact(Mode.STICK)(z=t.Z[:, -1], p=t.p)["impulse"]
+    margins = [expression for expression, _ in impact_margins(t)]
+    work = t.system.push(z=t.Z[:, -1], p=t.p)["work"]
+    values = vertcat(landed[t.system.n_shape], MX(t.system.weight(t.p)), impulse, work, *margins)
+    return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])
+
+
+def _extremes(
+    curve: DifferentiatedCurve, key: str, ends: Sequence[float] = (-1.0, 1.0), after: float = -1.0
+) -> Iterator[Candidate]:
+    """The curve at the given ends of the arc, and at its extrema after a point."""
+    inside = [s for s in curves.critical(curve.values) if s > after]
+    names = [*(f"{key} end {s:+.0f}" for s in ends), *(f"{key} extremum {k}" for k in range(len(inside)))]
+    for name, value, slope in zip(names, *curve.at(np.array([*ends, *inside])), strict=True):
+        yield Candidate(name, float(value), slope)
+
+
+def _both_signs(candidates: Iterable[Candidate]) -> list[Candidate]:
+    return [c for key, value, by in candidates for c in (Candidate(key, value, by), Candidate(f"-{key}", -value, -by))]
+
+
+def _total(terms: Sequence[Valued]) -> Valued:
+    values, slopes = zip(*terms, strict=True)
+    return float(sum(values)), np.sum(slopes, axis=0)
+
+
+def _ratio(above: Valued, below: Valued) -> Valued:
+    value = above[0] / below[0]
+    return value, (above[1] - value * below[1]) / below[0]
+
+
+def _squared(curve: DifferentiatedCurve) -> DifferentiatedCurve:
+    return replace(curve, values=curve.values**2, slopes=2 * curve.values[:, None] * curve.slopes)
+
+
+def _quotient(above: DifferentiatedCurve, below: DifferentiatedCurve) -> DifferentiatedCurve:
+    values = above.values / below.values
+    slopes = (above.slopes - values[:, None] * below.slopes) / below.values[:, None]
+    return replace(above, values=values, slopes=slopes)

@@ -1,24 +1,35 @@
-"""The multipliers' largest modulus as a smooth function of the NLP's unknowns, bounded from above, with its gradient.
+"""The spectral radius of a gait's return map as an objective or a constraint, with exact gradients.
 
-The equalities F, differentiated along deviations V = (nodes, durations) that start on the section, give the return
-map's derivative; the durations answer to the events, which is saltation without its formula:
+Two formulations bound it. Both need M = DPi, the derivative of the return map. The equalities F, differentiated along
+deviations V = (nodes, durations) that start on the section, give it; the durations follow the events, so that no
+saltation formula is needed:
 
-    A V = B,      DPi = R V_K            A = dF/dw with the section in the place of periodicity, R that of the impact
+    A V = B,      M = R V_K             A = dF/dw with the section in the place of periodicity, R that of the impact
 
-A radius rho with
+**Smoothed radius**, for IPOPT. A radius rho with
 
-    P = (DPi / rho)' P (DPi / rho) + eps I,      P > 0,      trace P = 1
+    P = (M / rho)' P (M / rho) + eps I,      P > 0,      trace P = 1
 
-exceeds every multiplier's modulus, because xi' P xi falls by more than rho^2 with every step. It is smooth where
-multipliers meet, cross, turn complex or vanish: the smoothed spectral radius of Vanbiervliet, Vandereycken, Michiels,
-Vandewalle & Diehl (2009), in discrete time. Its gradient, with the adjoints X of P and Lambda of V:
+exceeds the modulus of every multiplier, because xi' P xi falls by more than rho^2 with every step. It is smooth where
+multipliers meet, cross, turn complex or vanish: Vanbiervliet, Vandereycken, Michiels, Vandewalle & Diehl (2009), here
+in discrete time. Its gradient, with the adjoints X of P and Lambda of V:
 
-    X = (DPi / rho) X (DPi / rho)' + I,      G = P DPi X / trace(DPi' P DPi X) rho,      A' Lambda = R' G
+    X = (M / rho) X (M / rho)' + I,      G = P M X / trace(M' P M X) rho,      A' Lambda = R' G
     d rho = <G, dR V_K> + <Lambda, dB - dA V>
+
+**Circle inequalities**, for the exact problem. With C = M / rho and its second compound C ^ C, whose eigenvalues are
+the products of two:
+
+    det(I - C) >= 0,     det(I + C) >= 0,     det(I - C ^ C) >= 0
+
+On the boundary of the matrices whose multipliers lie within rho, there is a multiplier at rho, one at -rho, or a
+complex pair on the circle (Jury 1964). The inequalities are smooth where multipliers coalesce; the modulus there is not
+even Lipschitz. They hold again after two multipliers have left the circle together, so they only serve near a solution.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -32,14 +43,39 @@ from gaitopt.nlp.newton import Solution, section_sensitivity
 from gaitopt.nlp.shooting import MultipleShooting
 
 EPSILON = 1e-6
-"""A matrix of norm N is certified with a radius whose square exceeds that of its largest modulus by some eps N^2;
-after a slip that sticks again N is a hundred."""
+"""The square of the certified radius of a matrix of norm N exceeds that of its spectral radius by some eps N^2; N is a
+hundred where a slip sticks again."""
 NARROWEST = 1e-8
-"""Relative distance of radius and largest modulus, from where the radius is searched upwards: trace P > 1 there."""
+"""Relative distance above the largest modulus at which the search for the radius starts: trace P > 1 there."""
 FAR = 50.0
 """Stands for the logarithm of an infinite trace."""
-SMALLEST = 1e-3
-"""Multipliers below it are as good as zero: deviations vanish in a step."""
+SMALLEST_RADIUS = 1e-3
+"""Smaller multipliers count as zero: deviations vanish within a step."""
+
+
+class ReturnMapGradient:
+    """Gradient of <G, M> in the unknowns w, where M is the derivative of the return map and G a matrix of weights."""
+
+    def __init__(self, t: MultipleShooting) -> None:
+        system, n_z = t.system, t.system.n_z
+        section = [int(i) for i in system.section(t.layout.cycle.impact)]
+        n = t.equalities.numel()
+        V, adjoint = MX.sym("V", n, len(section)), MX.sym("Lambda", n, len(section))
+        G = MX.sym("G", len(section), len(section))
+        by_freed = MX.zeros(len(t.free), len(section))
+        changed = jtimes(t.equalities[:-n_z], t.w, vertcat(V, by_freed))
+        xi = t.Z[system.section(Mode.SLIP_FORWARD), 0]
+        start = system.lift_jacobian(xi, t.p)[:, : len(section)]
+        reset = system.impact_jacobian(t.layout.cycle.impact)(t.Z[:, -1], t.p)[section, :]
+        last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
+        product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], changed)
+        function = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
+        self._gradient = BufferedFunction(function)
+
+    def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
+        """The gradient, shape (n_w,); V and adjoint as in ``newton.section_sensitivity``."""
+        matrices = (matrix.ravel(order="F") for matrix in (V, adjoint, G))
+        return self._gradient(w, p, *matrices)[0].copy()
 
 
 def certified_radius(transcription: MultipleShooting) -> Function:
@@ -52,8 +88,8 @@ class _Radius(Callback):
 
     def __init__(self, transcription: MultipleShooting) -> None:
         super().__init__()
-        self._t, self._cache = transcription, _SensitivityCache(transcription)
-        self._gradient: _Gradient | None = None
+        self._t, self._cache = transcription, _Cache(transcription)
+        self._gradient: _RadiusGradient | None = None
         self.construct("radius", {})
 
     def get_n_in(self) -> int:
@@ -66,8 +102,8 @@ class _Radius(Callback):
         return Sparsity.dense((self._t.w, self._t.parameters)[i].numel(), 1)
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
-        answer = self._cache.at(*(np.asarray(value).ravel() for value in arg))
-        return [DM(np.nan if answer is None else answer.radius)]
+        certified = self._cache.at(*(np.asarray(value).ravel() for value in arg))
+        return [DM(np.nan if certified is None else certified.radius)]
 
     def has_jacobian(self) -> bool:
         return True
@@ -75,44 +111,17 @@ class _Radius(Callback):
     def get_jacobian(
         self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Any]
     ) -> Function:
-        self._gradient = _Gradient(self._t, self._cache, name, opts)
+        self._gradient = _RadiusGradient(self._t, self._cache, name, opts)
         return self._gradient
 
 
-class ResponseSlope:
-    """Derivative of <G, DPi> in the unknowns w, the return map's derivative DPi weighted by a matrix G."""
+class _RadiusGradient(Callback):
+    """(w, p, rho) -> d rho / dw, and zero for d rho / dp, which is never used."""
 
-    def __init__(self, t: MultipleShooting) -> None:
-        system, n_z = t.system, t.system.n_z
-        section = [int(i) for i in system.section(t.layout.cycle.impact)]
-        n = t.equalities.numel()
-        V, adjoint = MX.sym("V", n, len(section)), MX.sym("Lambda", n, len(section))
-        G = MX.sym("G", len(section), len(section))
-        still = MX.zeros(len(t.free), len(section))
-        moved = jtimes(t.equalities[:-n_z], t.w, vertcat(V, still))
-        xi = t.Z[system.section(Mode.SLIP_FORWARD), 0]
-        start = system.lift_jacobian(xi, t.p)[:, : len(section)]
-        reset = system.impact_jacobian(t.layout.cycle.impact)(t.Z[:, -1], t.p)[section, :]
-        last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
-        product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], moved)
-        function = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
-        self._product = BufferedFunction(function)
-
-    def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
-        """The derivative, shape (n_w,); V and adjoint as in ``newton.section_sensitivity``."""
-        matrices = (matrix.ravel(order="F") for matrix in (V, adjoint, G))
-        return self._product(w, p, *matrices)[0].copy()
-
-
-class _Gradient(Callback):
-    """(w, p, rho) -> d rho / dw and, never used, zero for d rho / dp."""
-
-    def __init__(
-        self, transcription: MultipleShooting, answers: "_SensitivityCache", name: str, options: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, transcription: MultipleShooting, cache: "_Cache", name: str, options: Mapping[str, Any]) -> None:
         super().__init__()
-        self._t, self._cache = transcription, answers
-        self._slope = ResponseSlope(transcription)
+        self._t, self._cache = transcription, cache
+        self._gradient = ReturnMapGradient(transcription)
         self.construct(name, options)
 
     def get_n_in(self) -> int:
@@ -129,16 +138,16 @@ class _Gradient(Callback):
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
         w, p, _ = (np.asarray(value).ravel() for value in arg)
-        answer = self._cache.at(w, p)
-        if answer is None:
+        certified = self._cache.at(w, p)
+        if certified is None:
             return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
-        G = radius_gradient(answer.M, answer.radius, answer.P)
-        return [DM(self._slope(w, p, answer.V, answer.adjoint(G), G)).T, DM(1, p.size)]
+        G = radius_gradient(certified.M, certified.radius, certified.P)
+        return [DM(self._gradient(w, p, certified.V, certified.adjoint(G), G)).T, DM(1, p.size)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Sensitivity:
-    """Deviations V of the step, M of the return map, M's certified radius with P, and the adjoint of V's equations."""
+class _Certified:
+    """Response V of the step, derivative M of the return map, certified radius of M with its P, adjoint of V."""
 
     V: Array
     M: Array
@@ -147,39 +156,37 @@ class _Sensitivity:
     P: Array
 
 
-class _SensitivityCache:
-    """How the step answers to deviations; the last answer is kept, for IPOPT evaluates value and slope in turn."""
+class _Cache:
+    """The last evaluation, which the radius and its gradient share: IPOPT asks for both at the same point."""
 
     def __init__(self, transcription: MultipleShooting) -> None:
         self._t = transcription
         self._key: tuple[bytes, bytes] | None = None
-        self._answer: _Sensitivity | None = None
-
-    def at(self, w: Array, p: Array) -> _Sensitivity | None:
-        """The answer, or None where it is not definite."""
-        key = (w.tobytes(), p.tobytes())
-        if key != self._key:
-            self._key, self._answer = key, self._evaluated(w, p)
-        return self._answer
+        self._certified: _Certified | None = None
 
     @overflow_allowed()
-    def _evaluated(self, w: Array, p: Array) -> _Sensitivity | None:
+    def at(self, w: Array, p: Array) -> _Certified | None:
+        """The evaluation at a point, or None where the return map has no finite derivative."""
+        key = (w.tobytes(), p.tobytes())
+        if key == self._key:
+            return self._certified
+        self._key, self._certified = key, None
         if not np.isfinite(w).all():
             return None
         try:
             V, M, adjoint = section_sensitivity(Solution(self._t, w, p))
         except RuntimeError:  # singular
             return None
-        if not np.isfinite(M).all():
-            return None
-        radius, P = smoothed_radius(M)
-        return _Sensitivity(V=V, M=M, adjoint=adjoint, radius=radius, P=P)
+        if np.isfinite(M).all():
+            radius, P = smoothed_radius(M)
+            self._certified = _Certified(V=V, M=M, adjoint=adjoint, radius=radius, P=P)
+        return self._certified
 
 
 def smoothed_radius(M: Array) -> tuple[float, Array]:
-    """The least certified radius of a matrix, and its P; shape (n, n)."""
+    """The least certified radius of a matrix (n, n), and its P; shape (n, n)."""
     n = len(M)
-    largest = max(float(np.abs(np.linalg.eigvals(M)).max()), SMALLEST)
+    largest = max(float(np.abs(np.linalg.eigvals(M)).max()), SMALLEST_RADIUS)
 
     def lyapunov(radius: float) -> Array:
         return _lyapunov(M.T / radius, EPSILON * np.eye(n))
@@ -200,6 +207,61 @@ def radius_gradient(M: Array, radius: float, P: Array) -> Array:
 
 
 def _lyapunov(A: Array, Q: Array) -> Array:
-    """X = A X A' + Q for a matrix so small that Kronecker's product does; shape (n, n)."""
+    """X = A X A' + Q by Kronecker's product, which suits small matrices; shape (n, n)."""
     n = len(A)
     return np.asarray(np.linalg.solve(np.eye(n * n) - np.kron(A, A), Q.ravel()).reshape(n, n), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CircleInequality:
+    """``value`` >= 0 with its derivatives in the matrix, shape (n, n), and in the radius."""
+
+    name: str
+    value: float
+    by_matrix: Array
+    by_radius: float
+
+
+def circle_inequalities(M: Array, radius: float) -> list[CircleInequality]:
+    """The inequalities for a matrix (n, n) and a radius; that of pairs is left out for a single multiplier."""
+    n = len(M)
+    C, identity = M / radius, np.eye(n)
+    rows = [
+        ("real", identity - C, -_adjugate(identity - C).T),
+        ("negative", identity + C, _adjugate(identity + C).T),
+    ]
+    if n > 1:
+        i, j = np.array(list(combinations(range(n), 2))).T
+        minors = C[np.ix_(i, i)] * C[np.ix_(j, j)] - C[np.ix_(i, j)] * C[np.ix_(j, i)]
+        inside = np.eye(i.size) - minors
+        by_minors, by_C = -_adjugate(inside).T, np.zeros_like(C)
+        np.add.at(by_C, np.ix_(i, i), by_minors * C[np.ix_(j, j)])
+        np.add.at(by_C, np.ix_(j, j), by_minors * C[np.ix_(i, i)])
+        np.add.at(by_C, np.ix_(i, j), -by_minors * C[np.ix_(j, i)])
+        np.add.at(by_C, np.ix_(j, i), -by_minors * C[np.ix_(i, j)])
+        rows.append(("pair", inside, by_C))
+    return [
+        CircleInequality(
+            name=name,
+            value=float(np.linalg.det(inside)),
+            by_matrix=by_C / radius,
+            by_radius=-float(np.vdot(by_C, C)) / radius,
+        )
+        for name, inside, by_C in rows
+    ]
+
+
+def _adjugate(A: Array) -> Array:
+    """det(A) A^-1, for singular matrices too; shape (n, n)."""
+    U, s, Vt = np.linalg.svd(A)
+    others = np.array([np.prod(np.delete(s, k)) for k in range(s.size)])
+    return np.asarray(np.linalg.det(U) * np.linalg.det(Vt) * (Vt.T * others) @ U.T)
+
+
+def modulus_gradient(M: Array) -> tuple[float, Array]:
+    """Spectral radius of a matrix and its gradient, shape (n, n), where the dominant eigenvalue is simple."""
+    values, right = np.linalg.eig(M)
+    k = int(np.argmax(np.abs(values)))
+    left = np.linalg.inv(right)[k]
+    slope = np.multiply.outer(left, right[:, k])
+    return float(np.abs(values[k])), np.real(np.conj(values[k]) * slope / np.abs(values[k]))

@@ -1,317 +1,382 @@
-"""Sequential programming in the freed parameters: the best step of a ``model`` at each point, as far as it is a gain.
+"""Sequential quadratic programming in the freed parameters: the optimum of the exact problem next to a point.
 
-The model's Hessian is taken by differences of the Lagrangian's gradient once, and learnt from then on by symmetric
-secant updates (Powell 1970), what the changes of sign of the power add to it being known at every point.
-
-A design in its freed parameters alone: the equations of the step eliminated, nothing smoothed.
-
-    min f(u)    s.t.    rows(u) >= 0 or = 0,          u = (freed parameters, levels)
-
-A level stands for an extremum that is minimised: every value whose extremum it is stays on its side.
-
-How far a point is from being optimal: the first-order conditions of Karush, Kuhn and Tucker, nothing smoothed.
-
-    min over l >= 0 of | grad f - sum l_i grad c_i |,        c_i the active constraints; l_i of any sign for equalities
-
-in the freed parameters and levels of ``reduced``, each in its typical size, f relative to itself. A level whose
-derivative must vanish as well makes the hull of the gradients of a maximum. Moduli of multipliers that coalesce are
-not Lipschitz; the inequalities of ``nlp.moduli`` that stand for them are smooth.
-
-What is known of a design next to a point, and the best step by it.
+At each point the step d, counted in the typical sizes of the unknowns, solves a model of the problem,
 
     min  g' d + d' B d / 2 + a r(d)    s.t.  A d + b + c r(d) >= 0,    |d_i| <= reach
 
-with the remainder r of the absolute work (``absolute_work``), solved by sequential quadratic programming of its own: r
-costs a hundredth of a gait. B is the rest of the Lagrangian's Hessian. Unknowns and objective are counted in their
-typical sizes throughout.
+with the remainder of the absolute work, which no quadratic function describes,
+
+    W(d) = sum of integrals |(u + u' d)(w + w' d)| dt,      r(d) = W(d) - W(0) - W'(0) d
+
+u and w being the torques and rates of the motors. Designs that save absolute work lie where the power just touches
+zero, and there the second derivatives of r change within steps that hardly move anything else. r costs a hundredth of a
+gait, so that each model is solved by quadratic programs of its own. B is the rest of the Hessian of the Lagrangian: by
+differences of its gradient once, then by symmetric secant updates (Powell 1970).
+
+The search ends at the first-order conditions of Karush, Kuhn and Tucker,
+
+    min over l >= 0 of | grad f - sum l_i grad c_i |,        c_i the active constraints; l_i of any sign for equalities
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from casadi import Sparsity, conic
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.design.quadratic import SMALL, least_distance, nonnegative
-from gaitopt.design.rows import EXTREMA, RADIUS, Radius, Row, Scalars, Values, margin_rows, span_rows
-from gaitopt.design.sensitivity import Remainder, Sensitivity, WorkRemainder, sensitivity
-from gaitopt.design.spectral_radius import ResponseSlope
+from gaitopt.design.exact import Constraint, Evaluation, ExactProblem
+from gaitopt.design.sensitivity import ArcCurves
+from gaitopt.gait import curves
 from gaitopt.nlp.ipopt import Progress
-from gaitopt.nlp.layout import layout
-from gaitopt.nlp.newton import Solution, polish
-from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import MultipleShooting
-from gaitopt.problem.problem import Problem
-
-SOLVED = 1e-10
-"""Residual of the equations of the step at a point."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Point:
-    """The reduced problem at one set of freed parameters.
-
-    Attributes
-    ----------
-    u : ndarray, shape (n_u,) - freed parameters, and levels.
-    objective, gradient : of what is minimised, shape (n_u,).
-    by_work : derivative of the objective in the absolute work of the motors.
-    rows : all constraints.
-    sensitivity : the gait.
-    """
-
-    u: Array
-    objective: float
-    gradient: Array
-    by_work: float
-    rows: tuple[Row, ...]
-    sensitivity: Sensitivity
-
-    @property
-    def violation(self) -> float:
-        """Largest violation of a constraint."""
-        return max((row.violation for row in self.rows), default=0.0)
-
-
-class Reduced:
-    """The reduced problem.
-
-    Parameters
-    ----------
-    problem : objective and constraints.
-    free, bounds : the freed parameters by dotted key, and their bounds; shape (2, n_free).
-    """
-
-    def __init__(self, problem: Problem, free: tuple[str, ...], bounds: Array) -> None:
-        self._problem, self.free, self.bounds = problem, free, bounds
-        self.levels = tuple(
-            name for name, weight in problem.objective.items() if name in EXTREMA and weight * EXTREMA[name] > 0
-        )
-        self._slopes: dict[MultipleShooting, ResponseSlope] = {}
-
-    def first(self, transcription: MultipleShooting, w: Array, p: Array, heights: Array | None = None) -> Point | None:
-        """The point at nodes, durations and freed parameters ``w``; None where there is no gait.
-
-        ``heights`` are the levels, at their extrema unless given.
-        """
-        at = polish(transcription, w, p)
-        if not at.size < SOLVED or not (transcription.unpack(at.w).durations > 0).all():
-            return None
-        if not self._in_order(transcription, at.w):
-            return self._recut(transcription, at.w, p, heights)
-        return self._point(transcription, at, heights)
-
-    def moved(self, point: Point, step: Array) -> Point | None:
-        """The point a step (n_u,) away; None where Newton's method finds no gait from here."""
-        s, n = point.sensitivity, len(self.free)
-        w = s.at.w + s.slopes @ step[:n]
-        w[-n:] = np.clip(w[-n:], *self.bounds)  # to which the step keeps up to rounding
-        return self.first(s.transcription, w, s.at.p, point.u[n:] + step[n:])
-
-    def _in_order(self, t: MultipleShooting, w: Array) -> bool:
-        return t.layout.in_order(t.unpack(w).durations, t.system.control.breakpoints)
-
-    def _recut(self, t: MultipleShooting, w: Array, p: Array, heights: Array | None) -> Point | None:
-        """The same gait on the arcs that it has after a switch has passed a breakpoint of the control."""
-        nodes, durations, freed = t.unpack(w)
-        rolled = roll_out(t.dynamics(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
-        plan = layout(t.layout.cycle, durations, t.system.control.breakpoints)
-        cut = MultipleShooting(t.system, plan, t.free)
-        at = polish(cut, cut.pack(rolled.nodes(plan), durations, freed), p)
-        return self._point(cut, at, heights) if at.size < SOLVED and self._in_order(cut, at.w) else None
-
-    def _point(self, t: MultipleShooting, at: Solution[MultipleShooting], heights: Array | None) -> Point | None:
-        try:
-            s = sensitivity(t, at)
-        except RuntimeError:  # singular
-            return None
-        freed = s.transcription.unpack(s.at.w).freed
-        values = Values(Scalars(s), self._radius(s), self.levels, heights)
-        if values.escaped(self._problem):
-            return None
-        objective, by_work, gradient = 0.0, 0.0, np.zeros(freed.size + len(self.levels))
-        for name, weight in self._problem.objective.items():
-            value, slope = values.level(name) if name in self.levels else values.single(name)
-            objective, gradient = objective + weight * value, gradient + weight * slope
-            by_work += weight * values.scalars.by_work(name)
-        rows = [*margin_rows(values), *self._within(values, freed)]
-        for name in self.levels:
-            rows += values.beyond(name, *values.level(name), EXTREMA[name])
-        for name, span in self._problem.constraints.items():
-            rows += span_rows(values, name, span)
-        u = np.concatenate([freed, values.heights])
-        return Point(
-            u=u, objective=float(objective), gradient=gradient, by_work=by_work, rows=tuple(rows), sensitivity=s
-        )
-
-    def _radius(self, s: Sensitivity) -> Radius | None:
-        if RADIUS not in self._problem.objective and RADIUS not in self._problem.constraints:
-            return None
-        if s.transcription not in self._slopes:
-            self._slopes[s.transcription] = ResponseSlope(s.transcription)
-        return Radius(s, self._slopes[s.transcription])
-
-    def _within(self, values: Values, freed: Array) -> Iterator[Row]:
-        """The bounds of the freed parameters."""
-        for name, value, slope, (low, high) in zip(self.free, freed, np.eye(freed.size), self.bounds.T, strict=True):
-            gradient = values.extended(slope)
-            yield Row(about=name, key=f"{name} lower", value=float(value - low), gradient=gradient)
-            yield Row(about=name, key=f"{name} upper", value=float(high - value), gradient=-gradient)
-
 
 ACTIVE = 1e-7
 """A constraint is active where so small a change of the unknowns, relative to their sizes, would violate it."""
 NEGLIGIBLE = 1e-6
-"""Gradient of a constraint, in its natural unit and sizes, below which the unknowns do not govern it."""
+"""Gradient of a constraint, in its natural unit and the sizes, below which the unknowns do not govern it."""
+ARMIJO = 1e-4
+"""Part of the gain promised by the slope that a step must reach."""
+PENALTY = 2.0
+"""Weight of violations in the merit functions, in multipliers."""
+
+# of the model
+MAX_PROGRAMS = 60
+"""Quadratic programs of one model."""
+PRECISE = 1e-3
+"""Last step of a model, relative to all of them: models are solved as precisely as they describe."""
+SHORTEST_OF_MODEL = 1e-9
+"""Part of a step at which its line search gives up: r may bend by its root next to a touch of zero."""
+ROUNDING_OF_MODEL = 1e-14
+"""Rounding of the merit of a model."""
+FLATTEST, STIFFEST = 1e-6, 1e7
+"""Least and largest curvature of a quadratic program. That of r grows like the inverse root of the distance from where
+the power touches zero; there Newton's step would have no length."""
+RELAXED = 1e4
+"""Curvature of the slack of a quadratic program whose constraints contradict each other."""
+
+# of the search
+MAX_SWIFT, MAX_CAUTIOUS = 40, 200
+"""Iterations of a search with the curvature as it is, and of a cautious one."""
+DAMPING = 0.2
+"""Part of the previous curvature that an update must leave, Powell (1978)."""
+OPTIMALITY, MET = 1e-6, 1e-9
+"""KKT residual, and violation of constraints in their natural units, of a design that counts as converged."""
+OPTIMAL, FEASIBLE = 1e-7, 1e-11
+"""The same at which a search ends as soon as it no longer converges fast, because of the rounding of a gait."""
+FAST = 0.1
+"""Ratio of successive KKT residuals of a search that still converges fast."""
+FIRST_REACH = 0.3
+"""Longest first step, relative to the sizes of the unknowns; doubled after a step that went as the model promised."""
+LEAST_REACH = 1e-3
+"""Shorter steps are left to the line search."""
+SHRUNK, HOPELESS = 0.1, 1e-5
+"""Ratio of reaches after a step no part of which is better, and the reach at which the search is given up."""
+EDGE = 0.99
+"""Part of the reach beyond which a step counts as limited by it."""
+PROMISED = 0.7
+"""Part of the gain of the model that counts as a step that went as promised."""
+SHORTEST = 1e-4
+"""Part of a step at which a line search gives up."""
+DIFFERENCE = 1e-4
+"""Step of the differences of gradients, relative to the sizes: a thousand times what a gait is solved to."""
+ROUNDING = 1e-11
+"""Rounding of the merit: that of a gait, times the weight of its constraints."""
 
 
-def kkt_residual(point: Point, sizes: Array) -> tuple[float, dict[str, float]]:
-    """Residual of the optimality conditions at a point, and the multipliers that make it least.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Iterate:
+    """A point of the search.
+
+    Attributes
+    ----------
+    evaluation : the exact problem there.
+    kkt : least norm of the objective's gradient less nonnegative multiples of those of the active constraints.
+    multipliers : of the active constraints, by their keys.
+    iterations : number of steps to it.
+    interrupted : whether the search was stopped there on request.
+    """
+
+    evaluation: Evaluation
+    kkt: float
+    multipliers: dict[str, float]
+    iterations: int
+    interrupted: bool
+
+    @property
+    def shortcoming(self) -> str | None:
+        """Why it is no optimum; None where it is one."""
+        if not self.evaluation.violation < MET:
+            worst = max(self.evaluation.constraints, key=lambda constraint: constraint.violation)
+            return f"{worst.name} is only met to {worst.violation:.2g}"
+        if not self.kkt < OPTIMALITY:
+            return f"stalled: the optimality conditions are only met to {self.kkt:.2g}"
+        return None
+
+
+def optimise(
+    problem: ExactProblem,
+    start: Evaluation,
+    sizes: Array,
+    *,
+    cautious: bool = False,
+    progress: Progress | None = None,
+    should_stop: Stop = None,
+) -> Iterate:
+    """The optimum next to a point, or where the search for it ended.
 
     Parameters
     ----------
-    sizes : typical sizes of the unknowns, shape (n_u,); the objective's is its value.
+    sizes : typical sizes of the unknowns, shape (n_u,).
+    cautious : learn the curvature from one on and keep it positive. This takes more iterations, but avoids the folds
+        to which the curvature as it is may lead.
+    progress : called at every iteration with its number and the largest violation.
+    should_stop : polled at every iteration; True ends the search.
     """
-    gradient = point.gradient * sizes / objective_size(point)
-    rows, columns = [], []
-    for row in point.rows:
-        column = row.gradient * sizes
-        length = float(np.linalg.norm(column))
-        if length > NEGLIGIBLE and (row.equality or row.value / length <= ACTIVE):
-            for sign in (1.0, -1.0) if row.equality else (1.0,):
-                rows.append((row, sign / length))
-                columns.append(sign * column / length)
-    if not columns:
+    point, penalty, reach = start, 0.0, FIRST_REACH
+    B: Array | None = np.eye(sizes.size) if cautious else None
+    before, learnt = None, False
+    for iteration in range((MAX_CAUTIOUS if cautious else MAX_SWIFT) + 1):
+        kkt, multipliers = kkt_residual(point, sizes)
+        if progress is not None:
+            progress(iteration, point.violation)
+        interrupted = should_stop is not None and should_stop()
+        here = Iterate(
+            evaluation=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted
+        )
+        if interrupted:
+            break
+        if before is not None and before.kkt < OPTIMAL and kkt >= FAST * before.kkt and point.violation < FEASIBLE:
+            return min(before, here, key=lambda iterate: (iterate.evaluation.violation >= FEASIBLE, iterate.kkt))
+        before = here
+
+        model = _Model(point, sizes, reach)
+        weights = np.array([multipliers.get(constraint.key, 0.0) for constraint in model.constraints])
+        if B is None:
+            B, learnt = _hessian_by_differences(problem, model, weights), False
+        d, weights = model.solve(B, weights)
+        penalty = _raised(penalty, weights)
+        after, part = _line_search(problem, model, B, d, weights, penalty)
+        if after is not None:
+            longest = float(np.abs(d).max())
+            if cautious:
+                reach = FIRST_REACH
+            elif part < 1.0:
+                reach = max(2 * part * longest, LEAST_REACH)
+            elif longest > EDGE * reach:
+                promised = model.merit(np.zeros(d.size), B, penalty) - model.merit(d, B, penalty)
+                gain = _merit(point, model.scale, penalty) - _merit(after, model.scale, penalty)
+                reach *= 2 if gain > PROMISED * promised - ROUNDING else 1
+            B = (_damped_update if cautious else _symmetric_update)(B, *model.secant(after, weights))
+            point, learnt = after, True
+        elif (kkt < OPTIMAL and point.violation < FEASIBLE) or reach < HOPELESS:
+            break
+        elif learnt:
+            B, reach, learnt = np.eye(sizes.size) if cautious else None, FIRST_REACH, False
+        else:
+            reach *= SHRUNK
+    return here
+
+
+def kkt_residual(point: Evaluation, sizes: Array) -> tuple[float, dict[str, float]]:
+    """Residual of the optimality conditions at a point, and the multipliers that make it least, by key.
+
+    Parameters
+    ----------
+    sizes : typical sizes of the unknowns, shape (n_u,).
+    """
+    gradient = point.gradient * sizes / point.objective_size
+    scales, normals = [], []
+    for constraint in point.constraints:
+        normal = constraint.gradient * sizes
+        length = float(np.linalg.norm(normal))
+        if length > NEGLIGIBLE and (constraint.equality or constraint.value / length <= ACTIVE):
+            for sign in (1.0, -1.0) if constraint.equality else (1.0,):
+                scales.append((constraint.key, sign / length))
+                normals.append(sign * normal / length)
+    if not normals:
         return float(np.linalg.norm(gradient)), {}
-    basis = np.array(columns).T
-    weights = nonnegative(basis, gradient)
-    residual = np.linalg.norm(basis @ weights - gradient)
+    # the residual is the projection of the gradient on the cone of the r with normals @ r <= 0, and l are its weights
+    A = -np.array(normals)
+    solution = quadratic_program(np.eye(gradient.size), -gradient, A, np.zeros(len(A)))
+    if solution is None:
+        raise np.linalg.LinAlgError("the projection on a cone, which exists, was not found")
     multipliers: dict[str, float] = {}
-    for (row, scale), weight in zip(rows, weights, strict=True):
+    for (key, scale), weight in zip(scales, solution[1], strict=True):
         if weight > 0:
-            multipliers[row.key] = multipliers.get(row.key, 0.0) + scale * weight
-    return float(residual), multipliers
+            multipliers[key] = multipliers.get(key, 0.0) + scale * float(weight)
+    return float(np.linalg.norm(gradient + A.T @ solution[1])), multipliers
 
 
-def objective_size(point: Point) -> float:
-    """Typical size of what is minimised."""
-    return max(abs(point.objective), SMALL)
+def quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:
+    """min g'd + d'Hd/2 s.t. A d + b >= 0, strictly convex: solution and multipliers; None where infeasible.
+
+    By the dual active set of DAQP (Arnström, Bemporad & Axehill 2022), which comes with CasADi; the equations of its
+    active set are then solved to rounding.
+    """
+    n = g.size
+    shapes = {"h": Sparsity.dense(n, n), "a": Sparsity.dense(b.size, n)}
+    solver = conic("quadratic_program", "daqp", shapes, {"error_on_fail": False})
+    solution = solver(h=H, g=g, a=A, lba=-b)
+    if not solver.stats()["success"]:
+        return None
+    d, weights = np.asarray(solution["x"]).ravel(), np.maximum(0.0, -np.asarray(solution["lam_a"]).ravel())
+    active = weights > 0
+    C, m = A[active], int(active.sum())
+    system = np.block([[H, -C.T], [C, np.zeros((m, m))]])
+    residual = np.concatenate([H @ d + g - C.T @ weights[active], C @ d + b[active]])
+    change = -np.linalg.lstsq(system, residual)[0]  # a constraint may be active twice
+    refined = weights.copy()
+    refined[active] += change[n:]
+    return (d + change[:n], refined) if (refined >= 0).all() else (d, weights)
 
 
-MAX_STEPS = 60
-"""Of the quadratic programs of one model."""
-PRECISE = 1e-3
-"""Last step of a model, relative to all of them: models are solved as precisely as they describe."""
-SHORTEST = 1e-9
-"""Part of a step after which a line search gives up: r may bend by its root next to a touch of zero."""
-ARMIJO = 1e-4
-"""Part of the gain that the slope promises which a step must reach."""
-ROUNDING = 1e-14
-"""Of the merit of a model."""
-FLATTEST, STIFFEST = 1e-6, 1e7
-"""Least and largest curvature of a quadratic program. That of r grows like the inverse root of the distance from where
-the power touches zero, and there Newton's step would have no length."""
-RELAXED = 1e4
-"""Curvature of the slack of a quadratic program whose constraints contradict each other."""
-PENALTY = 2.0
-"""Weight of violations in the merit function, in multipliers."""
+class WorkRemainder:
+    """The remainder r of the absolute work of motions next to a gait.
+
+    Parameters
+    ----------
+    arcs : of the gait.
+    sizes : of the unknowns, in which d is counted, shape (n_u,); freed parameters come first.
+    """
+
+    def __init__(self, arcs: Sequence[ArcCurves], sizes: Array) -> None:
+        self._n_u, self._n = sizes.size, arcs[0].ahead.stretch.size if arcs else 0
+        by = sizes[: self._n]
+        self._motors = [
+            (torque.values, torque.slopes * by, rate.values, rate.slopes * by, torque.duration)
+            for arc in arcs
+            for torque, rate in zip(arc.torque, arc.rate, strict=True)
+        ]
+        self._value, self._gradient, _ = self._work(np.zeros(self._n))
+
+    def at(self, d: Array) -> tuple[float, Array, Array]:
+        """Value, gradient (n_u,) and second derivatives (n_u, n_u) of r at a step (n_u,)."""
+        n, freed = self._n, d[: self._n]
+        value, slope, bent = self._work(freed)
+        gradient, hessian = np.zeros(self._n_u), np.zeros((self._n_u, self._n_u))
+        gradient[:n], hessian[:n, :n] = slope - self._gradient, bent
+        return value - self._value - float(self._gradient @ freed), gradient, hessian
+
+    def _work(self, d: Array) -> tuple[float, Array, Array]:
+        """W and its derivatives at a step (n_free,)."""
+        value, gradient, hessian = 0.0, np.zeros(self._n), np.zeros((self._n, self._n))
+        for torque, torque_slopes, rate, rate_slopes, duration in self._motors:
+            u, w = torque + torque_slopes @ d, rate + rate_slopes @ d
+            weights, changes = curves.signed_weights(u * w)
+            weights = weights * duration / 2
+            mixed = torque_slopes.T @ (weights[:, None] * rate_slopes)
+            bent = mixed + mixed.T
+            slopes = u[:, None] * rate_slopes + w[:, None] * torque_slopes
+            if changes.size:  # 2 P' P' / |dP/dt| at each
+                crossing = curves.evaluate(curves.coefficients(slopes), changes)
+                bent += (crossing.T * (duration / np.abs(curves.slopes(u * w, changes)))) @ crossing
+            value += float(weights @ (u * w))
+            gradient, hessian = gradient + weights @ slopes, hessian + bent
+        return value, gradient, hessian
 
 
-class Model:
+class _Model:
     """The model at a point.
 
     Parameters
     ----------
     sizes : of the unknowns, shape (n_u,).
     reach : longest step in any of them, relative to its size.
+
+    Attributes
+    ----------
+    constraints : those that a step may violate.
+    scale : typical size of the objective.
     """
 
-    def __init__(self, point: Point, sizes: Array, reach: float) -> None:
-        self.point, self.sizes, self.scale, self.reach = point, sizes, objective_size(point), reach
+    def __init__(self, point: Evaluation, sizes: Array, reach: float) -> None:
+        self.point, self.sizes, self.scale, self._reach = point, sizes, point.objective_size, reach
         self.gradient = point.gradient * sizes / self.scale
         farthest = 2 * reach * np.sqrt(sizes.size)
-        lengths = [float(np.linalg.norm(row.gradient * sizes)) for row in point.rows]
-        near = [a > NEGLIGIBLE and row.value < farthest * a for row, a in zip(point.rows, lengths, strict=True)]
-        self.rows = [row for row, counts in zip(point.rows, near, strict=True) if counts]
-        self.A = np.array([row.gradient * sizes for row in self.rows]).reshape(-1, sizes.size)
-        self.b = np.array([row.value for row in self.rows])
-        self._equality = np.array([row.equality for row in self.rows], dtype=bool)
-        self._work, self._work_rows = point.by_work / self.scale, np.array([row.by_work for row in self.rows])
-        works = self._work != 0 or bool(self._work_rows.any())
+        self.constraints = list[Constraint]()
+        for constraint in point.constraints:
+            length = float(np.linalg.norm(constraint.gradient * sizes))
+            if length > NEGLIGIBLE and constraint.value < farthest * length:
+                self.constraints.append(constraint)
+        self._A = np.array([c.gradient * sizes for c in self.constraints]).reshape(-1, sizes.size)
+        self._b = np.array([c.value for c in self.constraints])
+        self._equality = np.array([c.equality for c in self.constraints], dtype=bool)
+        self._a, self._c = point.by_work / self.scale, np.array([c.by_work for c in self.constraints])
+        works = self._a != 0 or bool(self._c.any())
         self._remainder = WorkRemainder(point.sensitivity.arcs if works else (), sizes)
 
-    def solve(self, rest: Array, weights: Array, shift: Array | float = 0.0) -> tuple[Array, Array]:
-        """Step and multipliers of the rows; shapes (n_u,) and (n_rows,).
+    def solve(self, B: Array, weights: Array, shift: Array | float = 0.0) -> tuple[Array, Array]:
+        """Step and multipliers of the constraints; shapes (n_u,) and (n_constraints,).
 
         Parameters
         ----------
-        rest : B, shape (n_u, n_u).
+        B : shape (n_u, n_u).
         weights : guess of the multipliers.
-        shift : added to the values of the rows.
+        shift : added to the values of the constraints.
         """
         d, penalty = np.zeros(self.sizes.size), 0.0
-        for _ in range(MAX_STEPS):
-            r = self._remainder.at(d)
-            H = _definite(rest + self._stiffness(weights) * r.hessian)
-            gradient = self.gradient + rest @ d + self._work * r.gradient
-            A = self.A + np.outer(self._work_rows, r.gradient)
-            values = self._values(d, r) + shift
-            step, weights = self._quadratic(H, gradient, A, values, d)
-            penalty = raised(penalty, weights)
+        for _ in range(MAX_PROGRAMS):
+            r, r_gradient, r_hessian = self._remainder.at(d)
+            curvatures, axes = np.linalg.eigh(B + self._stiffness(weights) * r_hessian)
+            H = np.asarray((axes * np.clip(curvatures, FLATTEST, STIFFEST)) @ axes.T)
+            gradient = self.gradient + B @ d + self._a * r_gradient
+            A = self._A + np.outer(self._c, r_gradient)
+            values = self._b + self._A @ d + self._c * r + shift
+            step, weights = self._quadratic_step(H, gradient, A, values, d)
+            penalty = _raised(penalty, weights)
             slope = min(0.0, float(gradient @ step) - penalty * self._violation(values))
-            merit = partial(self.merit, rest=rest, penalty=penalty, shift=shift)
-            part = _better_part(merit, d, step, slope)
+            merit = partial(self.merit, B=B, penalty=penalty, shift=shift)
+            now, part = merit(d), 1.0
+            while not merit(d + part * step) <= now + ARMIJO * part * slope + ROUNDING_OF_MODEL:
+                part /= 2
+                if part < SHORTEST_OF_MODEL:
+                    part = 0.0
+                    break
             d = d + part * step
             if part * np.linalg.norm(step) <= PRECISE * np.linalg.norm(d):
                 break
         return d, weights
 
-    def merit(self, d: Array, rest: Array, penalty: float, shift: Array | float = 0.0) -> float:
-        """Gain of the objective by the model, with violations as a penalty."""
-        r = self._remainder.at(d)
-        change = self.gradient @ d + d @ rest @ d / 2 + self._work * r.value
-        return float(change) + penalty * self._violation(self._values(d, r) + shift)
+    def merit(self, d: Array, B: Array, penalty: float, shift: Array | float = 0.0) -> float:
+        """Change of the objective, with violations as a penalty."""
+        r, _, _ = self._remainder.at(d)
+        change = self.gradient @ d + d @ B @ d / 2 + self._a * r
+        return float(change) + penalty * self._violation(self._b + self._A @ d + self._c * r + shift)
 
     def predicted(self, d: Array) -> Array:
-        """Values of the rows after a step; shape (n_rows,)."""
-        return self._values(d, self._remainder.at(d))
+        """Values of the constraints after a step; shape (n_constraints,)."""
+        return self._b + self._A @ d + self._c * self._remainder.at(d)[0]
 
-    def weights(self, multipliers: Mapping[str, float]) -> Array:
-        """Multipliers by their keys as those of the rows; shape (n_rows,)."""
-        return np.array([multipliers.get(row.key, 0.0) for row in self.rows])
-
-    def secant(self, after: Point, weights: Array) -> tuple[Array, Array]:
+    def secant(self, after: Evaluation, weights: Array) -> tuple[Array, Array]:
         """A step, and the change of the Lagrangian's gradient that r does not explain; each of shape (n_u,)."""
-        gradients = {row.key: row.gradient for row in after.rows}
+        gradients = {constraint.key: constraint.gradient for constraint in after.constraints}
         s = (after.u - self.point.u) / self.sizes
         y = after.gradient * self.sizes / self.scale - self.gradient
-        for row, a, weight in zip(self.rows, self.A, weights, strict=True):
-            if weight != 0.0 and row.key in gradients:
-                y = y - weight * (gradients[row.key] * self.sizes - a)
-        return s, y - self._stiffness(weights) * self._remainder.at(s).gradient
+        for constraint, a, weight in zip(self.constraints, self._A, weights, strict=True):
+            if weight != 0.0 and constraint.key in gradients:
+                y = y - weight * (gradients[constraint.key] * self.sizes - a)
+        return s, y - self._stiffness(weights) * self._remainder.at(s)[1]
 
     def _stiffness(self, weights: Array) -> float:
-        return self._work - float(weights @ self._work_rows)
-
-    def _values(self, d: Array, r: Remainder) -> Array:
-        return self.b + self.A @ d + self._work_rows * r.value
+        """Weight of r in the Lagrangian."""
+        return self._a - float(weights @ self._c)
 
     def _violation(self, values: Array) -> float:
         return float(np.where(self._equality, np.abs(values), np.maximum(0.0, -values)).sum())
 
-    def _quadratic(self, H: Array, gradient: Array, A: Array, b: Array, d: Array) -> tuple[Array, Array]:
+    def _quadratic_step(self, H: Array, gradient: Array, A: Array, b: Array, d: Array) -> tuple[Array, Array]:
+        """Further step from d, and multipliers of the constraints; infeasible constraints are all relaxed alike."""
         n, m = d.size, b.size
-        box = np.vstack([np.eye(n), -np.eye(n)])
-        A = np.vstack([A, -A[self._equality], box])
-        c = np.concatenate([b, -b[self._equality], self.reach + d, self.reach - d])
-        solution = least_distance(H, gradient, A, c)
-        if solution is None:  # the linearised constraints contradict each other: all of them are relaxed alike
+        A = np.vstack([A, -A[self._equality], np.eye(n), -np.eye(n)])
+        c = np.concatenate([b, -b[self._equality], self._reach + d, self._reach - d])
+        solution = quadratic_program(H, gradient, A, c)
+        if solution is None:
             wide = np.zeros((n + 1, n + 1))
             wide[:n, :n], wide[n, n] = H, RELAXED
             slack = np.maximum(0.0, -c)[:, None]
-            solution = least_distance(wide, np.append(gradient, 0.0), np.hstack([A, slack]), c)
+            solution = quadratic_program(wide, np.append(gradient, 0.0), np.hstack([A, slack]), c)
         if solution is None:
             raise np.linalg.LinAlgError("the relaxed quadratic program, which has a solution, was not solved")
         step, every = solution
@@ -320,144 +385,12 @@ class Model:
         return step[:n], weights
 
 
-def raised(penalty: float, weights: Array) -> float:
-    """Weight of violations in the next merit function."""
-    return max(PENALTY * float(np.abs(weights).max(initial=0.0)), penalty / PENALTY)
-
-
-def _better_part(merit: Callable[[Array], float], d: Array, step: Array, slope: float) -> float:
-    """The first part of a step that is better; 0 where none is."""
-    now, part = merit(d), 1.0
-    while part >= SHORTEST:
-        if merit(d + part * step) <= now + ARMIJO * part * slope + ROUNDING:
-            return part
-        part /= 2
-    return 0.0
-
-
-def _definite(H: Array) -> Array:
-    """The nearest matrix whose curvatures are neither too flat nor too stiff."""
-    values, vectors = np.linalg.eigh(H)
-    return np.asarray((vectors * np.clip(values, FLATTEST, STIFFEST)) @ vectors.T)
-
-
-MAX_SWIFT, MAX_ITERATIONS = 40, 200
-"""Of a search with the curvature as it is, and of a cautious one."""
-DAMPING = 0.2
-"""Part of the curvature so far that an update must leave, Powell (1978)."""
-OPTIMALITY, MET = 1e-6, 1e-9
-"""KKT residual, and violation of constraints in their natural units, of a design that is called converged."""
-OPTIMAL, FEASIBLE = 1e-7, 1e-11
-"""The same from where a search ends as soon as it no longer converges fast, by the rounding of a gait."""
-FAST = 0.1
-"""Ratio of KKT residuals of a search that still does."""
-FIRST_REACH = 0.3
-"""Longest first step, relative to the sizes of the unknowns; twice as far after one that went as the model promised."""
-LEAST_REACH = 1e-3
-"""Shorter steps are left to the line search."""
-SHRUNK, HOPELESS = 0.1, 1e-5
-"""Ratio of reaches after a step of which no part is better, and a reach at which the search is given up."""
-EDGE = 0.99
-"""Part of the reach from where a step counts as kept by it."""
-PROMISED = 0.7
-"""Part of the gain by the model that is meant by that."""
-SHORTEST_SQP = 1e-4
-"""Part of a step after which a line search gives up."""
-DIFFERENCE = 1e-4
-"""Step of the differences of gradients, relative to the sizes: a thousand times what a gait is solved to."""
-ROUNDING_SQP = 1e-11
-"""Of the merit: that of a gait, times the weight of its constraints."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Optimum:
-    """Where a search ended.
-
-    Attributes
-    ----------
-    point : the point.
-    kkt : least norm of the objective's gradient less nonnegative multiples of those of the active constraints.
-    multipliers : of the active constraints, by their keys.
-    iterations : how many.
-    interrupted : whether it was stopped on request.
-    """
-
-    point: Point
-    kkt: float
-    multipliers: dict[str, float]
-    iterations: int
-    interrupted: bool
-
-    @property
-    def shortcoming(self) -> str | None:
-        """What it lacks to be an optimum."""
-        if not self.point.violation < MET:
-            worst = max(self.point.rows, key=lambda row: row.violation)
-            return f"{worst.about} is only met to {worst.violation:.2g}"
-        if not self.kkt < OPTIMALITY:
-            return f"stalled: the optimality conditions are only met to {self.kkt:.2g}"
-        return None
-
-
-def optimise(
-    problem: Reduced,
-    start: Point,
-    sizes: Array,
-    *,
-    cautious: bool = False,
-    progress: Progress | None = None,
-    should_stop: Stop = None,
-) -> Optimum:
-    """The optimum next to a point.
-
-    Parameters
-    ----------
-    sizes : typical sizes of the unknowns, shape (n_u,).
-    cautious : learn the curvature from one on and keep it positive. This takes more iterations, but goes round where
-        gaits end, while the curvature as it is leads there.
-    progress : called at every iteration with its number and the largest violation.
-    should_stop : polled at every iteration; True ends the search.
-    """
-    point, penalty, reach = start, 0.0, FIRST_REACH
-    rest: Array | None = np.eye(sizes.size) if cautious else None
-    before, learnt = None, False
-    for iteration in range((MAX_ITERATIONS if cautious else MAX_SWIFT) + 1):
-        kkt, multipliers = kkt_residual(point, sizes)
-        if progress is not None:
-            progress(iteration, point.violation)
-        interrupted = should_stop is not None and should_stop()
-        here = Optimum(point=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted)
-        if interrupted:
-            break
-        if before is not None and before.kkt < OPTIMAL and kkt >= FAST * before.kkt and point.violation < FEASIBLE:
-            return min(before, here, key=lambda optimum: (optimum.point.violation >= FEASIBLE, optimum.kkt))
-        before = here
-        model = Model(point, sizes, reach)
-        weights = model.weights(multipliers)
-        if rest is None:
-            rest, learnt = _by_differences(problem, model, weights), False
-        d, weights = model.solve(rest, weights)
-        penalty = raised(penalty, weights)
-        after, part = _line_search(problem, model, rest, d, weights, penalty)
-        if after is not None:
-            reach = FIRST_REACH if cautious else _reach(model, rest, d, part, penalty, after)
-            rest = (_damped if cautious else _updated)(rest, *model.secant(after, weights))
-            point, learnt = after, True
-        elif (kkt < OPTIMAL and point.violation < FEASIBLE) or reach < HOPELESS:
-            break
-        elif learnt:
-            rest, reach, learnt = np.eye(sizes.size) if cautious else None, FIRST_REACH, False
-        else:
-            reach *= SHRUNK
-    return here
-
-
-def _by_differences(problem: Reduced, model: Model, weights: Array) -> Array:
-    """Hessian of the Lagrangian without what the absolute work adds, (n_u, n_u); zero where no gait is near."""
+def _hessian_by_differences(problem: ExactProblem, model: _Model, weights: Array) -> Array:
+    """B by differences, shape (n_u, n_u); rows are zero where no gait is near."""
     hessian = np.zeros((model.sizes.size, model.sizes.size))
     for k, step in enumerate(np.diag(DIFFERENCE * model.sizes)):
         for sign in (1, -1):
-            neighbour = problem.moved(model.point, sign * step)
+            neighbour = problem.evaluate_beside(model.point, sign * step)
             if neighbour is None:
                 continue
             s, y = model.secant(neighbour, weights)
@@ -468,61 +401,52 @@ def _by_differences(problem: Reduced, model: Model, weights: Array) -> Array:
 
 
 def _line_search(
-    problem: Reduced, model: Model, rest: Array, d: Array, weights: Array, penalty: float
-) -> tuple[Point | None, float]:
+    problem: ExactProblem, model: _Model, B: Array, d: Array, weights: Array, penalty: float
+) -> tuple[Evaluation | None, float]:
     """The first point along a step that is better, and at which part of it; a full step is corrected once."""
     now = _merit(model.point, model.scale, penalty)
-    slope = min(0.0, float(model.gradient @ d) - penalty * _violations(model.point))
+    slope = min(0.0, float(model.gradient @ d) - penalty * model.point.total_violation)
     part = 1.0
-    while part >= SHORTEST_SQP and d.any():
-        goal = now + ARMIJO * part * slope + ROUNDING_SQP
-        trial = problem.moved(model.point, part * d * model.sizes)
+    while part >= SHORTEST and d.any():
+        goal = now + ARMIJO * part * slope + ROUNDING
+        trial = problem.evaluate_beside(model.point, part * d * model.sizes)
         if trial is not None and _merit(trial, model.scale, penalty) > goal and part == 1.0:
-            values = {row.key: row.value for row in trial.rows}
-            predicted = model.predicted(d)
-            shift = np.array([values.get(row.key, q) - q for row, q in zip(model.rows, predicted, strict=True)])
-            trial = problem.moved(model.point, model.solve(rest, weights, shift)[0] * model.sizes)
+            values, predicted = {c.key: c.value for c in trial.constraints}, model.predicted(d)
+            keys = [constraint.key for constraint in model.constraints]
+            shift = np.array([values.get(key, q) - q for key, q in zip(keys, predicted, strict=True)])
+            trial = problem.evaluate_beside(model.point, model.solve(B, weights, shift)[0] * model.sizes)
         if trial is not None and _merit(trial, model.scale, penalty) <= goal:
             return trial, part
         part /= 2
     return None, 0.0
 
 
-def _reach(model: Model, rest: Array, d: Array, part: float, penalty: float, after: Point) -> float:
-    """How far the next step may go."""
-    longest = float(np.abs(d).max())
-    if part < 1.0:
-        return max(2 * part * longest, LEAST_REACH)
-    promised = model.merit(np.zeros(d.size), rest, penalty) - model.merit(d, rest, penalty)
-    gain = _merit(model.point, model.scale, penalty) - _merit(after, model.scale, penalty)
-    return model.reach * (2 if longest > EDGE * model.reach and gain > PROMISED * promised - ROUNDING_SQP else 1)
+def _merit(point: Evaluation, scale: float, penalty: float) -> float:
+    return point.objective / scale + penalty * point.total_violation
 
 
-def _updated(rest: Array, s: Array, y: Array) -> Array:
+def _raised(penalty: float, weights: Array) -> float:
+    """Weight of violations in the next merit function."""
+    return max(PENALTY * float(np.abs(weights).max(initial=0.0)), penalty / PENALTY)
+
+
+def _symmetric_update(B: Array, s: Array, y: Array) -> Array:
     """The nearest symmetric matrix that maps s to y."""
     length = float(s @ s)
     if length == 0.0:
-        return rest
-    z = y - rest @ s
+        return B
+    z = y - B @ s
     both = np.outer(z, s)
-    return np.asarray(rest + (both + both.T) / length - (z @ s) * np.outer(s, s) / length**2)
+    return np.asarray(B + (both + both.T) / length - (z @ s) * np.outer(s, s) / length**2)
 
 
-def _damped(rest: Array, s: Array, y: Array) -> Array:
+def _damped_update(B: Array, s: Array, y: Array) -> Array:
     """Powell's damped BFGS update, which stays positive definite."""
-    Bs = rest @ s
+    Bs = B @ s
     curvature = float(s @ Bs)
     if curvature <= 0:
-        return rest
+        return B
     if s @ y < DAMPING * curvature:
         part = (1 - DAMPING) * curvature / (curvature - s @ y)
         y = part * y + (1 - part) * Bs
-    return np.asarray(rest - np.outer(Bs, Bs) / curvature + np.outer(y, y) / (s @ y))
-
-
-def _merit(point: Point, scale: float, penalty: float) -> float:
-    return point.objective / scale + penalty * _violations(point)
-
-
-def _violations(point: Point) -> float:
-    return sum(row.violation for row in point.rows)
+    return np.asarray(B - np.outer(Bs, Bs) / curvature + np.outer(y, y) / (s @ y))

@@ -8,10 +8,11 @@ import pytest
 from scipy.optimize import nnls
 
 from gaitopt import solve, verify
+from gaitopt.design.exact import EXTREMA, RADIUS
 from gaitopt.design.neighbourhood import neighbourhood
-from gaitopt.design.quadratic import least_distance, nonnegative
-from gaitopt.design.rows import EXTREMA, RADIUS, Scalars, circle_rows, modulus_gradient
-from gaitopt.design.sensitivity import Curve, WorkRemainder, sensitivity
+from gaitopt.design.sensitivity import DifferentiatedCurve, ExactScalars, sensitivity
+from gaitopt.design.spectral_radius import circle_inequalities, modulus_gradient
+from gaitopt.design.sqp import WorkRemainder, quadratic_program
 from gaitopt.gait import curves
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import polish
@@ -38,7 +39,7 @@ def transcribed(gait, free):
 def scalars_at(t, w, p, freed):
     moved = w.copy()
     moved[-len(freed) :] = freed
-    return Scalars(sensitivity(t, polish(t, moved, p)))
+    return ExactScalars(sensitivity(polish(t, moved, p)))
 
 
 def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):
@@ -47,7 +48,7 @@ def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):
     for name in SMOOTH:
         assert scalars.smooth(name)[0] == pytest.approx(stable_slip.measures[name], rel=1e-11)
     for name in PIECED:
-        extreme = max(EXTREMA[name] * piece.value for piece in scalars.pieces(name))
+        extreme = max(EXTREMA[name] * candidate.value for candidate in scalars.candidates(name))
         assert extreme == pytest.approx(EXTREMA[name] * stable_slip.measures[name], rel=1e-11)
 
 
@@ -72,28 +73,28 @@ def test_derivatives_of_exact_scalars_are_those_of_central_differences(name):
         slope = here.smooth(scalar)[1] @ direction
         assert slope == pytest.approx(difference(lambda s, n=scalar: s.smooth(n)[0]), rel=1e-6, abs=1e-9)
     for scalar in PIECED:
-        top = max(here.pieces(scalar), key=lambda piece, n=scalar: EXTREMA[n] * piece.value)
-        values = difference(lambda s, n=scalar: max(EXTREMA[n] * piece.value for piece in s.pieces(n)))
+        top = max(here.candidates(scalar), key=lambda candidate, n=scalar: EXTREMA[n] * candidate.value)
+        values = difference(lambda s, n=scalar: max(EXTREMA[n] * candidate.value for candidate in s.candidates(n)))
         assert EXTREMA[scalar] * top.gradient @ direction == pytest.approx(values, rel=1e-6, abs=1e-7)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 5])
-def test_circle_rows_are_products_over_the_multipliers(size):
+def test_circle_inequalities_are_products_over_the_multipliers(size):
     M = np.random.default_rng(size).normal(size=(size, size))
     e = np.linalg.eigvals(M / 1.3)
     pairs = [1 - e[i] * e[j] for i in range(size) for j in range(i + 1, size)]
     products = [np.prod(1 - e), np.prod(1 + e), np.prod(pairs)]
-    for row, product in zip(circle_rows(M, 1.3), products, strict=False):
+    for row, product in zip(circle_inequalities(M, 1.3), products, strict=False):
         assert row.value == pytest.approx(product.real, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("size", [2, 3, 4])
-def test_gradients_of_the_circle_rows_are_those_of_central_differences(size):
+def test_gradients_of_the_circle_inequalities_are_those_of_central_differences(size):
     rng, h = np.random.default_rng(7), 1e-6
     M, direction = rng.normal(size=(size, size)), rng.normal(size=(size, size))
-    ahead, behind = circle_rows(M + h * direction, 1.3), circle_rows(M - h * direction, 1.3)
-    out, back = circle_rows(M, 1.3 + h), circle_rows(M, 1.3 - h)
-    for k, row in enumerate(circle_rows(M, 1.3)):
+    ahead, behind = circle_inequalities(M + h * direction, 1.3), circle_inequalities(M - h * direction, 1.3)
+    out, back = circle_inequalities(M, 1.3 + h), circle_inequalities(M, 1.3 - h)
+    for k, row in enumerate(circle_inequalities(M, 1.3)):
         assert np.vdot(row.by_matrix, direction) == pytest.approx((ahead[k].value - behind[k].value) / 2 / h, rel=1e-6)
         assert row.by_radius == pytest.approx((out[k].value - back[k].value) / 2 / h, rel=1e-6)
     value, gradient = modulus_gradient(M)
@@ -103,8 +104,8 @@ def test_gradients_of_the_circle_rows_are_those_of_central_differences(size):
 
 
 @pytest.mark.parametrize("coalesced", [np.diag([0.5, 0.5, 0.1]) + np.eye(3, k=1), np.diag([0.5, -0.5, 0.2])])
-def test_circle_rows_vanish_on_the_circle_and_are_smooth_there(coalesced):
-    rows = {row.name: row for row in circle_rows(coalesced, 0.5)}
+def test_circle_inequalities_vanish_on_the_circle_and_are_smooth_there(coalesced):
+    rows = {row.name: row for row in circle_inequalities(coalesced, 0.5)}
     assert rows["real"].value == pytest.approx(0.0, abs=1e-12)
     assert all(np.isfinite(row.by_matrix).all() for row in rows.values())
     assert np.linalg.norm(rows["real"].by_matrix) > 0.1
@@ -115,7 +116,7 @@ def test_quadratic_program_is_solved_to_its_optimality_conditions():
     root = rng.normal(size=(6, 6))
     H, g, A = root @ root.T + np.eye(6), rng.normal(size=6), rng.normal(size=(9, 6))
     b = rng.uniform(-0.3, 0.3, 9)
-    d, weights = least_distance(H, g, A, b)
+    d, weights = quadratic_program(H, g, A, b)
     assert (A @ d + b).min() > -1e-10
     assert weights.min() >= 0
     assert np.abs(weights * (A @ d + b)).max() < 1e-9
@@ -123,11 +124,13 @@ def test_quadratic_program_is_solved_to_its_optimality_conditions():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_nonnegative_least_squares_are_those_of_scipy(seed):
+def test_projection_on_a_cone_is_that_of_nonnegative_least_squares(seed):
+    """min |y - b| s.t. A'y <= 0 is what remains of b by the best A x with x >= 0."""
     rng = np.random.default_rng(seed)
     A, b = rng.normal(size=(8, 3 + seed)), rng.normal(size=8)
     A[:, 2] = 2 * A[:, 1]  # a constraint that is there twice
-    x = nonnegative(A, b)
+    y, x = quadratic_program(np.eye(8), -b, -A.T, np.zeros(3 + seed))
+    assert y == pytest.approx(b - A @ x, abs=1e-12)
     assert x.min() >= 0
     assert np.linalg.norm(A @ x - b) == pytest.approx(nnls(A, b)[1], abs=1e-12)
     assert (A.T @ (b - A @ x)).max() < 1e-12
@@ -135,7 +138,7 @@ def test_nonnegative_least_squares_are_those_of_scipy(seed):
 
 def test_quadratic_program_that_is_almost_linear_meets_its_active_constraints():
     g, A, b = np.array([0.003, 0.98, 2.0]), np.array([[0.1, 0, 0], [-4, 12.6, -39.5], [0.025, -0.105, 0.465]]), 1e-5
-    d, weights = least_distance(1e-6 * np.eye(3), g, A, np.full(3, b))
+    d, weights = quadratic_program(1e-6 * np.eye(3), g, A, np.full(3, b))
     assert weights.min() > 0
     assert pytest.approx(-b, rel=1e-9) == A @ d
     assert weights == pytest.approx(np.linalg.solve(A.T, g), rel=1e-6)
@@ -148,14 +151,14 @@ def test_constraints_that_contradict_each_other_have_no_solution_however_flat_th
         H = (axes * np.array([1e-6, 1e-6, 1.0, 100.0])) @ axes.T
         a = rng.standard_normal(4)
         A, b = np.vstack([a, -a, rng.standard_normal((4, 4))]), np.array([-0.05, -0.05, 1, 1, 1, 1])
-        assert least_distance(H, rng.standard_normal(4), A, b) is None
+        assert quadratic_program(H, rng.standard_normal(4), A, b) is None
 
 
 def arc_of(torque, by_torque, rate):
     """An arc of two seconds with one motor whose torque moves with one unknown."""
     ones = np.ones_like(torque)
     u, w = (
-        Curve(values=values, slopes=slopes[:, None], duration=2.0, stretch=np.zeros(1))
+        DifferentiatedCurve(values=values, slopes=slopes[:, None], duration=2.0, stretch=np.zeros(1))
         for values, slopes in ((torque, by_torque * ones), (rate, 0 * ones))
     )
     return SimpleNamespace(torque=(u,), rate=(w,), ahead=u)
@@ -165,9 +168,9 @@ def arc_of(torque, by_torque, rate):
 def test_remainder_where_torque_and_rate_vanish_together_is_a_cube(d):
     s = curves.points(17)
     r = WorkRemainder([arc_of(s, 1.0, s)], np.ones(1)).at(np.array([d]))  # |s (s + d)|
-    assert r.value == pytest.approx(abs(d) ** 3 / 3, abs=1e-14)
-    assert r.gradient == pytest.approx(d * abs(d), abs=1e-14)
-    assert r.hessian == pytest.approx(2 * abs(d), rel=1e-9)
+    assert r[0] == pytest.approx(abs(d) ** 3 / 3, abs=1e-14)
+    assert r[1] == pytest.approx(d * abs(d), abs=1e-14)
+    assert r[2] == pytest.approx(2 * abs(d), rel=1e-9)
 
 
 @pytest.mark.parametrize("d", [-0.1, 0.049, 0.051, 0.25])
@@ -175,13 +178,15 @@ def test_remainder_where_the_power_touches_zero_bends_by_a_root(d):
     s, size, height = curves.points(17), 0.5, 0.05
     arc = arc_of(s**2 + height, -1.0 / size, np.ones_like(s))  # |s^2 + height - d|
     r, deep = WorkRemainder([arc], np.array([size])).at(np.array([d])), max(d - height, 0.0)
-    assert r.value == pytest.approx(8 / 3 * deep**1.5, abs=1e-13)
-    assert r.gradient == pytest.approx(4 * np.sqrt(deep), abs=1e-11)
-    assert r.hessian == pytest.approx(2 / np.sqrt(deep) if deep else 0.0, rel=1e-9, abs=1e-12)
+    assert r[0] == pytest.approx(8 / 3 * deep**1.5, abs=1e-13)
+    assert r[1] == pytest.approx(4 * np.sqrt(deep), abs=1e-11)
+    assert r[2] == pytest.approx(2 / np.sqrt(deep) if deep else 0.0, rel=1e-9, abs=1e-12)
 
 
 def test_contradicting_constraints_have_no_solution():
-    assert least_distance(np.eye(2), np.zeros(2), np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([-1.0, -1.0])) is None
+    assert (
+        quadratic_program(np.eye(2), np.zeros(2), np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([-1.0, -1.0])) is None
+    )
 
 
 @pytest.mark.parametrize("depth", [1e-4, 1e-8, 1e-11])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gaitopt as go
-from gaitopt.design.program import MISSED, PRESSING, conflicts
+from gaitopt.design.smoothed import MISSED, PRESSING, conflicts
 from gaitopt.gait.gait import Status
 
 BOUND = ("control.ankle", 0.8)
@@ -15,19 +15,19 @@ BOUND = ("control.ankle", 0.8)
 def elastic(constraints, reached, *, at_bound=0.0, against=0.0, margin=0.0):
     """What is known of a design whose scalars an elastic search has brought to ``reached``."""
     problem = go.load_problem("compass-torque-efficient").replace({"constraints": constraints})
-    rows = [SimpleNamespace(name="margins", lower=np.zeros(2), upper=np.full(2, np.inf))] + [
+    blocks = [SimpleNamespace(name="margins", lower=np.zeros(2), upper=np.full(2, np.inf))] + [
         SimpleNamespace(name=name, lower=np.array([span.minimum]), upper=np.array([span.maximum]))
         for name, span in problem.constraints.items()
     ]
     multipliers = [np.array([0.0, margin]), *([np.array([against])] * len(problem.constraints))]
-    program = SimpleNamespace(
+    searched = SimpleNamespace(
         names=tuple(reached),
         values=lambda w: np.array(list(reached.values())),
         active_bounds=lambda result: {BOUND[0]: (at_bound, BOUND[1])},
-        by_rows=lambda result: list(zip(rows, multipliers, strict=True)),
+        block_multipliers=lambda result: list(zip(blocks, multipliers, strict=True)),
         margin_words=lambda row: f"row {row} of the margins",
     )
-    return problem, program
+    return problem, searched
 
 
 def solved(status=Status.CONVERGED):

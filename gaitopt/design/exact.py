@@ -1,0 +1,314 @@
+"""The exact problem of a design in its freed parameters alone: the equations of the step eliminated, nothing smoothed.
+
+    min f(u)    s.t.    c(u) >= 0 or = 0,          u = (freed parameters, levels)
+
+An extremum that is minimised has a level: a further unknown above all values whose extremum it is. Every value is a
+constraint of its own, so that f and c are smooth where the extremum passes from one value to another. The spectral
+radius is bounded by the circle inequalities of ``spectral_radius``.
+
+The gait at given freed parameters is solved by Newton's method from the one before; where a switch passes a breakpoint
+of the control, the step is cut into arcs again.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.design.sensitivity import ExactScalars, Sensitivity, Valued, sensitivity
+from gaitopt.design.spectral_radius import SMALLEST_RADIUS, ReturnMapGradient, circle_inequalities, modulus_gradient
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.newton import Solution, polish, section_sensitivity
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import Range
+
+RADIUS = "spectral_radius"
+EXTREMA = {
+    RADIUS: 1,
+    "peak_torque": 1,
+    "required_friction": 1,
+    "impulse_ratio": 1,
+    "foot_clearance": 1,
+    "min_normal_force": -1,
+}
+"""Scalars that are the largest (1) or smallest (-1) of some values: of a curve, or of a number and its negative."""
+SOLVED = 1e-10
+"""Largest residual of the equations of the step at a gait."""
+CLEARANCE = 1e-10
+"""Distance in natural units that a design keeps from the edge of the friction cone, where optima like to lie: more than
+the rounding that would decide there, and less than anyone could measure."""
+OUTSIDE = 1e-3
+"""Distance of the spectral radius beyond a circle all of whose inequalities hold: two multipliers left it together."""
+INACTIVE = 0.3
+"""An inequality of the circle, a product of numbers of the order of one, that is not about to become zero."""
+UNIT = 1e-3
+"""Smallest bound that serves as the unit of its scalar."""
+SMALL = 1e-3
+"""Smallest value of an extremum, objective or bound that serves as its typical size."""
+SMALLEST_PART = 0.02
+"""Typical size of a freed parameter, relative to the range of its bounds, is at least this."""
+
+
+def freed_sizes(freed: Array, bounds: Array) -> Array:
+    """Typical sizes of the freed parameters, from their values and bounds (2, n_free); shape (n_free,)."""
+    span = bounds[1] - bounds[0]
+    return np.clip(np.abs(freed), SMALLEST_PART * span, span)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Constraint:
+    """``value`` >= 0, or = 0.
+
+    Attributes
+    ----------
+    name : of the scalar, parameter or margin that it bounds; ``key`` distinguishes it from others of that name.
+    value : in its natural unit.
+    gradient : ndarray, shape (n_u,).
+    by_work : derivative in the absolute work of the motors.
+    """
+
+    name: str
+    key: str
+    value: float
+    gradient: Array
+    by_work: float = 0.0
+    equality: bool = False
+
+    @property
+    def violation(self) -> float:
+        """Distance from being met."""
+        return abs(self.value) if self.equality else max(0.0, -self.value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evaluation:
+    """The exact problem at one point.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n_u,) - freed parameters, and levels.
+    objective, gradient : of what is minimised, shape (n_u,).
+    by_work : derivative of the objective in the absolute work of the motors.
+    constraints : all of them.
+    sensitivity : the gait.
+    """
+
+    u: Array
+    objective: float
+    gradient: Array
+    by_work: float
+    constraints: tuple[Constraint, ...]
+    sensitivity: Sensitivity
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of a constraint."""
+        return max((constraint.violation for constraint in self.constraints), default=0.0)
+
+    @property
+    def total_violation(self) -> float:
+        """Sum of all violations."""
+        return sum(constraint.violation for constraint in self.constraints)
+
+    @property
+    def objective_size(self) -> float:
+        """Typical size of the objective."""
+        return max(abs(self.objective), SMALL)
+
+
+class ExactProblem:
+    """The exact problem of one design.
+
+    Parameters
+    ----------
+    problem : objective and constraints.
+    free, bounds : the freed parameters by dotted key, and their bounds; shape (2, n_free).
+    """
+
+    def __init__(self, problem: Problem, free: tuple[str, ...], bounds: Array) -> None:
+        self._problem, self.free, self.bounds = problem, free, bounds
+        self.levels = tuple(
+            name for name, weight in problem.objective.items() if name in EXTREMA and weight * EXTREMA[name] > 0
+        )
+        self._return_map_gradients: dict[MultipleShooting, ReturnMapGradient] = {}
+
+    def evaluate(
+        self, transcription: MultipleShooting, w: Array, p: Array, levels: Array | None = None
+    ) -> Evaluation | None:
+        """The problem at the gait next to ``w``; None where there is no gait.
+
+        Parameters
+        ----------
+        w : nodes, durations and freed parameters.
+        levels : shape (n_levels,); at their extrema unless given.
+        """
+
+        def in_order(t: MultipleShooting, w: Array) -> bool:
+            return t.layout.in_order(t.unpack(w).durations, t.system.control.breakpoints)
+
+        t = transcription
+        solution = polish(t, w, p)
+        if not solution.size < SOLVED or not (t.unpack(solution.w).durations > 0).all():
+            return None
+        if not in_order(t, solution.w):  # a switch has passed a breakpoint: cut the same gait into arcs again
+            nodes, durations, freed = t.unpack(solution.w)
+            rolled = roll_out(t.dynamics(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
+            plan = layout(t.layout.cycle, durations, t.system.control.breakpoints)
+            t = MultipleShooting(t.system, plan, t.free)
+            solution = polish(t, t.pack(rolled.nodes(plan), durations, freed), p)
+            if not solution.size < SOLVED or not in_order(t, solution.w):
+                return None
+        return self._evaluated(solution, levels)
+
+    def evaluate_beside(self, here: Evaluation, step: Array) -> Evaluation | None:
+        """The problem a step (n_u,) away; None where Newton's method finds no gait from here."""
+        s, n = here.sensitivity, len(self.free)
+        w = s.solution.w + s.slopes @ step[:n]
+        w[-n:] = np.clip(w[-n:], *self.bounds)  # the step meets them up to rounding
+        return self.evaluate(s.transcription, w, s.solution.p, here.u[n:] + step[n:])
+
+    def _evaluated(self, solution: Solution[MultipleShooting], levels: Array | None) -> Evaluation | None:
+        try:
+            s = sensitivity(solution)
+        except RuntimeError:  # singular
+            return None
+        problem, measured = self._problem, _Measured(s, self._return_map(s), len(self.levels))
+        if levels is None:
+            levels = np.array([measured.extreme(name) for name in self.levels])
+        if measured.escaped(self._largest_radius(levels)):
+            return None
+        u = np.concatenate([s.freed, levels])
+        axes = np.eye(u.size)
+        level_axes = dict(zip(self.levels, axes[s.freed.size :], strict=True))
+        level_values = dict(zip(self.levels, levels.tolist(), strict=True))
+
+        objective, gradient, by_work = 0.0, np.zeros(u.size), 0.0
+        for name, weight in problem.objective.items():
+            is_level = name in level_axes
+            value, slope = (level_values[name], level_axes[name]) if is_level else measured.scalar(name)
+            objective, gradient = objective + weight * value, gradient + weight * slope
+            by_work += weight * measured.scalars.by_work(name)
+
+        constraints = list(measured.margins())
+        for name, value, axis, (low, high) in zip(self.free, s.freed, axes, self.bounds.T, strict=False):
+            constraints.append(Constraint(name=name, key=f"{name} lower", value=float(value - low), gradient=axis))
+            constraints.append(Constraint(name=name, key=f"{name} upper", value=float(high - value), gradient=-axis))
+        for name, axis in level_axes.items():
+            constraints += measured.bounded(name, level_values[name], axis, EXTREMA[name])
+        for name, span in problem.constraints.items():
+            constraints += measured.within(name, span)
+        return Evaluation(
+            u=u,
+            objective=float(objective),
+            gradient=gradient,
+            by_work=by_work,
+            constraints=tuple(constraints),
+            sensitivity=s,
+        )
+
+    def _largest_radius(self, levels: Array) -> float:
+        """Largest spectral radius that constraints and levels allow."""
+        span = self._problem.constraints.get(RADIUS)
+        bound = np.inf if span is None else span.maximum
+        return min(bound, float(levels[self.levels.index(RADIUS)])) if RADIUS in self.levels else bound
+
+    def _return_map(self, s: Sensitivity) -> "_ReturnMap | None":
+        """The return map where the problem is about its multipliers."""
+        if RADIUS not in self._problem.objective and RADIUS not in self._problem.constraints:
+            return None
+        if s.transcription not in self._return_map_gradients:
+            self._return_map_gradients[s.transcription] = ReturnMapGradient(s.transcription)
+        return _ReturnMap(s, self._return_map_gradients[s.transcription])
+
+
+class _ReturnMap:
+    """Derivative M of a gait's return map, and how it changes with the freed parameters."""
+
+    def __init__(self, s: Sensitivity, gradient: ReturnMapGradient) -> None:
+        self._s, self._gradient = s, gradient
+        self._V, self.M, self._adjoint = section_sensitivity(s.solution)
+
+    def by_freed(self, weights: Array) -> Array:
+        """Derivatives of <weights, M>; shape (n_free,)."""
+        at = self._s.solution
+        return self._gradient(at.w, at.p, self._V, self._adjoint(weights), weights) @ self._s.slopes
+
+
+class _Measured:
+    """Scalars of one gait, and constraints on them, with derivatives in u = (freed parameters, levels)."""
+
+    def __init__(self, s: Sensitivity, return_map: _ReturnMap | None, n_levels: int) -> None:
+        self.scalars, self._return_map = ExactScalars(s), return_map
+        self._no_levels, self._zero = np.zeros(n_levels), np.zeros(s.freed.size + n_levels)
+
+    def scalar(self, name: str) -> Valued:
+        """A scalar; of an extremum the value that is the extremum now."""
+        if self._return_map is not None and name == RADIUS:
+            value, weights = modulus_gradient(self._return_map.M)
+            return value, self._in_u(self._return_map.by_freed(weights))
+        if name not in EXTREMA:
+            value, gradient = self.scalars.smooth(name)
+            return value, self._in_u(gradient)
+        _, value, gradient = max(self.scalars.candidates(name), key=lambda c: EXTREMA[name] * c.value)
+        return value, self._in_u(gradient)
+
+    def extreme(self, name: str) -> float:
+        """The value of an extremum."""
+        if self._return_map is not None and name == RADIUS:
+            return max(float(np.abs(np.linalg.eigvals(self._return_map.M)).max()), SMALLEST_RADIUS)
+        return self.scalar(name)[0]
+
+    def escaped(self, radius: float) -> bool:
+        """Whether multipliers have left the circle of a radius two at a time."""
+        if self._return_map is None or self.extreme(RADIUS) <= radius + OUTSIDE:
+            return False
+        return all(row.value > 0 for row in circle_inequalities(self._return_map.M, radius))
+
+    def margins(self) -> Iterator[Constraint]:
+        """The margins of the modes and of the impact."""
+        for name, unit, candidate in self.scalars.margins():
+            value = candidate.value / unit - (CLEARANCE if "cone" in name else 0.0)
+            yield Constraint(name=name, key=candidate.key, value=value, gradient=self._in_u(candidate.gradient) / unit)
+
+    def bounded(self, name: str, bound: float, slope: Array, sense: int) -> Iterator[Constraint]:
+        """No value of an extremum exceeds a bound with derivative ``slope``, or undercuts it where ``sense`` is -1."""
+        if self._return_map is not None and name == RADIUS:
+            for row in circle_inequalities(self._return_map.M, bound):
+                if row.value > INACTIVE:
+                    continue
+                gradient = self._in_u(self._return_map.by_freed(row.by_matrix)) + row.by_radius * slope
+                yield Constraint(name=name, key=f"{name} {row.name}", value=row.value, gradient=gradient)
+            return
+        unit = max(abs(bound), UNIT)
+        for candidate in self.scalars.candidates(name):
+            gradient = sense * (slope - self._in_u(candidate.gradient)) / unit
+            value = sense * (bound - candidate.value) / unit
+            yield Constraint(name=name, key=f"{name} {candidate.key}", value=value, gradient=gradient)
+
+    def within(self, name: str, span: Range) -> Iterator[Constraint]:
+        """The range of a scalar."""
+        equality = span.minimum == span.maximum
+        for bound, side in ((span.minimum, -1), (span.maximum, 1)):
+            if not np.isfinite(bound):
+                continue
+            if EXTREMA.get(name, 0) == side and not equality:
+                yield from self.bounded(name, bound, self._zero, side)
+                continue
+            value, gradient = self.scalar(name)
+            unit = max(abs(bound), UNIT)
+            yield Constraint(
+                name=name,
+                key=f"{name} {side:+d}",
+                value=side * (bound - value) / unit,
+                gradient=-side * gradient / unit,
+                by_work=-side * self.scalars.by_work(name) / unit,
+                equality=equality,
+            )
+            if equality:
+                return
+
+    def _in_u(self, gradient: Array) -> Array:
+        return np.append(gradient, self._no_levels)

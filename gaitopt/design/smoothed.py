@@ -1,0 +1,424 @@
+"""The smoothed problem of a design, which IPOPT solves over nodes, durations, freed parameters and extrema.
+
+    min   sum of weight x scalar
+    s.t.  equalities = 0, margins >= 0                     nlp.shooting
+          lo <= scalar <= hi
+          extremum >= the curve's values                   for peak torque and the like
+
+Integrals are sums over the Lobatto points of every shooting interval, extrema bound the values at those points. What
+is not smooth is replaced: |power| by sqrt(power^2 + width^2), the spectral radius by the certified radius of
+``spectral_radius``. The solution is where sequential quadratic programming of the exact problem (``sqp``) starts.
+
+The search keeps near its start: angles, rates and slip velocity at a node change by no more than their largest value
+in the step, which stays clear of motions that are no walk. The same values are the typical sizes of the unknowns.
+
+In elastic mode all constraints of the problem have slack, and the sum of the slacks is minimised. ``conflicts`` reads
+from its solution which constraints cannot be met and, from the multipliers, what stands in the way.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
+
+from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
+from gaitopt.design.exact import CLEARANCE, EXTREMA, RADIUS, SMALL, freed_sizes
+from gaitopt.design.spectral_radius import certified_radius
+from gaitopt.gait.gait import Cause, Status
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.nlp.ipopt import NEAR_OPTIMUM, Ipopt, IpoptResult, Progress
+from gaitopt.nlp.shooting import LOBATTO_POINTS, LOBATTO_WEIGHTS, MultipleShooting, sampled_step
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import Range
+
+ROUGH = 0.2
+"""KKT residual, in the sizes of objective and unknowns, at which ``sqp`` takes over: it needs one iteration where
+IPOPT, which learns all curvature by secants, needs twenty."""
+SMOOTHING = 3e-5
+"""Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
+LONGEST = 3.0
+"""Upper bound of a phase's duration in one search, in periods."""
+BOUNDARY = 1e-6
+"""Distance from the boundary of the trust region, relative to its width, below which a solution lies on it."""
+MISSED = 1e-6
+"""Slack, relative to the bound or to one, beyond which a constraint is not met."""
+PRESSING = 1e-4
+"""Multiplier above which a bound is in the way; the multipliers of the slacks themselves are of the order of one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Samples:
+    """Quantities of one arc at its N Lobatto points; ``ahead`` is the swing foot's lead over the stance foot."""
+
+    mode: Mode
+    weights: MX
+    force: MX
+    torque: MX
+    power: MX
+    height: MX
+    ahead: MX
+
+
+class SmoothedScalars:
+    """Scalars of one step as expressions of the NLP's unknowns.
+
+    Parameters
+    ----------
+    transcription : of the step.
+    width : MX - of the smoothing of |power| [W].
+    """
+
+    def __init__(self, transcription: MultipleShooting, width: MX) -> None:
+        self._t, self._width = transcription, width
+
+    def value(self, name: str) -> MX:
+        """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
+        t = self._t
+        if name in t.system.parameters:
+            return t.p[t.system.parameters.index(name)]
+        if name.startswith("state."):
+            return t.Z[t.system.state_names.index(name.removeprefix("state.")), 0]
+        x = t.system.n_shape
+        match name:
+            case "period":
+                return sum1(t.durations)
+            case "step_length":
+                return t.system.impact(t.layout.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"][x]
+            case "speed":
+                return self.value("step_length") / self.value("period")
+            case "work":
+                return self._push_work() + self._integral(lambda s: sum1(s.power))
+            case "cost_of_transport":
+                return self.value("work") / (t.system.weight(t.p) * self.value("step_length"))
+            case "absolute_cost_of_transport":
+                work = self._push_work() + self._integral(lambda s: sum1(sqrt(s.power**2 + self._width**2)))
+                return work / (t.system.weight(t.p) * self.value("step_length"))
+            case "torque_squared":
+                return self._integral(lambda s: sum1(s.torque**2))
+            case "slip_distance":
+                distance = MX(0)
+                for i in range(len(t.layout.arcs)):
+                    arc, Z, _, _ = t.arc(i)
+                    distance += arc.mode.direction * (Z[x, -1] - Z[x, 0])
+                return distance
+        raise KeyError(name)
+
+    def bounded(self, name: str, extremum: MX) -> MX:
+        """Rows that are nonnegative where ``extremum`` bounds the curve; the least is zero where it is the extremum."""
+        match name:
+            case "peak_torque":
+                return vertcat(*(vec(extremum - sign * s.torque) for s in self._samples for sign in (1, -1)))
+            case "min_normal_force":
+                return vertcat(*(vec(s.force[1, :] - extremum) for s in self._samples))
+            case "foot_clearance":
+                return vertcat(*(vec(extremum - s.height) for s in self._samples))
+            case "impulse_ratio":  # of a sticking impact, also where the impact slips
+                impulse = self._t.system.impact(Mode.STICK)(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
+                return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1)))
+            case "required_friction":
+                sticking = [s.force for s in self._samples if s.mode.sticks]
+                return vertcat(*(vec(extremum * f[1, :] - sign * f[0, :]) for f in sticking for sign in (1, -1)))
+        raise KeyError(name)
+
+    def active_rows(self, name: str, w: Array, p: Array) -> list[int]:
+        """Indices of the rows of ``bounded`` that count: of the clearance those after the legs last passed."""
+        if name != "foot_clearance":
+            return list(range(self.bounded(name, MX(0)).numel()))
+        leads = Function("leads", [self._t.w, self._t.parameters], [horzcat(*(s.ahead for s in self._samples))])
+        behind = np.flatnonzero(np.asarray(leads(w, p)).ravel() <= 0)
+        return list(range(int(behind[-1]) + 1 if behind.size else 0, leads.size2_out(0)))
+
+    @cached_property
+    def _samples(self) -> list[_Samples]:
+        """Quantities at the Lobatto points, arc by arc."""
+        t, system, n = self._t, self._t.system, LOBATTO_POINTS.size
+
+        def columns(i: int) -> list[MX]:
+            arc, Z, start, h = t.arc(i)
+            times = start + h * MX(np.arange(arc.intervals)).T
+            return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *t.constants(arc, arc.intervals)]
+
+        samples = []
+        for i, wide in enumerate(t.map_arcs(lambda mode: sampled_step(system, mode), columns)):
+            arc, _, start, h = t.arc(i)
+            states = reshape(wide, system.n_z, n * arc.intervals)
+            fractions = (np.arange(arc.intervals)[:, None] + LOBATTO_POINTS).ravel()
+            observe = system.observation(arc.mode).map(fractions.size)
+            times = start + h * MX(DM(fractions)).T
+            force, torque, power, foot, *_ = observe(times, states, *t.constants(arc, fractions.size))
+            samples.append(
+                _Samples(
+                    mode=arc.mode,
+                    weights=h * MX(DM(np.tile(LOBATTO_WEIGHTS, arc.intervals))).T,
+                    force=force,
+                    torque=torque,
+                    power=power,
+                    height=foot[1, :],
+                    ahead=foot[0, :] - states[system.n_shape, :],
+                )
+            )
+        return samples
+
+    def _push_work(self) -> MX:
+        """Work of the push before the impact; that of a foot at rest is positive."""
+        return self._t.system.push(z=self._t.Z[:, -1], p=self._t.p)["work"]
+
+    def _integral(self, integrand: Callable[[_Samples], MX]) -> MX:
+        return sum((integrand(s) @ s.weights.T for s in self._samples), MX(0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConstraintBlock:
+    """Rows of one kind in the NLP's g with their bounds; ``name`` is that of their scalar, ``gait`` or ``margins``."""
+
+    name: str
+    expression: MX
+    lower: Array
+    upper: Array
+
+
+class SmoothedProblem:
+    """The NLP of one design on one layout.
+
+    Parameters
+    ----------
+    problem : objective and constraints.
+    transcription : of the step, with the freed parameters.
+    bounds : of the freed parameters; shape (2, n_free).
+    w, p : ndarray - where the search starts, and the parameters.
+    elastic : give the problem's constraints slack, and minimise that instead of the objective.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        transcription: MultipleShooting,
+        *,
+        bounds: Array,
+        w: Array,
+        p: Array,
+        elastic: bool = False,
+        progress: Progress | None = None,
+        should_stop: Stop = None,
+    ) -> None:
+        self._problem, self.transcription, self._p = problem, transcription, p
+        self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
+        self._scalars = SmoothedScalars(transcription, SMOOTHING * transcription.system.weight(transcription.p))
+        self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA and name != RADIUS}
+        self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
+        self._radius = certified_radius(transcription) if RADIUS in self.names else None
+        extrema = np.array([self._extremum(name, w) for name in self._extrema])
+        sizes = self._set_bounds(w, bounds, extrema)
+        self.blocks = [*self._gait_blocks(), *self._extremum_blocks(w), *self._stated_blocks()]
+
+        unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
+        parameters = transcription.parameters
+        self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
+        objective, objective_size = self._objective(), 1.0
+        if objective is not None:
+            value = float(Function("objective", [unknowns, parameters], [objective])(self._start, p))
+            objective_size = max(abs(value), SMALL) if np.isfinite(value) else 1.0
+        self._solver = Ipopt(
+            w=unknowns,
+            p=parameters,
+            g=[block.expression for block in self.blocks],
+            scale=sizes,
+            objective=objective,
+            optimality=NEAR_OPTIMUM if elastic else ROUGH,
+            objective_size=objective_size,
+            progress=progress,
+            should_stop=should_stop,
+        )
+
+    def solve(self) -> IpoptResult:
+        """Run IPOPT from the starting motion."""
+        lower = np.concatenate([block.lower for block in self.blocks])
+        upper = np.concatenate([block.upper for block in self.blocks])
+        return self._solver.solve(self._start, self._p, (self._lower, self._upper), (lower, upper))
+
+    def motion(self, x: Array) -> Array:
+        """Nodes, durations and freed parameters among all unknowns."""
+        return x[: self.transcription.w.numel()]
+
+    def scalar(self, name: str) -> MX:
+        """A scalar of the problem as an expression."""
+        if name == RADIUS and self._radius is not None:
+            return self._radius(self.transcription.w, self.transcription.parameters)
+        return self._extrema[name] if name in self._extrema else self._scalars.value(name)
+
+    def values(self, x: Array) -> Array:
+        """Values of the problem's scalars, in the order of ``names``."""
+        return np.asarray(self._values(x, self._p)).ravel()
+
+    def hits_trust_region(self, x: Array) -> bool:
+        """Whether a node of a solution lies on the boundary of the trust region."""
+        nodes = slice(0, self.transcription.system.n_z * self.transcription.n_nodes)
+        room = np.minimum(x - self._lower, self._upper - x)[nodes]
+        return bool(np.any(room < BOUNDARY * (self._upper - self._lower)[nodes]))
+
+    def active_bounds(self, result: IpoptResult) -> dict[str, tuple[float, float]]:
+        """Multiplier and value of the bound on which each freed parameter lies, by dotted key."""
+        first, active = self.transcription.w.numel() - len(self.transcription.free), {}
+        for k, name in enumerate(self.transcription.free, start=first):
+            multiplier = float(result.bound_multipliers[k])
+            active[name] = multiplier, float((self._upper if multiplier > 0 else self._lower)[k])
+        return active
+
+    def block_multipliers(self, result: IpoptResult) -> list[tuple[ConstraintBlock, Array]]:
+        """Every block of constraints with its multipliers."""
+        ends = np.cumsum([block.expression.numel() for block in self.blocks])
+        return list(zip(self.blocks, np.split(result.multipliers, ends[:-1]), strict=True))
+
+    def margin_words(self, row: int) -> str:
+        """What one row of the margins says."""
+        label = self.transcription.inequalities[1][row]
+        name = label.name.replace("_", " ")
+        if label.phase is None:
+            return f"the impact ({name})"
+        return f"phase {label.phase + 1} ({self.transcription.layout.cycle.phases[label.phase]}: {name})"
+
+    def _set_bounds(self, w: Array, bounds: Array, extrema: Array) -> Array:
+        """Set start, lower and upper bounds of all unknowns; their typical sizes."""
+        t, n_slack, n = self.transcription, self._slack.numel(), self.transcription.system.n_shape
+        nodes, durations, freed = t.unpack(w)
+        period, largest = durations.sum(), np.abs(nodes).max(axis=1)
+        length = abs(float(t.system.impact(t.layout.cycle.impact)(z=nodes[:, -1], p=self._p)["z_plus"][n]))
+        slip = max(largest[-1], length / period)
+        states = np.array([*np.full(n, largest[:n].max()), length, *np.full(n, largest[n + 1 : -1].max()), slip])
+        reach = states.copy()
+        reach[n] = np.inf
+        reach = np.tile(reach, t.n_nodes)
+        longest, free = np.full(durations.size, LONGEST * period), np.full(extrema.size, np.inf)
+        self._start = np.concatenate([w, extrema, np.ones(n_slack)])
+        self._lower = np.concatenate(
+            [w[: nodes.size] - reach, np.zeros(durations.size), bounds[0], -free, np.zeros(n_slack)]
+        )
+        self._upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], free, np.full(n_slack, np.inf)])
+        extremum_sizes = np.maximum(np.abs(extrema), SMALL)
+        duration_sizes = np.full(durations.size, period)
+        return np.concatenate(
+            [np.tile(states, t.n_nodes), duration_sizes, freed_sizes(freed, bounds), extremum_sizes, np.ones(n_slack)]
+        )
+
+    def _gait_blocks(self) -> list[ConstraintBlock]:
+        """The equations of the step, and the margins of its modes and its impact."""
+        margins, labels = self.transcription.inequalities
+        scales = Dynamics(self.transcription.system, self._p).scales
+        least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
+        return [_zero("gait", self.transcription.equalities), _nonnegative("margins", margins, least)]
+
+    def _extremum_blocks(self, w: Array) -> list[ConstraintBlock]:
+        """The curves on their side of the extrema.
+
+        An extremum that objective or constraints would push away from its curve stays at its present sample.
+        """
+        blocks = []
+        for name, extremum in self._extrema.items():
+            rows = self._scalars.bounded(name, extremum)[self._scalars.active_rows(name, w, self._p)]
+            blocks.append(_nonnegative(name, rows))
+            span = self._problem.constraints.get(name, Range(minimum=-np.inf, maximum=np.inf))
+            bound = span.minimum if EXTREMA[name] > 0 else -span.maximum
+            if np.isfinite(bound) or EXTREMA[name] * self._problem.objective.get(name, 0.0) < 0:
+                sample = int(np.argmin(self._bounding(name, w, self._extremum(name, w))))
+                blocks.append(_zero(name, rows[sample]))
+        return blocks
+
+    def _bounding(self, name: str, w: Array, extremum: float) -> Array:
+        rows = self._scalars.bounded(name, MX(extremum))[self._scalars.active_rows(name, w, self._p)]
+        function = Function("rows", [self.transcription.w, self.transcription.parameters], [rows])
+        return np.asarray(function(w, self._p)).ravel()
+
+    def _extremum(self, name: str, w: Array) -> float:
+        """Where the rows, which are linear in the extremum, begin to hold."""
+        constant, slope = self._bounding(name, w, 0.0), self._bounding(name, w, 1.0)
+        crossings = -constant / (slope - constant)
+        return float(crossings.max() if EXTREMA[name] > 0 else crossings.min())
+
+    def _stated_blocks(self) -> list[ConstraintBlock]:
+        """The constraints of the problem."""
+        blocks, infinite = [], np.array([np.inf])
+        for k, (name, span) in enumerate(self._problem.constraints.items()):
+            low, high = np.array([span.minimum]), np.array([span.maximum])
+            scalar = self.scalar(name)
+            if self._slack.numel() == 0:
+                blocks.append(ConstraintBlock(name=name, expression=scalar, lower=low, upper=high))
+                continue
+            size = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
+            slack = self._slack[k] * size
+            blocks.append(ConstraintBlock(name=name, expression=scalar + slack, lower=low, upper=infinite))
+            blocks.append(ConstraintBlock(name=name, expression=scalar - slack, lower=-infinite, upper=high))
+        return blocks
+
+    def _objective(self) -> MX | None:
+        if self._slack.numel():
+            return sum1(self._slack)
+        if not self._problem.objective:
+            return None
+        return sum((weight * self.scalar(name) for name, weight in self._problem.objective.items()), MX(0))
+
+
+def _zero(name: str, expression: MX) -> ConstraintBlock:
+    zero = np.zeros(expression.numel())
+    return ConstraintBlock(name=name, expression=expression, lower=zero, upper=zero)
+
+
+def _nonnegative(name: str, expression: MX, least: Array | float = 0.0) -> ConstraintBlock:
+    n = expression.numel()
+    return ConstraintBlock(name=name, expression=expression, lower=least + np.zeros(n), upper=np.full(n, np.inf))
+
+
+def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -> tuple[Cause, ...]:
+    """The constraints that cannot be met; empty where all can be met or the search failed.
+
+    Parameters
+    ----------
+    elastic, result : the problem in elastic mode, and its solution.
+    """
+    if result.status is not Status.CONVERGED:
+        return ()
+    values = dict(zip(elastic.names, elastic.values(result.w).tolist(), strict=True))
+    obstacles = list(_obstacles(problem, elastic, result, values))
+    causes = []
+    for name, span in problem.constraints.items():
+        value = values[name]
+        bound = _missed_bound(span, value)
+        if bound is None:
+            continue
+        needed = span.minimum if value < span.minimum else span.maximum
+        against = [words for other, words in obstacles if other != name]
+        reason = f"conflicts with {', '.join(against)}" if against else "cannot be met by these phases near the start"
+        _, place = problem.place.locate(("constraints", name))
+        words = f"{place}: {name} {bound} {reason}: best reached {value:.4g}"
+        causes.append(Cause(what=name, words=words, needed=needed, available=value))
+    return tuple(causes)
+
+
+def _missed_bound(span: Range, value: float) -> str | None:
+    """The bound that a value misses, in words."""
+    if value < span.minimum - MISSED * max(1.0, abs(span.minimum)):
+        return f">= {span.minimum:g}" if span.minimum < span.maximum else f"= {span.minimum:g}"
+    if value > span.maximum + MISSED * max(1.0, abs(span.maximum)):
+        return f"<= {span.maximum:g}" if span.minimum < span.maximum else f"= {span.maximum:g}"
+    return None
+
+
+def _obstacles(
+    problem: Problem, elastic: SmoothedProblem, result: IpoptResult, values: dict[str, float]
+) -> Iterator[tuple[str, str]]:
+    """Name and words of every freed bound, other constraint and kind of margin that is in the way."""
+    for name, (multiplier, bound) in elastic.active_bounds(result).items():
+        if abs(multiplier) > PRESSING:
+            yield name, f"{name} {'<=' if multiplier > 0 else '>='} {bound:g}"
+    for block, multipliers in elastic.block_multipliers(result):
+        worst = float(np.abs(multipliers).max(initial=0.0))
+        if worst <= PRESSING or block.name not in (*problem.constraints, "margins"):
+            continue
+        if block.name == "margins":
+            yield block.name, elastic.margin_words(int(np.argmax(np.abs(multipliers))))
+        elif _missed_bound(problem.constraints[block.name], values[block.name]) is None:
+            side = f"<= {block.upper[0]:g}" if multipliers[0] > 0 else f">= {block.lower[0]:g}"
+            yield block.name, f"{block.name} {side}"
