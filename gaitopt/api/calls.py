@@ -44,7 +44,7 @@ from gaitopt.store.folder import run_folder
 from gaitopt.workers.jobs import Workers, make_workers
 
 if TYPE_CHECKING:
-    from gaitopt.proof.statement import Proof
+    from gaitopt.proof.theorem import Proof
 
 
 def solve(

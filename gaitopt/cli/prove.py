@@ -13,7 +13,7 @@ from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from gaitopt.proof.statement import Proof
+    from gaitopt.proof.theorem import Proof
 
 
 CERTIFICATE_FILE = "proof.json"
@@ -84,8 +84,8 @@ def _prove(run: str, changes: list[str] | None, output: Path | None, terminal: T
 def _prove_special(target: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt import solve
     from gaitopt.problem.faults import shown
-    from gaitopt.proof.check import BRACKETED
     from gaitopt.proof.prove import prove_special
+    from gaitopt.proof.theorem import BRACKETED
 
     run, _, number = target.rpartition(SPECIAL)
     problem, parameter, records = special_records(run)
@@ -114,14 +114,12 @@ def _keep(proof: "Proof", file: Path, terminal: Terminal) -> int:
 
 def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, str]]:
     """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
-    from gaitopt.proof.graph import precision
-    from gaitopt.proof.statement import INTERVAL, ball
-    from gaitopt.proof.taylor import PRECISION
+    from gaitopt.proof.arithmetic import INTERVAL, ball, precision
 
     pairs = [key_value(text, "--set") for text in changes or ()]
     intervals = {key: text for key, text in pairs if INTERVAL in text}
     try:
-        with precision(PRECISION):
+        with precision():
             middles = {key: repr(float(ball(text).mid())) for key, text in intervals.items()}
     except ValueError as error:
         raise ProblemError(f"--set {', '.join(intervals)}: {error}") from error

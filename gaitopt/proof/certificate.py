@@ -1,19 +1,27 @@
-"""The format of a certificate: which fields it has, what each may hold, and the control law that it completes.
+"""Certificates: their format, and the statement that is rebuilt from one.
 
-A certificate holds a problem, exact values of its parameters, boxes for the orbit, and those data of the control law
-that no problem contains: the pieces of a tracked motion, or the duration of a designed curve. Everything else that the
-theorem speaks of is rebuilt from the problem. The fields ``versions`` and ``theorem`` are for readers: no proof uses
-them.
+A certificate holds a problem, the exact values of its parameters, boxes for the orbit, and the data of the control law
+that no problem contains: the pieces of a tracked motion, or the duration of a designed curve. Everything else in the
+theorem is rebuilt from the problem, or compared with it. The fields ``versions`` and ``theorem`` are for readers; the
+checker ignores them.
+
+Exact values are decimals as the problem's file writes them, with pi where it writes ``deg``. A value that the file does
+not state as a number (an override, a designed value) is the shortest decimal of its double.
 """
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from flint import arb
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
 from gaitopt.errors import StorageError
 from gaitopt.model.control import (
@@ -27,26 +35,37 @@ from gaitopt.model.control import (
     Reference,
     continued,
 )
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.friction import CoulombFriction, StaticKineticFriction
+from gaitopt.model.margins import ending_margin
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.units import ANGLE_UNITS
+from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem, restore_problem
 from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, PDSpec
+from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball
+from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
 
 SCHEMA = "gaitopt-proof-5"
 LARGEST_FILE = 64 * 2**20
-"""Bytes of a certificate; that of the longest known family has some 10^6."""
+"""Bytes of a certificate; the longest known family has some 10^6."""
 DEEPEST = 32
 """Levels of nested lists and objects in a certificate."""
 MOST_BOXES, MOST_ARCS, MOST_UNKNOWNS = 2000, 1000, 3000
 """The largest known certificates have some 30 boxes, 10 arcs and 900 unknowns."""
 LEAST_ORDER, LARGEST_ORDER = 2, 60
-"""Of the Taylor series; the search uses 16 and 20."""
-ROUNDING = 1e-12
-"""Relative difference by which the end of a reference may differ when it is rebuilt on another platform."""
+"""Of the Taylor series; the prover uses 16 and 20."""
+REBUILDING_ERROR = 1e-12
+"""Relative difference allowed between the last piece of a reference and the same piece rebuilt on this platform."""
+PARAMETER_ERROR = arb(2) ** -51
+"""Relative difference allowed between an exact value and the problem's double of it: its rounding."""
 
 _NUMBER = r"[+-]?([0-9]{1,60}\.?[0-9]{0,60}|\.[0-9]{1,60})([eE][+-]?[0-9]{1,3})?"
 _VALUE = rf"{_NUMBER}( (deg|rad))?"
 EXACT_VALUE = rf"^{_VALUE}$"
-"""A decimal number, or an angle with its unit."""
+"""A decimal number, or one with ``deg`` or ``rad``."""
 Number = Annotated[str, Field(pattern=rf"^{_NUMBER}$", max_length=140)]
 Radius = Annotated[str, Field(pattern=r"^[0-9]{1,60}(\.[0-9]{1,60})?([eE][+-]?[0-9]{1,3})?$", max_length=140)]
 Value = Annotated[str, Field(pattern=EXACT_VALUE, max_length=140)]
@@ -62,7 +81,7 @@ class _Record(BaseModel):
 
 
 class PieceRecord(_Record):
-    """A piece of a tracked motion, see ``gaitopt.model.control.Piece``."""
+    """A piece of a tracked motion; see ``gaitopt.model.control.Piece``."""
 
     start: Real
     end: Real
@@ -72,20 +91,20 @@ class PieceRecord(_Record):
 
 
 class MotionRecord(_Record):
-    """A tracked motion: its pieces, the last one for all times up to the horizon [s]."""
+    """A tracked motion: its pieces, and the horizon [s] to which the last one extends; None for all times."""
 
     pieces: Annotated[list[PieceRecord], Field(min_length=1, max_length=500)]
     horizon: Real | None
 
 
 class CurveRecord(_Record):
-    """What a designed curve needs besides its control points, which are parameters: its duration [s]."""
+    """A designed curve: its duration [s]. Its control points are parameters."""
 
     duration: Annotated[Real, Field(gt=0)]
 
 
 class ArcRecord(_Record):
-    """An arc, see ``gaitopt.proof.orbit.Arc``."""
+    """An arc; see ``gaitopt.proof.orbit.OrbitArc``."""
 
     mode: Name
     segment: Annotated[int, Field(ge=0, lt=MOST_ARCS)]
@@ -97,7 +116,7 @@ class ArcRecord(_Record):
 
 
 class BoxRecord(_Record):
-    """A box of unknowns, see ``gaitopt.proof.orbit.Box``; ``interval`` is that of the parameter that varies."""
+    """A box of unknowns; see ``gaitopt.proof.orbit.TiltedBox``. ``interval`` belongs to the varying parameter."""
 
     interval: Annotated[list[Value], Field(max_length=2)]
     centre: Entries
@@ -123,12 +142,12 @@ class CertificateRecord(_Record):
 
 
 def parse_certificate(content: bytes) -> dict[str, Any]:
-    """The data of a file that may hold a certificate.
+    """The JSON object in a file.
 
     Raises
     ------
     StorageError
-        If they are not JSON, or not an object of a size that a certificate can have.
+        If it is not JSON, not an object, or too large.
     """
     if len(content) > LARGEST_FILE:
         raise StorageError(f"a certificate has at most {LARGEST_FILE} bytes")
@@ -144,14 +163,14 @@ def parse_certificate(content: bytes) -> dict[str, Any]:
 
 
 def read_certificate(certificate: Mapping[str, Any]) -> CertificateRecord:
-    """A certificate whose fields all have the right type and size.
+    """A certificate with fields of the right type and size.
 
     Raises
     ------
     ValueError
-        If it has another format, which the message names.
+        If it has another format; the message names it.
     StorageError
-        If a field is missing, unknown, or holds what it cannot hold; the message names the field.
+        If a field is missing, unknown, or has a wrong value; the message names the field.
     """
     schema = certificate.get("schema")
     if isinstance(schema, str) and schema != SCHEMA:
@@ -180,16 +199,16 @@ def _no_number(text: str) -> float:
     raise ValueError(f"{text} is no number")
 
 
-def certified_problem(record: CertificateRecord) -> Problem:
+def certified_problem(record: CertificateRecord, walkers: Sequence[type[Walker]] = ()) -> Problem:
     """The problem of a certificate.
 
     Raises
     ------
     ValueError
-        If it is none, names a file instead of holding the problem that it tracks, or has another name.
+        If it is no problem, names a file instead of holding the problem that it tracks, or has another name.
     """
-    _require_whole(record.resolved)
-    problem = restore_problem(record.resolved)
+    _refuse_named_reference(record.resolved)
+    problem = restore_problem(record.resolved, walkers=walkers)
     if problem.is_open:
         raise ValueError("the mode sequence of its problem is open")
     if problem.name != record.problem:
@@ -197,8 +216,8 @@ def certified_problem(record: CertificateRecord) -> Problem:
     return problem
 
 
-def _require_whole(resolved: Mapping[str, Any]) -> None:
-    """Refuse a name in the place of a tracked problem: a file of that name may hold anything."""
+def _refuse_named_reference(resolved: Mapping[str, Any]) -> None:
+    """Refuse the name of a tracked problem in place of the problem: a file of that name may hold anything."""
     control = resolved.get("control")
     reference = control.get("reference") if isinstance(control, Mapping) else None
     curve = reference.get("curve") if isinstance(reference, Mapping) else None
@@ -206,11 +225,11 @@ def _require_whole(resolved: Mapping[str, Any]) -> None:
         if isinstance(holder, Mapping) and key in holder:
             if not isinstance(holder[key], Mapping):
                 raise ValueError("its problem names another problem instead of holding it")
-            _require_whole(holder[key])
+            _refuse_named_reference(holder[key])
 
 
 def reference_record(control: Control) -> dict[str, Any] | None:
-    """The data of a control law that its problem does not contain."""
+    """The data of a control law that its problem does not contain; None if there are none."""
     if isinstance(control, BezierTracking):
         return {"duration": control.duration}
     if isinstance(control, ProportionalDerivative):
@@ -235,7 +254,7 @@ def certified_control(problem: Problem, reference: MotionRecord | CurveRecord | 
     Raises
     ------
     ValueError
-        If the data are not those that this law lacks, or contradict the problem.
+        If the law needs other data, or the data contradict the problem.
     """
     spec = problem.control
     if not isinstance(spec, PDSpec):
@@ -258,19 +277,13 @@ def certified_control(problem: Problem, reference: MotionRecord | CurveRecord | 
         )
     if not isinstance(reference, MotionRecord):
         raise ValueError("its problem tracks the motion of another gait, but it does not hold one")
-    motion = _motion(reference, len(problem.walker.tracked))
+    motion = _tracked_motion(reference, len(problem.walker.tracked))
     _require_end(motion, spec.reference.beyond_end)
     return ProportionalDerivative(kp=spec.kp, kd=spec.kd, reference=motion)
 
 
-def _motion(record: MotionRecord, joints: int) -> Reference:
-    """The tracked motion.
-
-    Raises
-    ------
-    ValueError
-        If its pieces do not follow each other, or are not series of every joint.
-    """
+def _tracked_motion(record: MotionRecord, joints: int) -> Reference:
+    """The tracked motion; its pieces have to follow each other, and to be series of every joint."""
     starts = [piece.start for piece in record.pieces]
     if starts[0] != 0 or any(b <= a for a, b in pairwise(starts)):
         raise ValueError("the pieces of its reference do not follow each other from time zero")
@@ -293,34 +306,254 @@ def _motion(record: MotionRecord, joints: int) -> Reference:
 
 
 def _require_end(motion: Reference, beyond_end: BeyondEnd) -> None:
-    """Whether a motion goes on past its end as the problem says.
-
-    Raises
-    ------
-    ValueError
-        If it does not.
-    """
+    """Require that a motion continues past its end as the problem says."""
     *before, last = motion.pieces
     if beyond_end is BeyondEnd.FLOW:
         fits = last.active and motion.horizon == last.end
+    elif not before or not np.isinf(motion.horizon):
+        fits = False
     else:
-        fits = bool(before) and np.isinf(motion.horizon) and _agree(last, continued(before, last.start, beyond_end))
+        rebuilt = continued(before, last.start, beyond_end).pieces[-1]
+        fits = (last.active, last.end) == (rebuilt.active, rebuilt.end) and all(
+            a.shape == b.shape and np.allclose(a, b, rtol=REBUILDING_ERROR, atol=REBUILDING_ERROR)
+            for a, b in ((last.angles, rebuilt.angles), (last.rates, rebuilt.rates))
+        )
     if not (fits and all(piece.active for piece in before)):
         raise ValueError(f"its reference does not end as its problem says, with beyond_end: {beyond_end}")
 
 
-def _agree(piece: Piece, rebuilt: Reference) -> bool:
-    """Whether a piece is the last one of a motion, but for rounding."""
-    expected = rebuilt.pieces[-1]
-    pairs = [(piece.angles, expected.angles), (piece.rates, expected.rates)]
-    return (
-        piece.active is expected.active
-        and piece.end == expected.end
-        and all(a.shape == b.shape and np.allclose(a, b, rtol=ROUNDING, atol=ROUNDING) for a, b in pairs)
+def _digest(data: Any) -> str:
+    """SHA-256 of JSON data in a canonical form."""
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return sha256(text.encode()).hexdigest()
+
+
+def exact_texts(problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
+    """Every parameter of a system as the text of its exact value: ``0.14``, ``1 deg``.
+
+    The text is that of the file if it stands for the same double, otherwise the shortest decimal of the double.
+
+    Parameters
+    ----------
+    values : the parameters as doubles by dotted key.
+    """
+    written = dict(_scalars(YAML(typ="safe", pure=True).compose(problem.text))) if problem.text else {}
+    texts = {}
+    for key, value in values.items():
+        text = " ".join(written.get(key, "").split())
+        number, _, unit = text.partition(" ")
+        is_exact = re.fullmatch(EXACT_VALUE, text) is not None
+        double = float(number) * ANGLE_UNITS[unit or "rad"] if is_exact else None
+        texts[key] = text if double == float(value) else repr(float(value))
+    return texts
+
+
+def _scalars(node: Node, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
+    """Dotted keys and texts of all scalars of a YAML file."""
+    if isinstance(node, MappingNode):
+        for key, value in node.value:
+            yield from _scalars(value, (*path, key.value))
+    elif isinstance(node, ScalarNode):
+        yield ".".join(path), node.value
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """What is to be proved.
+
+    Attributes
+    ----------
+    p : parameters in balls.
+    varied : index of the varying parameter; None if none varies.
+    interval : ends of the varying parameter as texts; empty if none varies.
+    order : order of the integration.
+    special : type of the special point; None if there is none.
+    records : boxes of the certificate, in order of the varying parameter.
+    words : the hypotheses of the theorem and what it does not say, as they are printed.
+    """
+
+    name: str
+    system: HybridSystem
+    p: Sequence[arb]
+    sequence: Cycle
+    arcs: Sequence[OrbitArc]
+    varied: int | None
+    interval: tuple[str, ...]
+    order: int
+    special: str | None
+    records: Sequence[BoxRecord]
+    words: dict[str, Any]
+
+    def orbit(self, interval: Sequence[str]) -> Orbit:
+        """The equations of the orbit on an interval of the varying parameter."""
+        ends = [ball(text) for text in interval]
+        middle_and_half: tuple[arb, ...] = ()
+        if ends:
+            half = arb(0) if interval[0] == interval[1] else (ends[1] - ends[0]) / 2
+            middle_and_half = ((ends[0] + ends[1]) / 2, half)
+        return Orbit(self.system, self.p, self.varied, middle_and_half, self.sequence, self.arcs, self.order)
+
+
+def restore_statement(record: CertificateRecord, walkers: Sequence[type[Walker]] = ()) -> Statement:
+    """The statement of a certificate.
+
+    Parameters
+    ----------
+    walkers : walkers that the problem may name besides those that are registered.
+
+    Raises
+    ------
+    ValueError
+        If the certificate contradicts its problem.
+    NotProved
+        If the problem has modes about which nothing can be proved.
+    """
+    problem = certified_problem(record, walkers)
+    friction = CoulombFriction() if isinstance(problem.friction, float) else StaticKineticFriction()
+    control = certified_control(problem, record.reference)
+    system = HybridSystem(type(problem.walker), control, problem.impact_law, friction)
+    refuse_what_is_not_modelled(problem, system)
+    texts, varied = record.parameters, record.varied
+    _check_parameters(problem, system, texts)
+    arcs = [OrbitArc(Mode(a.mode), a.segment, a.phase, a.event, tuple(a.fractions)) for a in record.arcs]
+    _check_arcs(arcs, problem.cycle, control)
+    if varied is not None and varied not in texts:
+        raise ValueError(f"no parameter is called {varied}")
+    if varied is None and record.special is not None:
+        raise ValueError(f"a special point of type {record.special}, but no parameter that varies")
+    interval = () if varied is None else tuple(text.strip() for text in texts[varied].split(INTERVAL))
+    if varied is not None and len(interval) != 2:
+        raise ValueError(f"{varied} varies, but {texts[varied]} is no interval")
+    return Statement(
+        name=problem.name,
+        system=system,
+        p=[ball(texts[key]) for key in system.parameters],
+        sequence=problem.cycle,
+        arcs=arcs,
+        varied=None if varied is None else system.parameters.index(varied),
+        interval=interval,
+        order=record.order,
+        special=record.special,
+        records=record.boxes,
+        words=_words(problem, system, record),
     )
 
 
-def digest(data: Any) -> str:
-    """SHA-256 of JSON-able data, written in one way only."""
-    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return sha256(text.encode()).hexdigest()
+def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedBox]:
+    """The equations on the interval of a box, and the box.
+
+    Raises
+    ------
+    ValueError
+        If the box does not fit the equations.
+    """
+    if len(record.interval) != len(statement.interval):
+        raise ValueError(f"a box states {len(record.interval)} ends of the parameter, not {len(statement.interval)}")
+    if len(set(record.interval)) == 2 and not ball(record.interval[0]) < ball(record.interval[1]):
+        raise ValueError(f"a box from {record.interval[0]} to {record.interval[1]}: the smaller end comes first")
+    orbit = statement.orbit(record.interval)
+    if orbit.size > MOST_UNKNOWNS:
+        raise ValueError(f"{orbit.size} nodes and durations are more than {MOST_UNKNOWNS}")
+    centre, tilt = ([arb(text).mid() for text in texts] for texts in (record.centre, record.tilt))
+    deviation = [arb(0, arb(text).lower()) for text in record.radii]
+    if not len(centre) == len(tilt) == len(deviation) == orbit.size:
+        raise ValueError(f"a box of {len(centre)} entries does not fit {orbit.size} nodes and durations")
+    if not orbit.is_long and any(not v.is_zero() for v in tilt):
+        raise ValueError("a box is tilted, but no parameter varies along it")
+    return orbit, TiltedBox(centre, tilt, deviation)
+
+
+def _words(problem: Problem, system: HybridSystem, record: CertificateRecord) -> dict[str, Any]:
+    """The hypotheses of the theorem and what it does not say, for the reader."""
+    spec, designed = problem.control, [*problem.free, *(f"control.{name}" for name in system.control.unknowns)]
+    control, curve = str(spec.type), None
+    scuffing = "whether anything but the swing foot touches the ground, or that foot before its touchdown (scuffing)"
+    not_proved = [scuffing]
+    if isinstance(spec, PDSpec) and isinstance(spec.reference, CurveReference):
+        points = {key: text for key, text in record.parameters.items() if key.startswith("control.reference.")}
+        curve = _digest({"duration": system.control.breakpoints[0], "points": points})
+        control = f"PD tracking of the Bezier curve with this SHA-256, beyond its end: {spec.reference.beyond_end}"
+    elif isinstance(spec, PDSpec) and record.reference is not None:
+        curve = _digest(record.reference.model_dump(mode="json"))
+        control = f"PD tracking of the curve with this SHA-256, beyond its end: {spec.reference.beyond_end}"
+        source = "another gait" if problem.reference is None else problem.reference.name
+        not_proved.append(f"whether that curve is the motion of {source}, which the problem names")
+    if problem.objective or problem.constraints:
+        not_proved.append("whether the problem's constraints are met, and its objective is least")
+    return {
+        "sha256": problem.digest,
+        "walker": problem.walker.model,
+        "friction": "static and kinetic" if system.friction.two_coefficients else "coulomb",
+        "impact_law": str(problem.impact_law),
+        "mode_sequence": str(problem.cycle),
+        "control": control,
+        "curve_sha256": curve,
+        "parameters": {key: record.parameters[key] for key in system.parameters},
+        "designed": [key for key in system.parameters if key in designed],
+        "not_proved": not_proved,
+    }
+
+
+def refuse_what_is_not_modelled(problem: Problem, system: HybridSystem) -> None:
+    """Refuse walkers and modes whose resets and conditions are not among the claims.
+
+    Raises
+    ------
+    NotProved
+        If the walker has joint stops, flight, switches or a push-off, or a mode is not that one foot sticks or slips.
+    """
+    walker = system.walker
+    reasons = {
+        "joint stops": walker.stops,
+        "flight": walker.flies,
+        "switches": walker.switches,
+        "a push-off": walker.pushes,
+    }
+    unknown = " and ".join(reason for reason, present in reasons.items() if present)
+    if unknown:
+        raise NotProved(f"{problem.name}: a {walker.model} has {unknown}; proofs do not cover that")
+    for mode in (*problem.cycle.phases, *problem.cycle.impacts):
+        if mode not in CONTACTS:
+            raise NotProved(f"{problem.name}: proofs do not cover a phase or an impact with {mode}")
+
+
+def _check_parameters(problem: Problem, system: HybridSystem, texts: dict[str, str]) -> None:
+    """Require that the exact values are those of the problem, up to the rounding of its doubles."""
+    if set(texts) != set(system.parameters):
+        different = ", ".join(sorted(set(texts) ^ set(system.parameters))[:5])
+        raise ValueError(f"its parameters are not those of its problem: {different[:200]}")
+    known = {**{f"control.{key}": value for key, value in system.control.parameters.items()}, **problem.parameters}
+    free = {*problem.free, *(f"control.{name}" for name in system.control.unknowns)}
+    for key in system.parameters:
+        value, double = ball(texts[key]), arb(float(known[key]))
+        ends = [end.strip() for end in texts[key].split(INTERVAL)]
+        if len(ends) == 2:
+            if type(known[key]) is int or not ball(ends[0]) < ball(ends[1]):
+                raise ValueError(f"{key} cannot be the interval {texts[key]}")
+            for end in ends:
+                objection = key in problem.parameters and problem.objection(key, float(ball(end).mid()))
+                if objection:
+                    raise ValueError(f"{key} cannot be {end}: {objection}")
+        rounded = abs(value - double) <= abs(double) * PARAMETER_ERROR
+        if key not in free and not rounded and not (len(ends) == 2 and value.contains(double)):
+            raise ValueError(f"{key} is {texts[key]} in the certificate, but {known[key]!r} in its problem")
+
+
+def _check_arcs(arcs: list[OrbitArc], sequence: Cycle, control: Control) -> None:
+    """Require that the arcs follow the mode sequence, its events, and the breakpoints of the control law."""
+    phases = [arc.phase for arc in arcs]
+    if phases != sorted(phases) or set(phases) != set(range(len(sequence.phases))):
+        raise ValueError("the arcs do not follow the mode sequence of the problem")
+    segment = 0
+    for j, arc in enumerate(arcs):
+        after = arcs[j + 1].phase if j + 1 < len(arcs) else None
+        mode = sequence.phases[arc.phase]
+        event = BREAKPOINT if after == arc.phase else ending_margin(mode, sequence.after(arc.phase))
+        if (arc.mode, arc.event, arc.segment) != (mode, event, segment):
+            raise ValueError(
+                f"arc {j + 1} is {arc.mode} on segment {arc.segment} until {arc.event[:40]}, but the mode sequence of "
+                f"the problem has {mode} on segment {segment} until {event}"
+            )
+        if event == BREAKPOINT and segment >= len(control.breakpoints):
+            raise ValueError(f"arc {j + 1} ends with a breakpoint, but the control has {len(control.breakpoints)}")
+        segment = 0 if event == "touchdown" else segment + (event == BREAKPOINT)

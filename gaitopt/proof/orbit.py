@@ -1,48 +1,70 @@
-"""A cycle of steps as equations for its nodes and the durations of its arcs, enclosed with derivatives.
+"""The equations of a periodic orbit, Krawczyk's test for them, and the derivative of the return map.
 
     F(u) = (y_(k+1) - phi(y_k, f_k T),  event(y_end),  y_first - reset(y_end before)),      u = (nodes y_k, durations T)
 
-Nodes are the states between two steps of the integration, and at both ends of every arc; a step takes the fixed
-fraction f_k of its arc's duration; an event is a margin of the mode or the time to a breakpoint of the control; a reset
-is an impact, a foot that comes to rest, or the identity. A zero of F is a periodic gait. No enclosure passes on to the
-next step, so that none grows along the motion.
+The nodes y_k are the states between the steps of the integration and at both ends of every arc; phi is the flow, and a
+step takes the fixed fraction f_k of the duration T of its arc. An event is a margin of the mode, or the time to a
+breakpoint of the control law. A reset is an impact, a foot that comes to rest, or the identity. A zero of F is a
+periodic orbit. Every step starts from a node with its own box, so that no enclosure grows along the motion.
 
-Existence and uniqueness of a zero of F on a box, by Krawczyk's operator, and the derivative of the return map.
+Krawczyk's operator for deviations w from centre + tilt s, with an approximate inverse C of F_u, is
 
-    K(s) = -C(s) F(centre + tilt s) + (1 - C(s) F_u(s)) w,        C an approximate inverse of F_u
+    K(s) = -C(s) F(centre + tilt s) + (1 - C(s) F_u(s)) w
 
-If K lies in the interior of the box of deviations w for every s, F has exactly one zero in it for every s, and it lies
-in K. With dF/ds = g + g' s, F(centre + tilt s) = F(centre) + g s + g' s^2 / 2 by the mean value theorem.
+If K lies in the interior of the box of w for every s in [-1, 1], F has exactly one zero in that box for every s, and
+the zero lies in K. With dF/ds = g + g' s, F(centre + tilt s) = F(centre) + g s + g' s^2 / 2 by the mean value theorem.
+
+References
+----------
+R. Krawczyk (1969), Newton-Algorithmen zur Bestimmung von Nullstellen mit Fehlerschranken, Computing 4, 187-201.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from typing import Any
 
 import numpy as np
 from casadi import SX, Function, cse, jacobian, vertcat
-from flint import arb, arb_mat
+from flint import acb, acb_mat, arb, arb_mat
 
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.proof.graph import UNIT, Graph, NotProved, Tilted, at, hull, scattered
-from gaitopt.proof.taylor import Field, States, Step, expand, matrix, taylor_coefficients
+from gaitopt.proof.arithmetic import (
+    UNIT,
+    BallFunction,
+    NotProved,
+    Tilted,
+    at,
+    hull,
+    matrix,
+    matrix_entries,
+    matrix_from_columns,
+)
+from gaitopt.proof.taylor import PhaseSpace, TaylorStep, VectorField, expand, taylor_coefficients
 
 BREAKPOINT = "breakpoint"
+"""The event of an arc that ends at a breakpoint of the control law."""
+UNIT_SQUARED = arb(0.5, 0.5)
+"""s^2 for s in [-1, 1]."""
+SPLIT = [arb(2 * k + 1 - 16, 1) / 16 for k in range(16)]
+"""[-1, 1] in 16 parts; multipliers are enclosed on each."""
+NARROWINGS, LEAST_NARROWING = 50, 0.9
+"""The enclosure of F_u^-1 kick is narrowed at most this often, and while its width shrinks by at least this factor."""
 
 
 @dataclass(frozen=True, slots=True)
-class Arc:
-    """A smooth piece of the step: one mode on one segment of the control.
+class OrbitArc:
+    """A smooth part of the orbit: one mode on one segment of the control law.
 
     Attributes
     ----------
-    phase : its number in the mode sequence.
-    event : the margin whose zero ends it, or ``breakpoint``.
-    fractions : of its duration that the steps of its integration take, but for the last one, which ends with the arc.
+    segment : number of the segment of the control law.
+    phase : number of the phase in the mode sequence.
+    event : the margin whose zero ends the arc, or ``breakpoint``.
+    fractions : parts of the duration that the steps of the integration take; the last step takes what is left.
     """
 
     mode: Mode
@@ -53,8 +75,8 @@ class Arc:
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
-    """Unknowns u in centre + tilt s + deviation, s in [-1, 1] the place in the interval of a parameter."""
+class TiltedBox:
+    """Unknowns u in centre + tilt s + deviation, where s in [-1, 1] runs along the interval of a parameter."""
 
     centre: Sequence[arb]
     tilt: Sequence[arb]
@@ -62,55 +84,55 @@ class Box:
 
     @property
     def hull(self) -> list[arb]:
-        """All u."""
+        """All u, for every s."""
         return self.at(UNIT)
 
     @property
     def tilted(self) -> list[Tilted]:
-        """All u as numbers that depend on the parameter."""
+        """All u as functions of s."""
         return [Tilted(u + w, v) for u, v, w in zip(self.centre, self.tilt, self.deviation, strict=True)]
 
     def at(self, s: arb) -> list[arb]:
-        """All u at some place."""
+        """All u for the values in the ball ``s``."""
         return [u + s * v + w for u, v, w in zip(self.centre, self.tilt, self.deviation, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
-class Passage:
-    """One cycle, step by step, from every point of a box.
+class CycleEnclosure:
+    """One cycle from every point of a box.
 
     Attributes
     ----------
-    residual : F at the centre, by the first row of a group of equations.
-    blocks : dF/du on the box but for the unit matrix of the nodes, as (first row, first column, values).
-    steps : of the integration, of every arc.
-    starts, ends : boxes of the state where every arc starts and ends.
+    residual : F at the centre, by the first row of each group of equations.
+    blocks : dF/du on the box without the unit matrix of the nodes, as (first row, first column, values).
+    steps : steps of the integration, by arc.
+    starts, ends : boxes of the state y at the start and end of every arc.
     """
 
     residual: dict[int, list[arb]] = field(default_factory=dict)
     blocks: list[tuple[int, int, Any]] = field(default_factory=list)
-    steps: list[list[Step]] = field(default_factory=list)
+    steps: list[list[TaylorStep]] = field(default_factory=list)
     starts: list[list[arb]] = field(default_factory=list)
     ends: list[list[arb]] = field(default_factory=list)
 
 
 class Orbit:
-    """The equations of one mode sequence.
+    """The equations F(u) = 0 of the periodic orbits with one mode sequence.
 
     Parameters
     ----------
     p : parameters in balls.
-    varied : index of the parameter that varies, if one does.
-    interval : its middle and its half length.
-    sequence : of the modes.
+    varied : index of the varying parameter; None if none varies.
+    interval : middle and half length of the interval of the varying parameter; empty if none varies.
     arcs : in order of time.
-    order : of the integration.
+    order : order of the integration.
 
     Attributes
     ----------
-    nodes : first entry in u of every node, arc by arc.
-    durations : entry in u of every arc's duration.
-    size : number of unknowns; the derivatives in the parameter are one column more.
+    n : number of unknowns of a node.
+    nodes : first entry in u of every node, by arc.
+    durations : entry in u of the duration of every arc.
+    size : number of unknowns. The derivative in the parameter is one more column.
     """
 
     def __init__(
@@ -120,7 +142,7 @@ class Orbit:
         varied: int | None,
         interval: Sequence[arb],
         sequence: Cycle,
-        arcs: Sequence[Arc],
+        arcs: Sequence[OrbitArc],
         order: int,
     ) -> None:
         self.system, self.p, self.varied, self.interval = system, list(p), varied, tuple(interval)
@@ -133,10 +155,10 @@ class Orbit:
         first = self.nodes[-1][-1] + self.n
         self.durations = list(range(first, first + len(arcs)))
         self.size = first + len(arcs)
-        self._fields: dict[tuple[Mode, int, int], Field] = {}
+        self._fields: dict[tuple[Mode, int, int], VectorField] = {}
 
     def name(self, entry: int) -> str:
-        """An unknown in words."""
+        """The name of an unknown, for messages."""
         if entry in self.durations:
             return f"the duration of arc {self.durations.index(entry) + 1}"
         names = (*self.system.state_names, "the time")
@@ -146,19 +168,18 @@ class Orbit:
 
     @property
     def is_long(self) -> bool:
-        """Whether a parameter varies, by more than its rounding."""
+        """Whether a parameter varies by more than its rounding."""
         return bool(self.interval) and not self.interval[1].is_zero()
 
     def side(self, j: int) -> int:
-        """Which leg stands in arc ``j``."""
+        """Number of the standing leg in arc ``j``."""
         return self.system.walker.side(self.sequence.step_of(self.arcs[j].phase))
 
-    def field(self, mode: Mode, j: int) -> Field:
-        """The vector field of a mode in the place of arc ``j``."""
+    def field(self, mode: Mode, j: int) -> VectorField:
+        """The vector field of a mode with the leg and control law of arc ``j``."""
         key = (mode, self.arcs[j].segment, self.side(j))
         if key not in self._fields:
-            data = [arb(float(value)) for value in self.system.data(self.arcs[j].segment)]
-            self._fields[key] = Field(self._states(j), mode, self.p, data)
+            self._fields[key] = VectorField(self._space(j), mode, self.p, self._segment_data(j))
         return self._fields[key]
 
     def arcs_of(self, step: int) -> list[int]:
@@ -170,75 +191,67 @@ class Orbit:
         pairs = list(zip(self.arcs, durations, strict=True))
         return tuple(sum((T for arc, T in pairs if arc.phase == k), arb(0)) for k in range(len(self.sequence.phases)))
 
-    def middle(self, centre: Sequence[arb], entry: int) -> list[arb]:
-        """The centre of a node, with the parameter that varies."""
+    def centre_at_node(self, centre: Sequence[arb], entry: int) -> list[arb]:
+        """The state y at the centre of the node that starts at ``entry``."""
         return [*centre[entry : entry + self.n], *self.interval[:1]]
 
-    def node(self, u: Sequence[Any], entry: int) -> list[Any]:
-        """All states of a node, with the parameter that varies."""
+    def state_at_node(self, u: Sequence[Any], entry: int) -> list[Any]:
+        """The states y of the node that starts at ``entry``, from all unknowns ``u``."""
         return [*u[entry : entry + self.n], *([Tilted(*self.interval)] if self.is_long else self.interval[:1])]
 
-    def fractions(self, j: int) -> list[arb]:
-        """Of an arc's duration that its steps take."""
-        stated = [*map(arb, self.arcs[j].fractions)]
-        return [*stated, 1 - sum(stated, arb(0))]
-
-    def traverse(self, box: Box) -> Passage:
-        """Enclose F and its derivative on a box.
+    def enclose(self, box: TiltedBox) -> CycleEnclosure:
+        """Enclose F at the centre of a box, and its derivative on the whole box.
 
         Raises
         ------
         NotProved
-            If a step of the integration cannot be verified.
+            If a step of the integration cannot be validated.
         """
-        passage, u = Passage(), box.tilted if self.is_long else box.hull
-        for j in range(len(self.arcs)):
-            self._follow(j, box.centre, u, passage)
-            self._close(j, box.centre, u, passage)
-        return passage
+        cycle, centre, u = CycleEnclosure(), box.centre, box.tilted if self.is_long else box.hull
+        for j, (arc, duration, nodes) in enumerate(zip(self.arcs, self.durations, self.nodes, strict=True)):
+            field, steps = self.field(arc.mode, j), list[TaylorStep]()
+            fractions = [*map(arb, arc.fractions)]
+            for start, end, fraction in zip(nodes, nodes[1:], [*fractions, 1 - sum(fractions, arb(0))], strict=False):
+                step = expand(field, self.state_at_node(u, start), fraction * u[duration], self.order)
+                from_centre = taylor_coefficients(field, self.centre_at_node(centre, start), self.order)
+                y_end = step.end_of(from_centre, fraction * centre[duration])[: self.n]
+                cycle.residual[end] = [y - phi for y, phi in zip(centre[end:], y_end, strict=False)]
+                self._add(cycle, end, start, -step.variation())
+                rates = [-rate * fraction for rate in field.rate(step.end)[0][: self.n]]
+                cycle.blocks.append((end, duration, matrix(1, rates)))
+                steps.append(step)
+            last, first = nodes[-1], self.nodes[(j + 1) % len(self.arcs)][0]
+            event, after, _, _ = self._event_and_reset(j)(self.centre_at_node(centre, last))
+            _, _, event_gradient, reset_jacobian = self._event_and_reset(j)(self.state_at_node(u, last))
+            cycle.residual[duration] = event
+            cycle.residual[first] = [y - z for y, z in zip(centre[first : first + self.n], after, strict=True)]
+            self._add(cycle, duration, last, matrix_from_columns(1, event_gradient))
+            self._add(cycle, first, last, -matrix_from_columns(self.n, reset_jacobian))
+            cycle.steps.append(steps)
+            cycle.starts.append(list(map(hull, self.state_at_node(u, nodes[0]))))
+            cycle.ends.append(list(map(hull, self.state_at_node(u, last))))
+        return cycle
 
-    def _follow(self, j: int, centre: Sequence[arb], u: Sequence[Any], passage: Passage) -> None:
-        """The steps of an arc."""
-        flow, entry, steps = self.field(self.arcs[j].mode, j), self.durations[j], list[Step]()
-        for here, following, share in zip(self.nodes[j], self.nodes[j][1:], self.fractions(j), strict=False):
-            step = expand(flow, self.node(u, here), share * u[entry], self.order)
-            middle = taylor_coefficients(flow, self.middle(centre, here), self.order)
-            reached = step.end_of(middle, share * centre[entry])[: self.n]
-            passage.residual[following] = [y - end for y, end in zip(centre[following:], reached, strict=False)]
-            rates = matrix(1, [-rate * share for rate in flow.rate(step.end)[0][: self.n]])
-            self._add(passage, following, here, -step.variation())
-            passage.blocks.append((following, entry, rates))
-            steps.append(step)
-        passage.steps.append(steps)
-
-    def _close(self, j: int, centre: Sequence[arb], u: Sequence[Any], passage: Passage) -> None:
-        """The event that ends an arc, and the reset from which the next one starts."""
-        end, first = self.nodes[j][-1], self.nodes[(j + 1) % len(self.arcs)][0]
-        passage.starts.append(list(map(hull, self.node(u, self.nodes[j][0]))))
-        passage.ends.append(list(map(hull, self.node(u, end))))
-        event, after = self._ending(j)(self.middle(centre, end))[:2]
-        passage.residual[self.durations[j]] = event
-        passage.residual[first] = [y - z for y, z in zip(centre[first : first + self.n], after, strict=True)]
-        gradient, slope = self._ending(j)(self.node(u, end))[2:]
-        self._add(passage, self.durations[j], end, by_columns(gradient, 1))
-        self._add(passage, first, end, -by_columns(slope, self.n))
-
-    def _add(self, passage: Passage, row: int, column: int, values: Any) -> None:
-        """Keep derivatives in a node, and those in the parameter that varies apart."""
-        entries, n = scattered(values, arb_mat.entries), self.n + len(self.interval[:1])
+    def _add(self, cycle: CycleEnclosure, row: int, column: int, values: Any) -> None:
+        """Add a derivative in the states y of a node: the columns of the node, and that of the varying parameter."""
+        entries, n = matrix_entries(values), self.n + len(self.interval[:1])
         rows = [entries[k : k + n] for k in range(0, len(entries), n)][: self.n]
-        passage.blocks.append((row, column, matrix(self.n, [value for values in rows for value in values[: self.n]])))
+        cycle.blocks.append((row, column, matrix(self.n, [value for values in rows for value in values[: self.n]])))
         if self.interval:
-            passage.blocks.append((row, self.size, matrix(1, [values[-1] for values in rows])))
+            cycle.blocks.append((row, self.size, matrix(1, [values[-1] for values in rows])))
 
-    def _states(self, j: int) -> States:
-        return States(self.system, self.varied, self.side(j))
+    def _space(self, j: int) -> PhaseSpace:
+        return PhaseSpace(self.system, self.varied, self.side(j))
+
+    def _segment_data(self, j: int) -> list[arb]:
+        """Data of the control law in arc ``j``."""
+        return [arb(float(value)) for value in self.system.data(self.arcs[j].segment)]
 
     @lru_cache(maxsize=256)  # noqa: B019 - as long as the equations
-    def _ending(self, j: int) -> Graph:
+    def _event_and_reset(self, j: int) -> BallFunction:
         """y -> event of arc ``j``, the state from which the next arc starts, and the derivatives of both."""
-        arc, following, states = self.arcs[j], (j + 1) % len(self.arcs), self._states(j)
-        system, n_z, (y, p, values) = self.system, self.system.n_z, states.symbols()
+        arc, following, space = self.arcs[j], (j + 1) % len(self.arcs), self._space(j)
+        system, n_z, (y, p, values) = self.system, self.system.n_z, space.symbols()
         r, time = SX.sym("r", system.n_r), SX.sym("breakpoint")
         after = y[: self.n]
         if arc.event == BREAKPOINT:
@@ -253,189 +266,185 @@ class Orbit:
             impact = self.sequence.impacts[self.sequence.step_of(arc.phase)]
             xi = system.impact(impact)(y[:n_z], values)[0][self.section(impact)]
             full = vertcat(xi, SX.zeros(system.lift.size1_in(0) - xi.numel()))
-            after = vertcat(system.lift(full, states.side_of(y, p, self.side(following))), 0)
+            after = vertcat(system.lift(full, space.side_parameters(y, p, self.side(following))), 0)
         outputs = cse([event, after, jacobian(event, y), jacobian(after, y)])
         breakpoints = [*self.system.control.breakpoints, 0.0]
-        data = [arb(float(value)) for value in system.data(arc.segment)]
-        return Graph(
-            Function("ending", [y, p, r, time], outputs), [self.p, data, [arb(float(breakpoints[arc.segment]))]]
-        )
+        constants = [self.p, self._segment_data(j), [arb(float(breakpoints[arc.segment]))]]
+        return BallFunction(Function("event_and_reset", [y, p, r, time], outputs), constants)
 
     def section(self, impact: Mode) -> list[int]:
         """Indices of the section coordinates after an impact."""
         return [int(k) for k in self.system.section(impact)]
 
     @cached_property
-    def lift_jacobian(self) -> Graph:
-        """y at the start of the cycle -> its derivative in the section coordinates (always with dx)."""
-        y, p, values = self._states(0).symbols()
+    def lift_jacobian(self) -> BallFunction:
+        """y at the start of the cycle -> derivative of y in the section coordinates of a slipping impact."""
+        y, p, values = self._space(0).symbols()
         xi = y[self.section(Mode.SLIP_FORWARD)]
         slope = vertcat(self.system.lift_jacobian(xi, values), SX.zeros(1, xi.numel()))
-        return Graph(Function("lift_jacobian", [y, p], [slope]), [self.p])
+        return BallFunction(Function("lift_jacobian", [y, p], [slope]), [self.p])
 
     @lru_cache(maxsize=64)  # noqa: B019 - as long as the equations
-    def impact(self, mode: Mode, j: int) -> Graph:
+    def impact(self, mode: Mode, j: int) -> BallFunction:
         """y at the end of arc ``j`` -> margins of an impact, and the state after it."""
-        (y, p, values), n_z = self._states(j).symbols(), self.system.n_z
+        (y, p, values), n_z = self._space(j).symbols(), self.system.n_z
         outputs = [self.system.impact_margins(mode)(y[:n_z], values), self.system.impact(mode)(y[:n_z], values)[0]]
-        return Graph(Function(f"impact_{mode.key}", [y, p], cse(outputs)), [self.p])
-
-
-def by_columns(entries: Sequence[Any], rows: int) -> Any:
-    """The matrix of an output of a graph, whose columns come one after the other."""
-    columns = len(entries) // rows
-    return matrix(columns, [entries[i + rows * j] for i in range(rows) for j in range(columns)])
-
-
-SQUARE = arb(0.5, 0.5)
-"""s^2."""
-ROUNDS, LITTLE = 50, 0.9
-"""In which the derivative of the orbit in its start is narrowed at most, and by how much in a round at least."""
+        return BallFunction(Function(f"impact_{mode.key}", [y, p], cse(outputs)), [self.p])
 
 
 @dataclass(frozen=True, slots=True)
-class Defect:
-    """E = C F_u - 1 by groups of columns, and C by its first columns: a value, and a slope if a parameter varies."""
+class Preconditioner:
+    """An approximate inverse C of F_u, and an enclosure of E = C F_u - 1.
+
+    Attributes
+    ----------
+    C : shape (size, size).
+    slope : of C along the parameter, of the same shape; None if no parameter varies.
+    E : groups of columns of E by their first column.
+    """
 
     C: np.ndarray
     slope: np.ndarray | None
-    columns: dict[int, Any]
+    E: dict[int, Any]
 
-    def inverse(self, first: int, count: int) -> Any:
-        """Some columns of C."""
-        value = exact(self.C[:, first : first + count])
-        return value if self.slope is None else Tilted(value, exact(self.slope[:, first : first + count]))
+    def columns(self, first: int, count: int) -> Any:
+        """Columns of C."""
+        value = exact_matrix(self.C[:, first : first + count])
+        return value if self.slope is None else Tilted(value, exact_matrix(self.slope[:, first : first + count]))
 
-    def times(self, values: Any) -> Any:
-        """E times some columns."""
-        columns = hull(values).ncols()
-        entries, total = scattered(values, arb_mat.entries), arb_mat(self.C.shape[0], columns)
-        for first, block in self.columns.items():
-            total += block * matrix(columns, entries[first * columns : (first + hull(block).ncols()) * columns])
+    def error_times(self, values: Any) -> Any:
+        """E times a matrix."""
+        count = hull(values).ncols()
+        entries, total = matrix_entries(values), arb_mat(self.C.shape[0], count)
+        for first, block in self.E.items():
+            total += block * matrix(count, entries[first * count : (first + hull(block).ncols()) * count])
         return total
 
 
-def exact(values: np.ndarray) -> arb_mat:
-    """Doubles as a matrix."""
+def exact_matrix(values: np.ndarray) -> arb_mat:
+    """A matrix of doubles, without rounding."""
     rows, columns = values.shape
     return arb_mat(rows, columns, values.ravel().tolist())
 
 
-def column(values: Sequence[Any]) -> Any:
-    """A vector as a matrix."""
-    return matrix(1, values)
-
-
-def middle(orbit: Orbit, passage: Passage, s: int = 0) -> np.ndarray:
-    """dF/du next to the middle of its enclosure at some s, and dF/dmu as the last column; shape (n, n + 1)."""
+def midpoint_jacobian(orbit: Orbit, cycle: CycleEnclosure, s: int = 0) -> np.ndarray:
+    """Doubles next to the middle of dF/du at s, with dF/dmu as the last column; shape (size, size + 1)."""
     result = np.eye(orbit.size, orbit.size + 1)
     result[orbit.durations, orbit.durations] = 0.0
-    for row, first, values in passage.blocks:
+    for row, first, values in cycle.blocks:
         block = np.array([[float(value.mid()) for value in entries] for entries in at(values, arb(s)).tolist()])
         result[row : row + block.shape[0], first : first + block.shape[1]] += block
     return result
 
 
-def preconditioned(orbit: Orbit, passage: Passage) -> Defect:
-    """E on a box.
+def precondition(orbit: Orbit, cycle: CycleEnclosure) -> Preconditioner:
+    """Invert the middle of F_u in doubles, and enclose the error E on the box.
 
     Raises
     ------
     NotProved
-        If the derivative is singular.
+        If the middle of F_u is singular.
     """
-    F_u, slope = middle(orbit, passage)[:, :-1], None
+    F_u, slope = midpoint_jacobian(orbit, cycle)[:, :-1], None
     try:
         C = np.linalg.inv(F_u)
     except np.linalg.LinAlgError as failure:
         raise NotProved("the derivative of the equations of the orbit is singular") from failure
     if orbit.is_long:
-        slope = -C @ (middle(orbit, passage, 1)[:, :-1] - F_u) @ C
-    defect, unit = Defect(C, slope, {}), np.eye(orbit.size)
+        slope = -C @ (midpoint_jacobian(orbit, cycle, 1)[:, :-1] - F_u) @ C
+    inverse, identity = Preconditioner(C, slope, {}), np.eye(orbit.size)
     for first in (entry for nodes in orbit.nodes for entry in nodes):
-        defect.columns[first] = defect.inverse(first, orbit.n) - exact(unit[:, first : first + orbit.n])
+        inverse.E[first] = inverse.columns(first, orbit.n) - exact_matrix(identity[:, first : first + orbit.n])
     for first in orbit.durations:
-        defect.columns[first] = -exact(unit[:, first : first + 1])
-    for row, first, values in passage.blocks:
+        inverse.E[first] = -exact_matrix(identity[:, first : first + 1])
+    for row, first, values in cycle.blocks:
         if first < orbit.size:
-            defect.columns[first] += defect.inverse(row, hull(values).nrows()) * values
-    return defect
+            inverse.E[first] += inverse.columns(row, hull(values).nrows()) * values
+    return inverse
 
 
-def krawczyk(orbit: Orbit, box: Box, line: Passage, defect: Defect) -> Box:
-    """K as a box about the same centre, from the motions along ``centre + tilt s`` at least."""
-    start = -defect.times(column(box.deviation))
+def krawczyk(orbit: Orbit, box: TiltedBox, line: CycleEnclosure, inverse: Preconditioner) -> TiltedBox:
+    """K as a box about the same centre.
+
+    Parameters
+    ----------
+    line : F and its derivative on the line centre + tilt s, or on the whole box.
+    inverse : on the whole box.
+    """
+    image = -inverse.error_times(matrix(1, box.deviation))
     for row, values in line.residual.items():
-        start -= defect.inverse(row, len(values)) * column(values)
-    start = hull(start)
+        image -= inverse.columns(row, len(values)) * matrix(1, values)
+    image = hull(image)
     if not orbit.is_long:
-        return Box(box.centre, box.tilt, start.entries())
-    drift, change = Tilted(arb_mat(orbit.size, 1), arb_mat(orbit.size, 1)), _change(orbit, box, line)
-    for first, block in defect.columns.items():
-        g = column(change[first : first + hull(block).ncols()])
-        drift += defect.inverse(first, hull(g).nrows()) * (Tilted(g.value, g.slope / 2) if isinstance(g, Tilted) else g)
-    tilt = [v - d for v, d in zip(box.tilt, drift.value.entries(), strict=True)]
-    return Box(box.centre, tilt, (start - drift.slope * SQUARE).entries())
-
-
-def _change(orbit: Orbit, box: Box, line: Passage) -> list[Any]:
-    """dF/ds = F_u tilt + F_mu half."""
-    change: list[Any] = [arb(0) if k in orbit.durations else v for k, v in enumerate(box.tilt)]
-    tilt = [*box.tilt, orbit.interval[1]]
+        return TiltedBox(box.centre, box.tilt, image.entries())
+    change: list[Any] = [arb(0) if k in orbit.durations else v for k, v in enumerate(box.tilt)]  # dF/ds
+    du_ds = [*box.tilt, orbit.interval[1]]
     for row, first, values in line.blocks:
-        moved = values * column(tilt[first : first + hull(values).ncols()])
-        for k, value in enumerate(scattered(moved, arb_mat.entries), start=row):
+        product = values * matrix(1, du_ds[first : first + hull(values).ncols()])
+        for k, value in enumerate(matrix_entries(product), start=row):
             change[k] = change[k] + value
-    return change
+    drift = Tilted(arb_mat(orbit.size, 1), arb_mat(orbit.size, 1))
+    for first, block in inverse.E.items():
+        g = matrix(1, change[first : first + hull(block).ncols()])
+        g = Tilted(g.value, g.slope / 2) if isinstance(g, Tilted) else g
+        drift += inverse.columns(first, hull(g).nrows()) * g
+    tilt = [v - d for v, d in zip(box.tilt, drift.value.entries(), strict=True)]
+    return TiltedBox(box.centre, tilt, (image - drift.slope * UNIT_SQUARED).entries())
 
 
-def deviations(box: Box, image: Box) -> list[arb]:
-    """The image of a box as deviations from the box's own centre and tilt."""
+def deviations(box: TiltedBox, image: TiltedBox) -> list[arb]:
+    """The deviations of ``image`` from the centre and tilt of ``box``."""
     return [(d - v) * UNIT + w for v, d, w in zip(box.tilt, image.tilt, image.deviation, strict=True)]
 
 
-def require_contraction(orbit: Orbit, box: Box, image: Box) -> None:
-    """Check that K lies in the interior of the box.
+def require_contraction(orbit: Orbit, box: TiltedBox, image: TiltedBox) -> None:
+    """Require that the image K of a box lies in its interior.
 
     Raises
     ------
     NotProved
-        If it does not; the unknown that leaves farthest is named.
+        If it does not; the message names the unknown that moves farthest out of the box.
     """
-    moved = deviations(box, image)
-    pairs = list(zip(box.deviation, moved, strict=True))
-    outside = [k for k, (w, inside) in enumerate(pairs) if not w.contains_interior(inside)]
+    moves = deviations(box, image)
+    outside = [k for k, (w, move) in enumerate(zip(box.deviation, moves, strict=True)) if not w.contains_interior(move)]
     if outside:
-        k = max(outside, key=lambda k: float(moved[k].abs_upper()) / max(float(box.deviation[k].rad()), 1e-300))
-        shown = f"{moved[k].str(5)}, out of {box.deviation[k].str(3)}"
-        raise NotProved(f"Krawczyk's operator moves {orbit.name(k)} by {shown}")
+        k = max(outside, key=lambda k: float(moves[k].abs_upper()) / max(float(box.deviation[k].rad()), 1e-300))
+        bounds = f"{moves[k].str(5)}, out of {box.deviation[k].str(3)}"
+        raise NotProved(f"Krawczyk's operator moves {orbit.name(k)} by {bounds}")
 
 
-def return_map(orbit: Orbit, box: Box, passage: Passage, defect: Defect) -> Any:
+def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Preconditioner) -> Any:
     """Derivative DP of the return map on the section after the last impact, shape (n_xi, n_xi).
 
-    A kick to the start of the cycle moves the orbit that stays periodic with it by H = (1 - DP)^-1. With Y = C kick,
-    X = F_u^-1 kick is Y - E X, and as |E| w < w is proved, |X| <= w max(|Y| / w) / (1 - max(|E| w / w)).
+    A kick to the section coordinates at the start of the cycle moves the periodic orbit by H = (1 - DP)^-1 there. All
+    unknowns move by X = F_u^-1 kick. With Y = C kick, X = Y - E X; and as |E| w < w is proved for the half widths w,
+    |X| <= w max(|Y| / w) / (1 - max(|E| w / w)). From this bound X = Y - E X is iterated.
+
+    Raises
+    ------
+    NotProved
+        If the bounds are too wide.
     """
     section = orbit.section(orbit.sequence.impact)
     n_xi, w = len(section), [arb(value.rad()) for value in box.deviation]
-    lift = scattered(by_columns(orbit.lift_jacobian(passage.starts[0])[0], orbit.n), arb_mat.entries)
+    lift = matrix_entries(matrix_from_columns(orbit.n, orbit.lift_jacobian(cycle.starts[0])[0]))
     full = len(lift) // orbit.n
-    Y = defect.inverse(0, orbit.n) * matrix(n_xi, [lift[k * full + i] for k in range(orbit.n) for i in range(n_xi)])
-    contraction = _largest(hull(defect.times(column([arb(0, r) for r in w]))).entries(), w)
+    Y = inverse.columns(0, orbit.n) * matrix(n_xi, [lift[k * full + i] for k in range(orbit.n) for i in range(n_xi)])
+    contraction = _weighted_norm(hull(inverse.error_times(matrix(1, [arb(0, r) for r in w]))).entries(), w)
     if not contraction < 1:
         raise NotProved(f"the derivative of the return map cannot be enclosed: {contraction.str(5)} is not below 1")
     rows = hull(Y).tolist()
-    sizes = [_largest([row[k] for row in rows], w) / (1 - contraction) for k in range(n_xi)]
+    sizes = [_weighted_norm([row[k] for row in rows], w) / (1 - contraction) for k in range(n_xi)]
     X: Any = arb_mat([[arb(0, (r * size).upper()) for size in sizes] for r in w])
-    for _ in range(ROUNDS):
-        before, X = X, Y - defect.times(X)
-        if not _width(X) < LITTLE * _width(before):
+    for _ in range(NARROWINGS):
+        width = _width(X)
+        X = Y - inverse.error_times(X)
+        if not _width(X) < LEAST_NARROWING * width:
             break
-    entries = scattered(X, arb_mat.entries)
+    entries = matrix_entries(X)
     H = matrix(n_xi, [entries[k * n_xi + i] for k in section for i in range(n_xi)])
     try:
-        return exact(np.eye(n_xi)) - H.inv()
+        return exact_matrix(np.eye(n_xi)) - H.inv()
     except ZeroDivisionError as failure:
         raise NotProved("the derivative of the return map cannot be enclosed: a multiplier may be one") from failure
 
@@ -444,6 +453,56 @@ def _width(X: Any) -> float:
     return max(float(x.rad()) for x in hull(X).entries())
 
 
-def _largest(values: Sequence[arb], w: Sequence[arb]) -> arb:
-    """The largest of values relative to half widths."""
+def _weighted_norm(values: Sequence[arb], w: Sequence[arb]) -> arb:
+    """An upper bound of max(|value| / w)."""
     return max(arb((value.abs_upper() / r).upper()) for value, r in zip(values, w, strict=True))
+
+
+def multipliers(derivatives: Sequence[arb_mat]) -> tuple[acb, ...]:
+    """Eigenvalues of DP over all parts of a box, largest modulus first.
+
+    Raises
+    ------
+    NotProved
+        If the bounds of DP are too wide.
+    """
+    sorted_eigenvalues = (
+        sorted(eigenvalues(matrix), key=lambda m: (-float(m.abs_upper()), -float(m.real), -float(m.imag)))
+        for matrix in derivatives
+    )
+    return union_of_multipliers(sorted_eigenvalues)
+
+
+def union_of_multipliers(multipliers: Iterable[Sequence[acb]]) -> tuple[acb, ...]:
+    """Bounds of every multiplier over several boxes."""
+    return tuple(map(complex_union, zip(*multipliers, strict=True)))
+
+
+def complex_union(values: Iterable[acb]) -> acb:
+    """A complex box around complex boxes."""
+    boxes = list(values)
+    return acb(reduce(arb.union, (box.real for box in boxes)), reduce(arb.union, (box.imag for box in boxes)))
+
+
+def eigenvalues(matrix: arb_mat) -> list[acb]:
+    """Enclosed eigenvalues: Gershgorin's discs in the basis of approximate eigenvectors.
+
+    Overlapping discs are merged, and the union stands for each of them.
+
+    Raises
+    ------
+    NotProved
+        If the approximate eigenvectors are not independent.
+    """
+    n = matrix.nrows()
+    try:
+        _, vectors = np.linalg.eig(np.array([[float(value.mid()) for value in row] for row in matrix.tolist()]))
+        V = acb_mat([[acb(complex(value)) for value in row] for row in vectors])
+        A = V.inv() * acb_mat(matrix) * V
+    except (ZeroDivisionError, np.linalg.LinAlgError) as failure:
+        raise NotProved("the multipliers cannot be enclosed: the eigenvectors are not independent") from failure
+    radii = [arb(0, sum((abs(A[i, j]) for j in range(n) if j != i), arb(0)).upper()) for i in range(n)]
+    discs = [A[i, i] + acb(radius, radius) for i, radius in enumerate(radii)]
+    for _ in range(n):
+        discs = [complex_union(other for other in discs if other.overlaps(disc)) for disc in discs]
+    return discs

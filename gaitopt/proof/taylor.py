@@ -1,19 +1,23 @@
-"""Validated Taylor integration: one step of an analytic vector field, with a rigorous remainder.
+"""Validated Taylor integration of one phase: the state at the end of a step, with a rigorous remainder.
 
-If F(B) lies in V for the box B = y0 + [0, h] V, the motion stays in B (Picard), even in y0 + [0, h] F(B). With the
-Taylor coefficients F_k(y) of the motion that starts at y
+A mode on one segment of the control law is an autonomous vector field
+
+    dy/dt = F(y),   y = (z, t)      or  y = (z, t, mu),  dmu/dt = 0
+
+The time t since the last impact is a state, so that a breakpoint of the control law is an event like the others. A
+varying parameter mu is a state, so that derivatives in it are derivatives in the state.
+
+If F(B) lies in V for the box B = y0 + [0, h] V, the motion from y0 stays in B (Picard), and even in y0 + [0, h] F(B).
+With the Taylor coefficients F_k(y) of the motion that starts at y
 
     y(h) = sum_{k < N} F_k(y0) h^k + F_N(B) h^N                                  (Lagrange)
 
 The same holds for any analytic g(y) along the motion, and for the first variation Phi, whose N-th coefficient at a
-later time is Phi_N(B) Phi. Everything holds for every y0 in a box, and every h in a ball.
+later time is Phi_N(B) Phi. All of it holds for every y0 in a box and every h in a ball.
 
-One mode on one segment of the control as an autonomous vector field with everything that is observed along it.
-
-    dy/dt = F(y),   y = (z, t)      or  y = (z, t, mu),  dmu/dt = 0
-
-t, the time since the last impact, is a state like the others, so that events at fixed times and events of the state
-are treated alike; and so is a parameter that varies, so that derivatives in it are derivatives in the state.
+References
+----------
+R. E. Moore (1966), Interval Analysis; W. Tucker (2011), Validated Numerics, chapter 6.
 """
 
 from collections.abc import Sequence
@@ -27,17 +31,22 @@ from flint import arb, arb_mat, arb_series, ctx
 from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.proof.graph import Graph, NotProved, gathered, hull, scattered
+from gaitopt.proof.arithmetic import BallFunction, NotProved, assemble, entries_of, hull, matrix
+
+PICARD_ROUNDS = 8
+"""Attempts to find a box that the motion does not leave within a step."""
+WIDENING, LEAST_WIDENING = 0.05, 1e-7
+"""Before each attempt rates are widened by this part of their width, and at least by this [SI per second]."""
 
 
 @dataclass(frozen=True, slots=True)
-class States:
-    """The states y of a system in the steps of one side.
+class PhaseSpace:
+    """The states y while one leg stands, as symbols.
 
     Attributes
     ----------
-    varied : index of the parameter that is a state, if one is.
-    side : which leg stands, see ``Walker.side``.
+    varied : index of the parameter that is a state; None if none is.
+    side : number of the standing leg, see ``Walker.side``.
     """
 
     system: HybridSystem
@@ -46,122 +55,116 @@ class States:
 
     @property
     def n(self) -> int:
-        """Their number."""
+        """Number of states."""
         return self.system.n_z + 1 + (self.varied is not None)
 
     def symbols(self) -> tuple[SX, SX, SX]:
-        """y, p, and the parameters of this side, with the one that varies taken from y."""
+        """y, p, and the parameters of this side; the varying one is taken from y."""
         y, p = SX.sym("y", self.n), SX.sym("p", len(self.system.parameters))
-        return y, p, self.side_of(y, p, self.side)
+        return y, p, self.side_parameters(y, p, self.side)
 
-    def side_of(self, y: SX, p: SX, side: int) -> SX:
-        """The parameters of a side."""
+    def side_parameters(self, y: SX, p: SX, side: int) -> SX:
+        """The parameters while the leg ``side`` stands; the varying one is taken from y."""
         values = vertcat(*(y[-1] if k == self.varied else p[k] for k in range(p.numel())))
         return self.system.walker.standing(values, side)
 
 
-class Field:
-    """The flow of a mode, its Jacobian, and its margins, force and power, in balls.
+class VectorField:
+    """The flow of a mode with its Jacobian, margins, contact force and power, as functions of balls.
 
     Parameters
     ----------
-    states : in which the field lives.
-    p, r : parameters and segment data.
+    space : the states y.
+    p : parameters in balls.
+    r : data of the segment of the control law in balls.
     """
 
-    def __init__(self, states: States, mode: Mode, p: Sequence[arb], r: Sequence[arb]) -> None:
-        self.mode, self.n = mode, states.n
-        self._states, self._constants = states, (p, r)
+    def __init__(self, space: PhaseSpace, mode: Mode, p: Sequence[arb], r: Sequence[arb]) -> None:
+        self.mode, self.n = mode, space.n
+        self._space, self._constants = space, (p, r)
 
     @cached_property
-    def rate(self) -> Graph:
+    def rate(self) -> BallFunction:
         """y -> dy/dt."""
         return self._graph("rate")
 
     @cached_property
-    def jacobian(self) -> Graph:
-        """y -> d(dy/dt)/dy, columns one after the other."""
+    def jacobian(self) -> BallFunction:
+        """y -> d(dy/dt)/dy, column by column."""
         return self._graph("jacobian")
 
     @cached_property
-    def margins(self) -> Graph:
-        """y -> margins of the mode in the order of ``margin_names``."""
+    def margins(self) -> BallFunction:
+        """y -> margins of the mode, in the order of ``margin_names``."""
         return self._graph("margins")
 
     @cached_property
-    def apparent_masses(self) -> Graph:
-        """y -> apparent mass of the foot if it slipped forward, and if it slipped backward."""
+    def apparent_masses(self) -> BallFunction:
+        """y -> apparent masses [kg] of the foot in a forward slip and in a backward slip."""
         return self._graph("apparent_masses")
 
     @cached_property
-    def observation(self) -> Graph:
-        """y -> contact force f_t, f_n, and the power of all motors."""
+    def observation(self) -> BallFunction:
+        """y -> contact force f_t, f_n [N] and the power of all motors [W]."""
         return self._graph("observation")
 
-    def _graph(self, name: str) -> Graph:
-        return Graph(_function(self._states, self.mode, name), self._constants)
+    def _graph(self, name: str) -> BallFunction:
+        return BallFunction(_function(self._space, self.mode, name), self._constants)
 
 
 @lru_cache(maxsize=256)
-def _function(states: States, mode: Mode, name: str) -> Function:
-    system, r = states.system, SX.sym("r", states.system.n_r)
-    y, p, values = states.symbols()
-    of_state = (y[system.n_z], y[: system.n_z], values, r)
+def _function(space: PhaseSpace, mode: Mode, name: str) -> Function:
+    """(y, p, r) -> one of the expressions of ``VectorField``."""
+    system, r = space.system, SX.sym("r", space.system.n_r)
+    y, p, values = space.symbols()
+    inputs = (y[system.n_z], y[: system.n_z], values, r)
     if name in ("rate", "jacobian"):
-        expression = vertcat(system.flow(mode)(*of_state), 1, SX.zeros(int(states.varied is not None)))
+        expression = vertcat(system.flow(mode)(*inputs), 1, SX.zeros(int(space.varied is not None)))
     elif name == "margins":
-        expression = system.margins(mode)(*of_state)
+        expression = system.margins(mode)(*inputs)
     elif name == "apparent_masses":
         slips = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
-        expression = vertcat(*(system.margins(slip)(*of_state)[margin_names(slip).index("painleve")] for slip in slips))
+        expression = vertcat(*(system.margins(slip)(*inputs)[margin_names(slip).index("painleve")] for slip in slips))
     else:
-        force, _, power, *_ = system.observation(mode)(*of_state)
+        force, _, power, *_ = system.observation(mode)(*inputs)
         expression = vertcat(force, sum1(power))
     if name == "jacobian":
         expression = jacobian(expression, y)
     return Function(name, [y, p, r], cse([expression]))
 
 
-PRECISION = 128
-"""Bits."""
-PICARD_ROUNDS = 8
-"""Attempts to find a box that the motion does not leave within a step."""
-WIDENING, LEAST_WIDENING = 0.05, 1e-7
-"""By which rates are widened before each attempt, in their own widths and in 1 / s."""
-
-
 @dataclass(frozen=True, slots=True)
-class Series:
-    """A function of time on [0, h] as sum_k c_k t^k, the last coefficient a ball for the remainder."""
+class TaylorSeries:
+    """A function of time on [0, h] as sum_k c_k t^k; the last coefficient is a ball that covers the remainder."""
 
     value: list[arb]
 
     @property
     def rate(self) -> list[arb]:
-        """Its derivative, a series of the same kind."""
+        """Coefficients of the derivative in time."""
         return [k * c for k, c in enumerate(self.value)][1:]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """The motions over one step, from every point of a box.
+class TaylorStep:
+    """The motions over one step from every point of a box.
 
     Attributes
     ----------
-    field : the vector field.
-    h : length of the step.
-    start, beyond : Taylor coefficients of the motions from the box, and of motions from anywhere in B.
+    h : length of the step [s], a ball or tilted.
+    start : Taylor coefficients of the motions from the box, by state.
+    remainder : Taylor coefficients of motions from anywhere in B, by state.
     """
 
-    field: Field
+    field: VectorField
     h: Any
     start: list[list[Any]]
-    beyond: list[list[arb]]
+    remainder: list[list[arb]]
 
     @property
     def order(self) -> int:
-        """N."""
-        return len(self.beyond[0]) - 1
+        """The order N of the remainder."""
+        return len(self.remainder[0]) - 1
 
     @property
     def end(self) -> list[Any]:
@@ -169,50 +172,56 @@ class Step:
         return self.end_of(self.start, self.h)
 
     def end_of(self, start: list[list[Any]], h: Any) -> list[Any]:
-        """Where the motion ends whose first N coefficients are given, after a time of at most the step's length."""
-        return [evaluate([*c[: self.order], b[self.order]], h) for c, b in zip(start, self.beyond, strict=True)]
+        """End of the motion with the first N coefficients ``start``, after a time of at most the step's length."""
+        return [evaluate([*c[: self.order], r[self.order]], h) for c, r in zip(start, self.remainder, strict=True)]
 
     def variation(self) -> Any:
-        """Derivative of the end with respect to the start, shape (n, n)."""
+        """Derivative Phi(h) of the end in the start, shape (n, n).
+
+        By Gronwall's inequality every entry of Phi(t) - 1 is at most exp(L h) - 1, with the largest row sum L of
+        |DF| on B.
+        """
         n = self.field.n
-        start, later = _matrices(self.field, self.start), _matrices(self.field, self.beyond)
-        steepest = max(sum((abs(later[0][i, j]) for j in range(n)), arb(0)).upper() for i in range(n))
-        deviation = arb(0, ((steepest * hull(self.h)).exp() - 1).upper())
-        passed = arb_mat(n, n, [deviation + int(i == j) for i in range(n) for j in range(n)])
-        terms = [*_variations(start, self.order - 1), _variations(later, self.order)[-1] * passed]
+        start, later = _matrices(self.field, self.start), _matrices(self.field, self.remainder)
+        lipschitz = max(sum((abs(later[0][i, j]) for j in range(n)), arb(0)).upper() for i in range(n))
+        deviation = arb(0, ((lipschitz * hull(self.h)).exp() - 1).upper())
+        phi = arb_mat(n, n, [deviation + int(i == j) for i in range(n) for j in range(n)])
+        terms = [*_variations(start, self.order - 1), _variations(later, self.order)[-1] * phi]
         return evaluate(terms, self.h)
 
-    def along(self, graph: Graph) -> list[Series]:
-        """The outputs of a graph of the state along the motions."""
+    def along(self, function: BallFunction) -> list[TaylorSeries]:
+        """The outputs of a function of the state along the motions."""
         start = [list(map(hull, c)) for c in self.start]
-        pairs = zip(_compose(graph, start), _compose(graph, self.beyond), strict=True)
-        return [Series([*start[: self.order], later[self.order]]) for start, later in pairs]
+        pairs = zip(_compose(function, start), _compose(function, self.remainder), strict=True)
+        return [TaylorSeries([*known[: self.order], later[self.order]]) for known, later in pairs]
 
 
-def expand(field: Field, start: Sequence[Any], h: Any, order: int) -> Step:
-    """One verified step of some order from every point of the box ``start``.
+def expand(field: VectorField, start: Sequence[Any], h: Any, order: int) -> TaylorStep:
+    """One validated step of a given order from every point of the box ``start``.
 
     Raises
     ------
     NotProved
-        If no box is found that the motion cannot leave, or its series are not finite there.
+        If no box is found that the motion cannot leave, or the series are not finite on it.
     """
     if not hull(h) > 0:
         raise NotProved(f"{field.mode}: a step of {hull(h).str(5)} s")
     box = confine(field, list(map(hull, start)), hull(h))
-    step = Step(field, h, taylor_coefficients(field, start, order + 1), taylor_coefficients(field, box, order + 1))
+    step = TaylorStep(
+        field, h, taylor_coefficients(field, start, order + 1), taylor_coefficients(field, box, order + 1)
+    )
     if not all(hull(y).is_finite() for y in step.end):
         raise NotProved(f"{field.mode}: the series of the motion are not finite")
     return step
 
 
-def confine(field: Field, start: Sequence[arb], h: arb) -> list[arb]:
+def confine(field: VectorField, start: Sequence[arb], h: arb) -> list[arb]:
     """A box B in which all motions from the box ``start`` stay for a time ``h``.
 
     Raises
     ------
     NotProved
-        If F(B) lies in V for none of the V that are tried.
+        If no attempted V contains F(B).
     """
     elapsed = arb(0).union(h)
     (speeds,) = field.rate(start)
@@ -227,8 +236,8 @@ def confine(field: Field, start: Sequence[arb], h: arb) -> list[arb]:
     raise NotProved(f"{field.mode}: no box is shown to hold the motion for {h.str(5, radius=False)} s")
 
 
-def taylor_coefficients(field: Field, start: Sequence[Any], count: int) -> list[list[Any]]:
-    """F_0, ..., F_(count - 1) of each state, one after the other from y' = F(y)."""
+def taylor_coefficients(field: VectorField, start: Sequence[Any], count: int) -> list[list[Any]]:
+    """F_0, ..., F_(count - 1) of each state, by the recursion (k + 1) F_(k+1) = (F o y)_k."""
     coefficients = [[y] for y in start]
     for k in range(count - 1):
         for c, rate in zip(coefficients, _compose(field.rate, coefficients), strict=True):
@@ -244,8 +253,8 @@ def evaluate(coefficients: Sequence[Any], t: Any) -> Any:
     return total
 
 
-def _matrices(field: Field, motion: list[list[Any]]) -> list[Any]:
-    """Series of the Jacobian DF along a motion."""
+def _matrices(field: VectorField, motion: list[list[Any]]) -> list[Any]:
+    """Taylor coefficients of the Jacobian DF along a motion."""
     n, entries = field.n, _compose(field.jacobian, motion)
     return [matrix(n, [entries[i + n * j][k] for i in range(n) for j in range(n)]) for k in range(len(entries[0]))]
 
@@ -262,16 +271,11 @@ def _variations(slopes: list[Any], order: int) -> list[Any]:
     return phi
 
 
-def matrix(columns: int, entries: Sequence[Any]) -> Any:
-    """A matrix from its entries, row by row."""
-    return gathered(entries, lambda values: arb_mat(len(entries) // columns, columns, values))
-
-
-def _compose(graph: Graph, motion: list[list[Any]]) -> list[list[Any]]:
-    """Series of the outputs of a graph along a motion, to the order to which the motion is known."""
+def _compose(function: BallFunction, motion: list[list[Any]]) -> list[list[Any]]:
+    """Taylor coefficients of the outputs of a function along a motion, as many as the motion has."""
     count = ctx.cap = len(motion[0])
-    outputs = graph([gathered(c, lambda values: arb_series(values, count)) for c in motion])
-    return [scattered(value, lambda part: _coefficients(part, count)) for output in outputs for value in output]
+    outputs = function([assemble(c, lambda values: arb_series(values, count)) for c in motion])
+    return [entries_of(value, lambda series: _coefficients(series, count)) for output in outputs for value in output]
 
 
 def _coefficients(value: Any, length: int) -> list[arb]:

@@ -9,7 +9,7 @@ from gaitopt.systems import build_system
 
 flint = pytest.importorskip("flint")
 
-from gaitopt.proof.graph import Graph  # noqa: E402
+from gaitopt.proof.arithmetic import BallFunction  # noqa: E402
 
 FEET_APART = 0.05
 """Angle of the stance leg [rad]; at a foot under the hip the apparent mass of a slipping one is its own."""
@@ -32,6 +32,6 @@ def test_accelerations_and_forces_keep_their_digits_however_light_the_feet(foot_
         inputs = [np.zeros(1), z, p, np.zeros(flow.size1_in(3))]
         with flint.ctx.workprec(300):
             balls = [[flint.arb(float(x)) for x in values] for values in inputs]
-            exact = [[float(x.mid()) for x in column] for column in Graph(flow, balls[1:])(balls[0])]
+            exact = [[float(x.mid()) for x in column] for column in BallFunction(flow, balls[1:])(balls[0])]
         for ours, theirs in zip(flow.call(inputs), exact, strict=True):
             assert np.asarray(ours).ravel() == pytest.approx(theirs, rel=LOST, abs=LOST * np.abs(theirs).max())

@@ -9,35 +9,17 @@ import pytest
 flint = pytest.importorskip("flint")
 from flint import arb, arb_mat, ctx  # noqa: E402
 
-from gaitopt import load_problem, prove, simulate, solve  # noqa: E402
-from gaitopt.errors import (  # noqa: E402
-    StorageError,
-    UnknownNameError,
-)
+from gaitopt import load_problem, parse_problem, prove, simulate, solve  # noqa: E402
+from gaitopt.errors import StorageError, UnknownNameError  # noqa: E402
 from gaitopt.gait.measures import measure  # noqa: E402
-from gaitopt.proof import (  # noqa: E402
-    claims,
-    orbit,
-)
-from gaitopt.proof import orbit as krawczyk  # noqa: E402
-from gaitopt.proof.certificate import read_certificate  # noqa: E402
-from gaitopt.proof.check import (  # noqa: E402
-    check,
-    check_box,
-    connection_claim,
-)
-from gaitopt.proof.graph import NotProved  # noqa: E402
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
+from gaitopt.proof import claims, orbit  # noqa: E402
+from gaitopt.proof.arithmetic import PRECISION, NotProved, ball  # noqa: E402
+from gaitopt.proof.certificate import exact_texts, read_certificate, restore_box, restore_statement  # noqa: E402
+from gaitopt.proof.check import check, check_box  # noqa: E402
 from gaitopt.proof.prove import prove_special  # noqa: E402
-from gaitopt.proof.statement import (  # noqa: E402
-    ball,
-    exact_texts,
-    restore_box,
-    restore_statement,
-)
-from gaitopt.proof.taylor import (  # noqa: E402
-    PRECISION,
-    Field,
-)
+from gaitopt.proof.taylor import VectorField  # noqa: E402
+from gaitopt.proof.theorem import connection_claim  # noqa: E402
 
 WHEELS = ("rimless-wheel-stick", "rimless-wheel-slip")
 OTHERS = {
@@ -82,7 +64,7 @@ def traversed(name):
     with ctx.workprec(PRECISION):
         record = read_certificate(certificate)
         equations, box = restore_box(restore_statement(record), *record.boxes)
-        return equations, box, equations.traverse(box)
+        return equations, box, equations.enclose(box)
 
 
 def failures(certificate):
@@ -232,29 +214,39 @@ def test_a_box_that_krawczyk_does_not_map_into_itself_is_refused():
 
 def test_the_multiplier_holds_saltation():
     """If rates did not change while an event comes later, it would be another one."""
-    equations, box, passage = traversed("rimless-wheel-slip")
+    equations, box, cycle = traversed("rimless-wheel-slip")
     (expected,) = gait("rimless-wheel-slip").multipliers
     first = equations.system.n_shape + 1
     shapes = arb_mat([[int(i == j < first) for j in range(equations.n)] for i in range(equations.n)])
-    still = [(i, j, shapes * block if j in equations.durations else block) for i, j, block in passage.blocks]
+    still = [(i, j, shapes * block if j in equations.durations else block) for i, j, block in cycle.blocks]
     with ctx.workprec(PRECISION):
         derivatives = [
-            krawczyk.return_map(equations, box, motions, krawczyk.preconditioned(equations, motions))[0, 0]
-            for motions in (passage, replace(passage, blocks=still))
+            orbit.return_map(equations, box, motions, orbit.precondition(equations, motions))[0, 0]
+            for motions in (cycle, replace(cycle, blocks=still))
         ]
     assert abs(derivatives[0].mid() - expected.real) < 1e-9
     assert not derivatives[1].overlaps(derivatives[0])
 
 
 MUTATIONS = {
-    "lift of the other foot": (orbit.Orbit, "impact", lambda own: reversed_impact(own, "lift_velocity"), "impact"),
-    "normal impulse": (orbit.Orbit, "impact", lambda own: reversed_impact(own, "impulse"), "impact"),
-    "cone of the impact": (orbit.Orbit, "impact", lambda own: reversed_impact(own, "impulse_cone_forward"), "impact"),
-    "zero at the start of a slip": (claims, "_order_of_zero", lambda own: lambda *_: 0, "slip_velocity"),
-    "end of an arc": (claims, "ENDS", lambda own: "p+", "cone_forward"),
-    "touchdown": (claims, "TOUCHDOWN", lambda own: "p+", "touchdown"),
-    "apparent mass": (Field, "apparent_masses", lambda own: negated(own.func), "apparent mass"),
-    "direction of the slip": (claims, "SLIPS", lambda own: own[::-1], "mode at rest"),
+    "lift of the other foot": (
+        orbit.Orbit,
+        "impact",
+        lambda impact: reversed_impact(impact, "lift_velocity"),
+        "impact",
+    ),
+    "normal impulse": (orbit.Orbit, "impact", lambda impact: reversed_impact(impact, "impulse"), "impact"),
+    "cone of the impact": (
+        orbit.Orbit,
+        "impact",
+        lambda impact: reversed_impact(impact, "impulse_cone_forward"),
+        "impact",
+    ),
+    "zero at the start of a slip": (claims, "_order_of_zero", lambda order: lambda *_: 0, "slip_velocity"),
+    "end of an arc": (claims, "ENDS", lambda pattern: "p+", "cone_forward"),
+    "touchdown": (claims, "TOUCHDOWN", lambda pattern: "p+", "touchdown"),
+    "apparent mass": (VectorField, "apparent_masses", lambda masses: negated(masses.func), "apparent mass"),
+    "direction of the slip": (claims, "SLIPS", lambda slips: slips[::-1], "mode at rest"),
 }
 
 
@@ -280,21 +272,21 @@ def reversed_impact(impact, name):
 
 @pytest.mark.parametrize(("owner", "name", "mutation", "notices"), MUTATIONS.values(), ids=MUTATIONS)
 def test_a_mutation_of_the_checker_is_noticed(monkeypatch, owner, name, mutation, notices):
-    equations, _, passage = traversed("rimless-wheel-slip")
+    equations, _, cycle = traversed("rimless-wheel-slip")
     monkeypatch.setattr(owner, name, mutation(getattr(owner, name)))
     with ctx.workprec(PRECISION):
-        refused = [claim.name for claim in claims.mode_sequence_claims(equations, passage) if not claim.proved]
+        refused = [claim.name for claim in claims.mode_sequence_claims(equations, cycle) if not claim.proved]
     assert any(notices in claim for claim in refused)
 
 
 def test_a_multiplier_that_may_be_one_leaves_the_return_map_unproved(monkeypatch):
     """Its derivative is 1 - H^-1; bounds that hold a singular H are a claim that is not proved."""
-    equations, box, passage = traversed("rimless-wheel-slip")
+    equations, box, cycle = traversed("rimless-wheel-slip")
     with ctx.workprec(PRECISION):
-        defect = krawczyk.preconditioned(equations, passage)
-        monkeypatch.setattr(krawczyk, "matrix", lambda n, entries: arb_mat(len(entries) // n, n))
+        inverse = orbit.precondition(equations, cycle)
+        monkeypatch.setattr(orbit, "matrix", lambda n, entries: arb_mat(len(entries) // n, n))
         with pytest.raises(NotProved, match="a multiplier may be one"):
-            krawczyk.return_map(equations, box, passage, defect)
+            orbit.return_map(equations, box, cycle, inverse)
 
 
 def test_without_the_motion_of_events_there_is_no_orbit():
@@ -302,12 +294,12 @@ def test_without_the_motion_of_events_there_is_no_orbit():
     equations, box, _ = traversed("rimless-wheel-slip")
     wide = replace(box, deviation=[arb(0, 1e-4)] * equations.size)
     with ctx.workprec(PRECISION):
-        right = equations.traverse(wide)
+        right = equations.enclose(wide)
         spoiled_blocks = [block for block in right.blocks if block[1] not in equations.durations]
-        image = krawczyk.krawczyk(equations, wide, right, krawczyk.preconditioned(equations, right))
-        krawczyk.require_contraction(equations, wide, image)
+        image = orbit.krawczyk(equations, wide, right, orbit.precondition(equations, right))
+        orbit.require_contraction(equations, wide, image)
         with pytest.raises(NotProved):
-            krawczyk.preconditioned(equations, replace(right, blocks=spoiled_blocks))
+            orbit.precondition(equations, replace(right, blocks=spoiled_blocks))
 
 
 def test_a_sticking_gait_is_proved_for_an_interval_of_friction():
@@ -359,18 +351,18 @@ def test_boxes_that_do_not_meet_are_no_family():
     certificate = family().certificate
     with ctx.workprec(PRECISION):
         statement = restore_statement(read_certificate(certificate))
-        pieces = [check_box(statement, record) for record in statement.records]
-        assert connection_claim(pieces, statement.interval).proved
-        beyond = connection_claim(pieces, ("12.98 deg", "13.001 deg"))
+        boxes = [check_box(statement, record) for record in statement.records]
+        assert connection_claim(boxes, statement.interval).proved
+        beyond = connection_claim(boxes, ("12.98 deg", "13.001 deg"))
         assert "both ends" in beyond.words
         apart = connection_claim(
-            [replace(pieces[0], interval=("12.999 deg", "12.9995 deg")), pieces[1]], statement.interval
+            [replace(boxes[0], interval=("12.999 deg", "12.9995 deg")), boxes[1]], statement.interval
         )
         moved = {
             name: replace(box, centre=[box.centre[0] + arb("1e-3"), *box.centre[1:]])
-            for name, box in (("outer", pieces[0].outer), ("inner", pieces[0].inner))
+            for name, box in (("outer", boxes[0].outer), ("inner", boxes[0].inner))
         }
-        elsewhere = connection_claim([replace(pieces[0], **moved), pieces[1]], statement.interval)
+        elsewhere = connection_claim([replace(boxes[0], **moved), boxes[1]], statement.interval)
     for claim in (apart, elsewhere):
         assert not claim.proved
         assert "are not shown to hold the same orbit" in claim.words
@@ -396,6 +388,20 @@ def test_what_no_proof_knows_is_refused_by_name(name, reason):
     result = prove(gait(name))
     assert not result.proved
     assert reason in failed(result)["statement"]
+
+
+class ForeignWheel(RimlessWheel):
+    """A wheel of another package that is not registered."""
+
+    model = "foreign_wheel"
+
+
+def test_a_walker_that_is_not_registered_is_proved_and_checked_with_its_class():
+    text = load_problem("rimless-wheel-stick").text.replace("model: rimless_wheel", "model: foreign_wheel")
+    result = prove(solve(parse_problem(text, walkers=[ForeignWheel])))
+    assert result.proved, failed(result)
+    assert check(dict(result.certificate), walkers=[ForeignWheel]).proved
+    assert "foreign_wheel" in failures(result.certificate)["statement"]
 
 
 def test_a_certificate_of_an_older_format_is_named():

@@ -12,49 +12,35 @@ from flint import acb, arb, arb_mat, ctx  # noqa: E402
 
 from gaitopt import load_problem  # noqa: E402
 from gaitopt.model.control import NoControl  # noqa: E402
-from gaitopt.model.modes import (  # noqa: E402
-    CONTACTS,
-    Mode,
-)
+from gaitopt.model.modes import CONTACTS, Mode  # noqa: E402
 from gaitopt.model.system import HybridSystem  # noqa: E402
 from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
 from gaitopt.proof import taylor  # noqa: E402
-from gaitopt.proof.claims import (  # noqa: E402
-    POSITIVE,
-    TOUCHDOWN,
-    check_pattern,
-    parts,
-)
-from gaitopt.proof.graph import (  # noqa: E402
+from gaitopt.proof.arithmetic import (  # noqa: E402
     BINARY,
+    PRECISION,
     UNARY,
-    Graph,
+    BallFunction,
     NotProved,
     Refuted,
     exact_constant,
 )
-from gaitopt.proof.taylor import (  # noqa: E402
-    PRECISION,
-    Field,
-    Series,
-    States,
-    expand,
-    taylor_coefficients,
-)
+from gaitopt.proof.claims import POSITIVE, TOUCHDOWN, check_pattern, sign_parts  # noqa: E402
+from gaitopt.proof.taylor import PhaseSpace, TaylorSeries, VectorField, expand, taylor_coefficients  # noqa: E402
 
 ORDER = 20
 
 
 class Plane:
-    """A vector field of two states in the terms of ``Field``."""
+    """A vector field of two states in the terms of ``VectorField``."""
 
     mode, n = Mode.STICK, 2
 
     def __init__(self, acceleration):
         y = SX.sym("y", 2)
         rate = vertcat(y[1], acceleration(y[0]))
-        self.rate = Graph(Function("rate", [y], [rate]), [])
-        self.jacobian = Graph(Function("jacobian", [y], [jacobian(rate, y)]), [])
+        self.rate = BallFunction(Function("rate", [y], [rate]), [])
+        self.jacobian = BallFunction(Function("jacobian", [y], [jacobian(rate, y)]), [])
 
 
 @pytest.fixture(autouse=True)
@@ -129,7 +115,7 @@ def test_a_spoiled_remainder_is_noticed(monkeypatch):
 def slipping_field():
     system = HybridSystem(CompassBiped, NoControl())
     p = [arb(float(value)) for value in system.values(load_problem("compass-passive-a").parameters)]
-    return Field(States(system, None, 0), Mode.SLIP_BACKWARD, p, []), [0.14, 0.16, 0.0, 0.68, -0.46, -0.01]
+    return VectorField(PhaseSpace(system, None, 0), Mode.SLIP_BACKWARD, p, []), [0.14, 0.16, 0.0, 0.68, -0.46, -0.01]
 
 
 def points_of_a_stiff_slip(count):
@@ -176,7 +162,7 @@ def test_the_graph_of_a_flow_has_the_values_of_casadi(mode):
     system = HybridSystem(CompassBiped, NoControl())
     p = system.values(load_problem("compass-passive-a").parameters)
     rng = np.random.default_rng(3)
-    field = Field(States(system, None, 0), mode, [arb(float(value)) for value in p], [])
+    field = VectorField(PhaseSpace(system, None, 0), mode, [arb(float(value)) for value in p], [])
     for z in 0.3 * rng.normal(size=(5, system.n_z)):
         balls = field.rate([*(arb(float(value)) for value in z), arb(0)])[0]
         expected = np.asarray(system.flow(mode)(0, z, p, [])).ravel()
@@ -189,13 +175,13 @@ def test_every_operation_has_the_value_of_casadi(operation):
     point = (1.25, 1.5) if "acosh" in str(SX.unary(operation, x[0]) if operation in UNARY else "") else (0.25, 0.75)
     value = SX.unary(operation, x[0]) if operation in UNARY else SX.binary(operation, x[0], x[1])
     f = Function("f", [x], [value])
-    assert float(Graph(f, [])([arb(v) for v in point])[0][0]) == pytest.approx(float(f(point)), rel=1e-14)
+    assert float(BallFunction(f, [])([arb(v) for v in point])[0][0]) == pytest.approx(float(f(point)), rel=1e-14)
 
 
 def test_a_kink_is_refused():
     x = SX.sym("x")
     with pytest.raises(ValueError, match=r"kink: CasADi's operation .* is not analytic"):
-        Graph(Function("kink", [x], [fabs(x)]), [])
+        BallFunction(Function("kink", [x], [fabs(x)]), [])
 
 
 def test_constants_stand_for_multiples_of_pi_or_for_themselves():
@@ -210,23 +196,23 @@ def test_a_flow_that_is_not_defined_on_its_box_is_refused():
     field = Plane(lambda q: 1 / q)
     with pytest.raises(NotProved, match="no box is shown to hold"):
         expand(field, [arb(0, 0.1), arb(0)], arb(0.1), ORDER)
-    with pytest.raises(NotProved, match="quotient by what may be zero"):
+    with pytest.raises(NotProved, match="a divisor may be zero"):
         taylor.taylor_coefficients(field, [arb(0), arb(0)], 3)
 
 
 def line(value, rate):
     """value + rate t as a function on a step."""
-    return Series([arb(value), arb(rate)])
+    return TaylorSeries([arb(value), arb(rate)])
 
 
 def test_what_is_negative_beyond_the_end_of_an_arc_refutes_nothing():
     """The length of the last step is only enclosed."""
     length = arb(1, 1e-3)
     steps = [(line(-1, 0), length), (line(1, 0), length), (line(1, -1), length)]
-    assert check_pattern("touchdown", list(parts(steps)), TOUCHDOWN) == "n1 p1 d1"
-    grazing = list(parts([(line(1, -1), length)], monotone=False))
+    assert check_pattern("touchdown", list(sign_parts(steps)), TOUCHDOWN) == "n1 p1 d1"
+    grazing = list(sign_parts([(line(1, -1), length)], monotone=False))
     with pytest.raises(NotProved) as failure:
         check_pattern("margin", grazing, POSITIVE)
     assert not isinstance(failure.value, Refuted)
     with pytest.raises(Refuted, match="is false"):
-        check_pattern("margin", list(parts([(line(0.5, -1), length)], monotone=False)), POSITIVE)
+        check_pattern("margin", list(sign_parts([(line(0.5, -1), length)], monotone=False)), POSITIVE)

@@ -7,12 +7,7 @@ import pytest
 flint = pytest.importorskip("flint")
 from flint import arb, arb_mat, arb_series, ctx  # noqa: E402
 
-from gaitopt.proof.graph import (  # noqa: E402
-    Tilted,
-    gathered,
-    hull,
-    scattered,
-)
+from gaitopt.proof.arithmetic import Tilted, assemble, entries_of, hull  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -63,9 +58,9 @@ def test_an_enclosure_is_of_second_order():
 def test_series_in_time_hold_the_values_at_points():
     ctx.cap = 6
     rng = random.Random(5)
-    a = gathered([number(rng, 1.1), number(rng, 0.5), arb(1), *[arb(0)] * 3], lambda values: arb_series(values, 6))
+    a = assemble([number(rng, 1.1), number(rng, 0.5), arb(1), *[arb(0)] * 3], lambda values: arb_series(values, 6))
     for operation in (lambda x: x * x, lambda x: 1 / x, lambda x: x.sin(), lambda x: x.sqrt(), lambda x: x.log()):
-        values = scattered(operation(a), lambda c: [c[k] for k in range(6)])
+        values = entries_of(operation(a), lambda c: [c[k] for k in range(6)])
         for s in (arb(-1), arb(0.3), arb(1)):
             exact = operation(arb_series([c.mid() for c in a.at(s).coeffs()], 6))
             assert all(value.at(s).overlaps(exact[k]) for k, value in enumerate(values))
@@ -73,7 +68,7 @@ def test_series_in_time_hold_the_values_at_points():
 
 def test_matrices_keep_their_order():
     rng = random.Random(6)
-    left = gathered([number(rng, k) for k in (2, 1, 1, 3)], lambda values: arb_mat(2, 2, values))
+    left = assemble([number(rng, k) for k in (2, 1, 1, 3)], lambda values: arb_mat(2, 2, values))
     right = arb_mat(2, 2, [1, 2, 3, 5])
     s = arb(0.7)
     for product, exact in (
@@ -81,6 +76,6 @@ def test_matrices_keep_their_order():
         (right * left, right * left.at(s)),
         (left * left.inv(), arb_mat([[1, 0], [0, 1]])),
     ):
-        values = scattered(product, arb_mat.entries)
+        values = entries_of(product, arb_mat.entries)
         assert all(value.at(s).overlaps(e) for value, e in zip(values, exact.entries(), strict=True))
     assert not (left * right).at(s).overlaps((right * left).at(s))

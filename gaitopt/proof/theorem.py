@@ -1,0 +1,318 @@
+"""The theorem about a gait, a family of gaits or a special point: what the checked boxes prove together.
+
+A theorem is proved if every claim of its kind is there and holds. A family is connected if the orbit at the end of one
+box lies where the orbit of the next box is unique. A special point lies between two parameter values if its test
+function has opposite signs there:
+
+    neimark_sacker     the number of multipliers outside the unit circle changes by two, none is 1 or -1 in between
+    period_doubling    prod_k (1 + lambda_k)
+    others             a margin of the mode or of the impact
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
+from itertools import pairwise
+from math import prod
+from typing import Any
+
+from flint import acb, arb, arb_mat
+
+from gaitopt.model.margins import IMPACT_MARGINS, PHASE_MARGINS, Margin
+from gaitopt.proof.arithmetic import NotProved, decimal_bounds, precision
+from gaitopt.proof.certificate import Statement
+from gaitopt.proof.claims import ProofClaim, mode_claim_names
+from gaitopt.proof.orbit import TiltedBox, union_of_multipliers
+
+STATEMENT, EXISTENCE, MOTION = "statement", "existence and uniqueness", "motion"
+COMPLETENESS, STABILITY = "completeness", "stability"
+CONNECTION, SIGN_CHANGE = "connected family", "sign change"
+"""Names of claims, besides those of the mode sequence."""
+
+
+def _margins_ending(*tables: Mapping[str, Margin], ending: str | None) -> tuple[str, ...]:
+    """The margins whose fall ends a motion in this way; None: by another mode or impact."""
+    return tuple(name for table in tables for name, margin in table.items() if margin.ending == ending)
+
+
+MARGIN_CHANGES: Mapping[str, tuple[str, ...]] = {
+    "mode_change": _margins_ending(PHASE_MARGINS, ending=None),
+    "impact_change": _margins_ending(IMPACT_MARGINS, ending=None),
+    "lift_off": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending="lift_off"),
+    "painleve": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending="painleve"),
+}
+"""Special points beyond which the orbit is no gait of its mode sequence, and the margins that become negative there."""
+BRACKETED = ("neimark_sacker", "period_doubling", *MARGIN_CHANGES)
+"""Types of special points that can be proved."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedBox:
+    """What is proved on one box.
+
+    Attributes
+    ----------
+    outer : the box of the certificate, in which the orbit is unique.
+    interval : ends of the varying parameter as texts; empty if none varies.
+    image : the box under Krawczyk's operator, even if that proves nothing.
+    inner : the image if it holds the orbit; None if something could not be enclosed, and then nothing below is known.
+    derivatives : of the return map, on parts of the interval.
+    multipliers : largest modulus first.
+    """
+
+    outer: TiltedBox
+    interval: Sequence[str]
+    image: TiltedBox | None = None
+    inner: TiltedBox | None = None
+    claims: tuple[ProofClaim, ...] = ()
+    state: Mapping[str, arb] | None = None
+    durations: tuple[arb, ...] = ()
+    measures: Mapping[str, arb | None] | None = None
+    derivatives: Sequence[arb_mat] = ()
+    multipliers: tuple[acb, ...] = ()
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What a certificate proves.
+
+    Attributes
+    ----------
+    problem : name of the problem.
+    claims : statements of the theorem; the theorem is proved if all of them are.
+    certificate : the certificate.
+    statement : the hypotheses, and what the theorem does not say; empty if they could not be rebuilt.
+    state : bounds of the state just after the impact, by name.
+    durations : bounds of the durations of the phases [s].
+    measures : bounds of the measures, by name.
+    multipliers : bounds, largest modulus first; empty for a bracket of a special point.
+    """
+
+    problem: str
+    claims: tuple[ProofClaim, ...]
+    certificate: Mapping[str, Any]
+    statement: Mapping[str, Any] = field(default_factory=dict)
+    state: Mapping[str, arb] | None = None
+    durations: tuple[arb, ...] = ()
+    measures: Mapping[str, arb | None] | None = None
+    multipliers: tuple[acb, ...] = ()
+
+    def __repr__(self) -> str:
+        stability = {True: ", stable", False: ", unstable", None: ""}[self.stable]
+        proved = sum(claim.proved for claim in self.claims)
+        return f"<Proof about {self.problem}: {proved} of {len(self.claims)} claims proved{stability}>"
+
+    @property
+    def proved(self) -> bool:
+        """Whether there are claims and all of them are proved."""
+        return bool(self.claims) and all(claim.proved for claim in self.claims)
+
+    @cached_property
+    def spectral_radius(self) -> arb | None:
+        """Bounds of the largest modulus of a multiplier."""
+        if not self.multipliers:
+            return None
+        with precision():
+            moduli = [abs(multiplier) for multiplier in self.multipliers]
+            return max(modulus.lower() for modulus in moduli).union(max(modulus.upper() for modulus in moduli))
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether the gait is stable; None if the bounds do not decide."""
+        radius = self.spectral_radius
+        return True if radius is not None and radius < 1 else False if radius is not None and radius > 1 else None
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object; bounds are decimal strings rounded outward."""
+        varied, radius = self.certificate.get("varied"), self.spectral_radius
+        family = {}
+        if varied is not None and self.statement:
+            interval = self.statement["parameters"][varied]
+            family = {"parameter": varied, "interval": interval, "special": self.certificate["special"]}
+        measures = {
+            name: decimal_bounds(value) if value is not None and value.is_finite() else None
+            for name, value in (self.measures or {}).items()
+        }
+        claims = [
+            {
+                "claim": claim.name,
+                "proved": claim.proved,
+                "words": claim.words,
+                "margin": None if claim.margin is None else decimal_bounds(claim.margin)[0],
+            }
+            for claim in self.claims
+        ]
+        state = None if self.state is None else {name: decimal_bounds(value) for name, value in self.state.items()}
+        return {
+            "problem": self.problem,
+            "proved": self.proved,
+            **family,
+            "statement": dict(self.statement),
+            "state": state,
+            "durations": [decimal_bounds(value) for value in self.durations],
+            "period": None,
+            **measures,
+            "multipliers": [{"re": decimal_bounds(m.real), "im": decimal_bounds(m.imag)} for m in self.multipliers],
+            "spectral_radius": None if radius is None else decimal_bounds(radius),
+            "stable": self.stable,
+            "claims": claims,
+        }
+
+
+def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Mapping[str, Any]) -> Proof:
+    """What the boxes of a certificate prove together.
+
+    Every box has to prove existence and the claims of the mode sequence. In a bracket of a violated margin only the end
+    at which the orbit is a gait has to prove the latter; the sign change is about the other end.
+    """
+    special, modes = statement.special, mode_claim_names(statement.system, statement.sequence, statement.arcs)
+    brackets_margin, last = special in MARGIN_CHANGES, len(boxes) - 1
+    gait_end = _gait_end(boxes) if brackets_margin else None
+    claims = list(
+        _merge_claims(
+            [claim for claim in box.claims if gait_end is None or k == gait_end % len(boxes) or claim.name not in modes]
+            for k, box in enumerate(boxes)
+        )
+    )
+    proof = replace(Proof(statement.name, tuple(claims), certificate, statement.words), **_bounds(boxes))
+    missing = [
+        name
+        for k, box in enumerate(boxes)
+        for name in ((EXISTENCE, *modes) if not brackets_margin or k in (0, last) else (EXISTENCE,))
+        if name not in {claim.name for claim in box.claims}
+    ]
+    if missing or any(box.inner is None for box in boxes):
+        if proof.proved:
+            words = f"is not proved on every box: {', '.join(missing) or MOTION}"
+            proof = replace(proof, claims=(*claims, ProofClaim(COMPLETENESS, proved=False, words=words)))
+        return proof
+    if statement.interval:
+        if not brackets_margin and not proof.proved:
+            return proof
+        claims.append(connection_claim(boxes, statement.interval))
+    claims.append(_stability_claim(proof) if special is None else sign_change_claim(special, boxes))
+    return replace(proof, claims=tuple(claims))
+
+
+def _merge_claims(claims_by_box: Iterable[Sequence[ProofClaim]]) -> Iterator[ProofClaim]:
+    """One claim of each name: it fails if it fails on one box, and has the smallest margin of all boxes."""
+    by_name: dict[str, list[ProofClaim]] = {}
+    for claims in claims_by_box:
+        for claim in claims:
+            by_name.setdefault(claim.name, []).append(claim)
+    for name, claims in by_name.items():
+        worst = min(claims, key=lambda claim: claim.proved)
+        margins = [claim.margin for claim in claims if claim.margin is not None]
+        words = worst.words if len(claims) == 1 or not worst.proved else f"in {len(claims)} boxes; first: {worst.words}"
+        yield ProofClaim(name, worst.proved, words, min(margins) if margins and worst.proved else None)
+
+
+def _bounds(boxes: Sequence[CheckedBox]) -> dict[str, Any]:
+    """State, durations, measures and multipliers of all orbits; empty if a box has none."""
+    if not boxes or any(box.inner is None for box in boxes):
+        return {}
+    states, measures = [box.state or {} for box in boxes], [box.measures or {} for box in boxes]
+    return {
+        "state": {key: _union([state[key] for state in states]) for key in states[0]},
+        "durations": tuple(map(_union, zip(*(box.durations for box in boxes), strict=True))),
+        "measures": {key: _union([values[key] for values in measures]) for key in measures[0]},
+        "multipliers": union_of_multipliers(box.multipliers for box in boxes if box.multipliers),
+    }
+
+
+def _union(values: Sequence[Any]) -> Any:
+    return None if None in values else reduce(arb.union, values)
+
+
+def _stability_claim(proof: Proof) -> ProofClaim:
+    verdict = {True: "stable", False: "unstable", None: "whether it is stable is not shown"}[proof.stable]
+    words = f"{verdict}: the largest modulus of a multiplier is {proof.spectral_radius}"
+    return ProofClaim(STABILITY, proved=proof.stable is not None, words=words)
+
+
+def connection_claim(boxes: Sequence[CheckedBox], interval: Sequence[str]) -> ProofClaim:
+    """Whether the boxes cover the interval, and neighbours hold the same orbit at the value at which they meet."""
+    for k, (box, following) in enumerate(pairwise(boxes), start=1):
+        if not _hold_the_same_orbit(box, following):
+            words = f"boxes {k} and {k + 1} are not shown to hold the same orbit"
+            return ProofClaim(CONNECTION, proved=False, words=words)
+    ends = [boxes[0].interval[0], boxes[-1].interval[1]] == list(interval)
+    words = f"the orbits form one smooth family, without a gap, in {len(boxes)} boxes"
+    return ProofClaim(
+        CONNECTION, proved=ends, words=words if ends else "the boxes do not reach both ends of the interval"
+    )
+
+
+def _hold_the_same_orbit(box: CheckedBox, following: CheckedBox) -> bool:
+    """Whether the orbit at the end of one box lies where that of the other is unique, at the same parameter."""
+    if box.inner is None or following.inner is None or box.interval[1] != following.interval[0]:
+        return False
+    end, start = arb(1), arb(-1)
+    return _contains(box.outer.at(end), following.inner.at(start)) or _contains(
+        following.outer.at(start), box.inner.at(end)
+    )
+
+
+def _contains(outer: Sequence[arb], inner: Sequence[arb]) -> bool:
+    return all(b.contains(a) for a, b in zip(inner, outer, strict=True))
+
+
+def sign_change_claim(kind: str, boxes: Sequence[CheckedBox]) -> ProofClaim:
+    """Whether the test function of a type of special point changes its sign between the first box and the last."""
+    tests = {"neimark_sacker": _neimark_sacker, "period_doubling": _period_doubling}
+    try:
+        words = _margin_change(kind, boxes) if kind in MARGIN_CHANGES else tests[kind](boxes)
+    except NotProved as failure:
+        return ProofClaim(SIGN_CHANGE, proved=False, words=str(failure))
+    return ProofClaim(SIGN_CHANGE, proved=True, words=words)
+
+
+def _neimark_sacker(boxes: Sequence[CheckedBox]) -> str:
+    outside = []
+    for k in (0, -1):
+        moduli = [abs(m) for m in boxes[k].multipliers]
+        if any(modulus.contains(1) for modulus in moduli):
+            raise NotProved("whether a multiplier is outside the unit circle at an end is not shown")
+        outside.append(sum(bool(modulus > 1) for modulus in moduli))
+    if abs(outside[0] - outside[1]) != 2:
+        raise NotProved(f"{outside[0]} and {outside[1]} multipliers are outside the unit circle at the ends")
+    for matrix in (matrix for box in boxes for matrix in box.derivatives):
+        for real in (1, -1):
+            unit = arb_mat([[real * int(i == j) for j in range(matrix.ncols())] for i in range(matrix.nrows())])
+            if not (matrix - unit).det() != 0:
+                raise NotProved(f"a multiplier may pass through {real}")
+    return (
+        f"{outside[0]} multipliers are outside the unit circle at one end and {outside[1]} at the other, and none is 1 "
+        "or -1 in between: a complex pair crosses the unit circle"
+    )
+
+
+def _period_doubling(boxes: Sequence[CheckedBox]) -> str:
+    ends = [prod((m + 1 for m in boxes[k].multipliers), start=acb(1)).real for k in (0, -1)]
+    if not ends[0] * ends[1] < 0:
+        values = " and ".join(str(end.str(6)) for end in ends)
+        raise NotProved(f"the product of all multipliers plus one is {values} at the ends: no change of sign")
+    return "the product of all multipliers plus one changes its sign: one of them is -1 in between"
+
+
+def _gait_end(boxes: Sequence[CheckedBox]) -> int | None:
+    """The end of a bracket, 0 or -1, at which alone the orbit is a gait of the mode sequence."""
+    gaits = [k for k in (0, -1) if all(claim.proved for claim in boxes[k].claims)]
+    return gaits[0] if len(gaits) == 1 else None
+
+
+def _margin_change(kind: str, boxes: Sequence[CheckedBox]) -> str:
+    end = _gait_end(boxes)
+    if end is None:
+        raise NotProved("it is not shown that the mode sequence holds at one end and is violated at the other")
+    refuted = [claim for claim in boxes[-1 - end].claims if claim.refuted]
+    if not refuted:
+        raise NotProved("it is not shown that the mode sequence is violated at the other end")
+    foreign = [claim for claim in refuted if claim.violated not in MARGIN_CHANGES[kind]]
+    if foreign:
+        raise NotProved(f"what is violated at the other end makes it no {kind}: {foreign[0].words}")
+    here, there = ("lower", "upper") if end == 0 else ("upper", "lower")
+    return (
+        f"at the {here} end the orbit is a gait of its mode sequence; at the {there} end it is not, because a margin "
+        f"that makes a {kind} is negative: {refuted[0].name}: {refuted[0].words}"
+    )
