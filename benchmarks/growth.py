@@ -14,9 +14,10 @@ from gaitopt.design.design import step_states
 from gaitopt.model.control import NoControl
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.nlp.interval import shooting_step, stage_derivatives, step_derivatives
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.shooting import MultipleShooting, shooting_step, stage_derivatives, step_derivatives
+from gaitopt.nlp.shooting import MultipleShooting
 
 INTERVALS = (16, 32, 64, 128)
 LINKS = (2, 4, 6, 8)

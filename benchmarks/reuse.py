@@ -7,8 +7,8 @@ from timing import Row
 
 from gaitopt import load_problem, solve
 from gaitopt.gait.gait import Gait
-from gaitopt.nlp.family import Family
-from gaitopt.nlp.shooting import conditions, differentiated, shooting_jacobian, transcribe
+from gaitopt.nlp.following import Family
+from gaitopt.nlp.shooting import condition_derivatives, conditions, transcribe
 from gaitopt.problem.problem import Problem
 
 REBUILT = 10
@@ -39,6 +39,6 @@ def rows() -> list[Row]:
 
 def solve_anew(problem: Problem) -> Gait:
     """Solve with nothing kept of its layout, as the first problem of its kind is."""
-    for kept in (transcribe, shooting_jacobian, conditions, differentiated):
+    for kept in (transcribe, conditions, condition_derivatives):
         kept.cache_clear()
     return solve(problem)

@@ -27,7 +27,7 @@ from gaitopt.model.modes import Mode as Mode
 from gaitopt.model.walker import Body as Body
 from gaitopt.model.walker import Mechanism as Mechanism
 from gaitopt.model.walker import Walker as Walker
-from gaitopt.nlp.family import Family as Family
+from gaitopt.nlp.following import Family as Family
 from gaitopt.problem.problem import Problem as Problem
 from gaitopt.problem.problem import load_problem as load_problem
 from gaitopt.problem.problem import parse_problem as parse_problem

@@ -1,5 +1,6 @@
 """From a problem to its hybrid system and its gait; the reference of a PD law is solved first, from its own file."""
 
+import time
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -8,7 +9,7 @@ import numpy as np
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import curves
-from gaitopt.gait.gait import Gait
+from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.control import (
     BeyondEnd,
@@ -27,8 +28,8 @@ from gaitopt.model.friction import CoulombFriction, StaticKineticFriction
 from gaitopt.model.modes import ImpactLaw
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Walker
-from gaitopt.nlp.shooting import integrate_to
-from gaitopt.nlp.solve import find_gait
+from gaitopt.nlp.interval import integrate_to
+from gaitopt.nlp.solve import free_parameters, solve_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.schema import ConstantTorqueSpec, Curve, CurveReference, PDSpec
 
@@ -78,9 +79,29 @@ def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
 def solve_sequence(
     problem: Problem, *, start: Gait | None = None, progress: Valued = None, should_stop: Stop = None
 ) -> Gait:
-    """Solve a problem whose mode sequence is given, with the arguments and errors of ``gaitopt.solve``."""
+    """The gait of a problem whose mode sequence is given: designed if parameters are unknown, solved otherwise.
+
+    Parameters
+    ----------
+    start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
+    progress : called at every iteration with its number and the largest violation.
+    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+
+    Raises
+    ------
+    SolveError
+        If the reference of a PD law is not a gait.
+    """
     system = build_system(problem, should_stop=should_stop) if start is None else start.system
-    return find_gait(problem, system, start=start, progress=progress, should_stop=should_stop)
+    began = time.perf_counter()
+    designed = bool(free_parameters(problem, system))
+    first = start if designed and start else solve_gait(problem, system, progress=progress, should_stop=should_stop)
+    if not designed or first.status is Status.INTERRUPTED:
+        return first
+    from gaitopt.design.design import design_gait  # most problems have no unknowns and need not load its modules
+
+    gait = design_gait(problem, system, first, progress=progress, should_stop=should_stop)
+    return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
@@ -154,7 +175,7 @@ def _reference_gait(problem: Problem, should_stop: Stop) -> Gait:
             f"{problem.name}: control.reference: {source.name} moves {', '.join(source.walker.shape)}, "
             f"but this walker moves {', '.join(problem.walker.shape)}; name a gait of the same kind of walker"
         )
-    gait = find_gait(source, build_system(source, should_stop=should_stop), should_stop=should_stop)
+    gait = solve_sequence(source, should_stop=should_stop)
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
     return gait

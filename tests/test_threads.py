@@ -16,7 +16,7 @@ from gaitopt import Mode, load_problem, prove, return_map, simulate, solve, veri
 from gaitopt.cli.terminal import interruptible, listening
 from gaitopt.errors import StorageError
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
-from gaitopt.nlp.family import Family
+from gaitopt.nlp.following import Family
 from gaitopt.store.files import only_writer
 from gaitopt.threads import per_thread
 from gaitopt.workers.cluster import METHOD, connected

@@ -25,12 +25,12 @@ from gaitopt.gait.gait import Gait
 from gaitopt.iteration import bracketed_root
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.family import Curve, CurvePoint
 from gaitopt.nlp.layout import ArcLayout, Layout, layout
 from gaitopt.nlp.newton import Solution, halved, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
-from gaitopt.nlp.shooting import Transcription, transcribe
+from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.problem.problem import Problem
 
 SOLVED = 1e-10
@@ -131,7 +131,7 @@ class Segment:
         self,
         problem: Problem,
         parameter: str,
-        transcription: Transcription,
+        transcription: MultipleShooting,
         p: Array,
         metric: Metric,
     ) -> None:
@@ -178,7 +178,7 @@ class Segment:
         """The same gait down to rounding with every interval cut in two; None if that fails."""
         return self._on(halved(point.curve_point.at), point)
 
-    def _on(self, refined: Solution[Transcription], point: Point) -> Point | None:
+    def _on(self, refined: Solution, point: Point) -> Point | None:
         """A point on another mesh, on which the segment goes on."""
         old, at = self.transcription, Solution(refined.transcription, refined.w, refined.p)
         forward = resized(point.curve_point.tangent, old, refined.transcription)
@@ -268,7 +268,7 @@ class Segment:
             raise ValueError("walk.arcs do not keep to the segments of the control")
         return segment, point
 
-    def _use(self, transcription: Transcription) -> None:
+    def _use(self, transcription: MultipleShooting) -> None:
         section = transcription.system.section(transcription.layout.cycle.impact)
         scales = self.metric.scales(section, transcription.n_phases)
         self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
@@ -280,7 +280,7 @@ class Segment:
     def _point(self, curve_point: CurvePoint) -> Point:
         return Point(curve_point=curve_point, gait=self._gait(curve_point.at, curve_point.iterations))
 
-    def _gait(self, at: Solution[Transcription], iterations: int) -> Gait:
+    def _gait(self, at: Solution, iterations: int) -> Gait:
         return assemble_gait(
             self.problem.replace({self.parameter: float(at.w[-1])}),
             at,
@@ -307,7 +307,7 @@ def segment_through(
     return Segment(problem, parameter, transcription, dynamics.p, metric), w
 
 
-def resized(tangent: Array, old: Transcription, new: Transcription) -> Array:
+def resized(tangent: Array, old: MultipleShooting, new: MultipleShooting) -> Array:
     """A tangent for another mesh, right in those entries that count for arclength; all inner nodes are left zero."""
     n_z = old.system.n_z
     result = np.zeros(new.w.numel())

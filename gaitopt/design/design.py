@@ -57,7 +57,7 @@ def design_gait(
     progress: Progress | None = None,
     should_stop: Stop = None,
 ) -> Gait:
-    """The best gait over the freed parameters of ``problem``; other arguments as of ``nlp.solve.find_gait``.
+    """The best gait over the freed parameters of ``problem``; other arguments as of ``systems.solve_sequence``.
 
     Parameters
     ----------

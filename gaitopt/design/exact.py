@@ -170,7 +170,7 @@ class ExactProblem:
         w[-n:] = np.clip(w[-n:], *self.bounds)  # the step meets them up to rounding
         return self.evaluate(s.transcription, w, s.solution.p, here.u[n:] + step[n:])
 
-    def _evaluated(self, solution: Solution[MultipleShooting], levels: Array | None) -> Evaluation | None:
+    def _evaluated(self, solution: Solution, levels: Array | None) -> Evaluation | None:
         try:
             s = sensitivity(solution)
         except RuntimeError:  # singular

@@ -28,8 +28,9 @@ from gaitopt.model.margins import margin_names, margin_scales
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_steps
+from gaitopt.nlp.interval import step_derivatives
 from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.shooting import MultipleShooting, impact_margins, is_zero_by_event, step_derivatives
+from gaitopt.nlp.shooting import MultipleShooting
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Numbers of Chebyshev points that are tried in turn until an arc is resolved; every point costs a step."""
@@ -98,7 +99,7 @@ class Sensitivity:
     arcs : curves of every arc.
     """
 
-    solution: Solution[MultipleShooting]
+    solution: Solution
     slopes: Array
     arcs: tuple[ArcCurves, ...]
 
@@ -118,7 +119,7 @@ class Sensitivity:
         return self.transcription.dynamics(self.solution.p, self.freed)
 
 
-def sensitivity(solution: Solution[MultipleShooting]) -> Sensitivity:
+def sensitivity(solution: Solution) -> Sensitivity:
     """Curves and derivatives at a solution of the equalities.
 
     Raises
@@ -134,7 +135,7 @@ def sensitivity(solution: Solution[MultipleShooting]) -> Sensitivity:
     return Sensitivity(solution=solution, slopes=slopes, arcs=arcs)
 
 
-def _arc_curves(solution: Solution[MultipleShooting], slopes: Array, index: int, arc: Arc) -> ArcCurves:
+def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcCurves:
     t, n_z = solution.transcription, solution.transcription.system.n_z
     arc_layout, system = t.layout.arcs[index], t.system
     nodes, durations, freed = t.unpack(solution.w)
@@ -304,10 +305,10 @@ class ExactScalars:
             for (name, curve), unit in zip(arc.margins.items(), margin_scales(mode, scales), strict=True):
                 if name in EVENT_MARGINS:
                     continue
-                ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not is_zero_by_event(t, k, node, name)]
+                ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]
                 for candidate in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), candidate
-        for (value, slope), (_, label) in zip(self._impact_margins, impact_margins(t), strict=True):
+        for (value, slope), (_, label) in zip(self._impact_margins, t.impact_margins(), strict=True):
             yield label.name, label.unit(scales), Candidate(f"impact {label.name}", value, slope)
 
     def _weighted_length(self) -> Valued:
@@ -320,7 +321,7 @@ def _at_impact(t: MultipleShooting) -> Function:
     """(w, p) -> ``IMPACT_SCALARS`` and the margins of the impact; and their Jacobian in w."""
     landed = t.system.impact(t.layout.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"]
     impulse = t.system.impact(Mode.STICK)(z=t.Z[:, -1], p=t.p)["impulse"]
-    margins = [expression for expression, _ in impact_margins(t)]
+    margins = [expression for expression, _ in t.impact_margins()]
     work = t.system.push(z=t.Z[:, -1], p=t.p)["work"]
     values = vertcat(landed[t.system.n_shape], MX(t.system.weight(t.p)), impulse, work, *margins)
     return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])

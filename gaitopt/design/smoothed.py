@@ -30,8 +30,9 @@ from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.gait.gait import Cause, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.nlp.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.nlp.ipopt import NEAR_OPTIMUM, Ipopt, IpoptResult, Progress
-from gaitopt.nlp.shooting import LOBATTO_POINTS, LOBATTO_WEIGHTS, MultipleShooting, sampled_step
+from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.statement import Range
 

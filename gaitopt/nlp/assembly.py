@@ -1,6 +1,7 @@
-"""From a solution of the periodic problem to the gait that it is: arcs, impact, multipliers, scalars."""
+"""From a solution of the equations to its gait (arcs, impacts, multipliers, scalars), and back to the solution."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,24 +15,48 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.margins import ending_margin
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.layout import COINCIDENT, ArcLayout
+from gaitopt.nlp.layout import COINCIDENT, ArcLayout, layout
 from gaitopt.nlp.newton import Solution, return_map_jacobian
-from gaitopt.nlp.shooting import Transcription
+from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.problem.problem import Problem
 
 COUNTS = (33, 65, 129, 257)
 """Chebyshev points tried in turn until an arc is resolved."""
 
 
-def assemble_gait(
-    problem: Problem,
-    at: Solution[Transcription],
-    *,
-    errors: Array,
-    message: str,
-    solver: Mapping[str, float],
-) -> Gait:
-    """The gait at a solution; freed parameters are put into ``p`` and reported.
+def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
+    """The unknowns of a gait on the layout on which it was solved.
+
+    Parameters
+    ----------
+    free : dotted keys of the parameters that are unknowns, at their values in the gait.
+
+    Raises
+    ------
+    ValueError
+        If the gait is a failed attempt, or comes from a file or the simulator, so that its nodes are not known.
+    """
+    if gait.shooting is None:
+        raise ValueError(f"{gait.problem.name}: a gait without its shooting nodes cannot be followed; solve it first")
+    durations = np.array([duration for _, duration in gait.phases])
+    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
+    equations = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)), free)
+    freed = tuple(gait.dynamics.parameter(key) for key in free)
+    return Solution(equations, equations.pack(gait.shooting.states.T, durations, freed), gait.p)
+
+
+def solved_gait(problem: Problem, refined: Solution, *, message: str, solver: Mapping[str, float]) -> Gait:
+    """The gait at a refined solution; its message tells if the cycle is a shorter one walked several times."""
+    gait = assemble_gait(problem, refined, errors=refined.errors, message=message, solver=solver)
+    n, shorter = len(gait.steps), gait.repeats_after
+    if shorter == n:
+        return gait
+    period = "every step" if shorter == 1 else f"{shorter} steps"
+    return replace(gait, message=f"{message}; the cycle of {n} steps repeats itself after {period}")
+
+
+def assemble_gait(problem: Problem, at: Solution, *, errors: Array, message: str, solver: Mapping[str, float]) -> Gait:
+    """The gait at a solution; free parameters are put into ``p`` and reported.
 
     Parameters
     ----------
@@ -39,11 +64,11 @@ def assemble_gait(
     at : the solution.
     errors : ndarray, shape (n_phases,) - estimated integration error.
     """
-    transcription = at.transcription
-    w = _forward_in_time(transcription, at.w)
-    nodes, _, freed = transcription.unpack(w)
-    dynamics = transcription.dynamics(at.p, freed)
-    steps = assemble_steps(transcription, w, at.p)
+    equations = at.transcription
+    w = _forward_in_time(equations, at.w)
+    nodes, _, freed = equations.unpack(w)
+    dynamics = equations.dynamics(at.p, freed)
+    steps = assemble_steps(equations, w, at.p)
     return Gait(
         problem=problem,
         dynamics=dynamics,
@@ -51,42 +76,37 @@ def assemble_gait(
         message=message,
         steps=steps,
         shooting=Shooting(
-            times=transcription.node_times(w),
+            times=equations.node_times(w),
             states=nodes.T,
-            intervals=tuple(arc.intervals for arc in transcription.layout.arcs),
+            intervals=tuple(arc.intervals for arc in equations.layout.arcs),
             residual=at.size,
             errors=errors,
         ),
         multipliers=floquet_multipliers(return_map_jacobian(at)),
         measures=measure(dynamics, steps),
-        freed=dict(zip(transcription.free, map(float, freed), strict=True)),
+        freed=dict(zip(equations.free, map(float, freed), strict=True)),
         solver=solver,
     )
 
 
-def assemble_steps(problem: Transcription, w: Array, p: Array, counts: tuple[int, ...] = COUNTS) -> tuple[Step, ...]:
+def assemble_steps(
+    equations: MultipleShooting, w: Array, p: Array, counts: tuple[int, ...] = COUNTS
+) -> tuple[Step, ...]:
     """The steps that ``w`` describes; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
-    w = _forward_in_time(problem, w)
-    nodes, _, freed = problem.unpack(w)
-    dynamics, cycle = problem.dynamics(p, freed), problem.layout.cycle
+    w = _forward_in_time(equations, w)
+    nodes, _, freed = equations.unpack(w)
+    dynamics, cycle, walker = equations.dynamics(p, freed), equations.layout.cycle, equations.system.walker
     arcs: list[list[Arc]] = [[] for _ in cycle.steps]
-    for index, arc in enumerate(problem.layout.arcs):
-        arcs[cycle.step_of(arc.phase)].append(_arc(problem, w, p, index, counts))
-    ends, walker = zip(arcs, cycle.impacts, problem.layout.impact_nodes, strict=True), problem.system.walker
+    for index, arc in enumerate(equations.layout.arcs):
+        arcs[cycle.step_of(arc.phase)].append(_arc(equations, w, p, index, counts))
+    impacts = zip(arcs, cycle.impacts, equations.layout.impact_nodes, strict=True)
     return tuple(
         Step(
-            arcs=tuple(own),
+            arcs=tuple(step_arcs),
             impact=impact_record(dynamics.standing(walker.side(step)), impact, nodes[:, end]),
         )
-        for step, (own, impact, end) in enumerate(ends)
+        for step, (step_arcs, impact, end) in enumerate(impacts)
     )
-
-
-def _forward_in_time(problem: Transcription, w: Array) -> Array:
-    """The same unknowns with a duration of zero where rounding has made that of a vanishing phase negative."""
-    nodes, durations, freed = problem.unpack(w)
-    rounding = (durations < 0) & (durations > -COINCIDENT * durations.sum())
-    return problem.pack(nodes, np.where(rounding, 0.0, durations), freed) if rounding.any() else w
 
 
 def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecord:
@@ -107,20 +127,28 @@ def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecor
     )
 
 
-def _arc(problem: Transcription, w: Array, p: Array, index: int, counts: tuple[int, ...]) -> Arc:
-    layout = problem.layout.arcs[index]
-    unit = problem.dynamics(p, problem.unpack(w).freed).state_units
+def _forward_in_time(equations: MultipleShooting, w: Array) -> Array:
+    """The same unknowns with a duration of zero where rounding has made that of a vanishing phase negative."""
+    nodes, durations, freed = equations.unpack(w)
+    rounding = (durations < 0) & (durations > -COINCIDENT * durations.sum())
+    return equations.pack(nodes, np.where(rounding, 0.0, durations), freed) if rounding.any() else w
+
+
+def _arc(equations: MultipleShooting, w: Array, p: Array, index: int, counts: tuple[int, ...]) -> Arc:
+    """One arc at as many Chebyshev points as resolve it."""
+    arc, cycle = equations.layout.arcs[index], equations.layout.cycle
+    unit = equations.dynamics(p, equations.unpack(w).freed).state_units
     for count in counts:
-        times, states = problem.sample(w, p, index, count)
+        times, states = equations.sample(w, p, index, count)
         if curves.tail(states / unit) < curves.RESOLVED:
             break
-    _rest_exactly(problem.layout.cycle, layout, states)
-    side = problem.system.walker.side(problem.layout.cycle.step_of(layout.phase))
-    return Arc(mode=layout.mode, segment=layout.segment, times=times, states=states, side=side)
+    _zero_slip_at_events(cycle, arc, states)
+    side = equations.system.walker.side(cycle.step_of(arc.phase))
+    return Arc(mode=arc.mode, segment=arc.segment, times=times, states=states, side=side)
 
 
-def _rest_exactly(cycle: Cycle, arc: ArcLayout, states: Array) -> None:
-    """Put to zero what Newton's method leaves of a slip velocity that an event makes zero: its sign is a decision."""
+def _zero_slip_at_events(cycle: Cycle, arc: ArcLayout, states: Array) -> None:
+    """Set to zero the slip velocity where an event makes it zero: the sign of its rounding would decide a mode."""
     if arc.mode.sticks:
         states[:, -1] = 0.0
     elif arc.start is None and cycle.onset_order(arc.phase) > 0:

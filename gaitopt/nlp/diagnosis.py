@@ -1,27 +1,19 @@
-"""Why an attempt failed, in physical words: which condition is violated most, in which phase, when, by how much.
-
-The NLP of a gait without unknown parameters: equalities and margins, nothing to minimise.
-
-The parameters are parameters of the NLP too, so that one that is built can be solved for any of their values.
-"""
+"""Why a search failed, in physical terms: the condition that is violated most, its phase, its time and its amount."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from casadi import sum1, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Cause
 from gaitopt.gait.trajectory import lowest_after_rise
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.margins import PUSH, ending_margin, margin, margin_names, margin_scales
-from gaitopt.nlp.ipopt import Ipopt, IpoptResult, Progress
 from gaitopt.nlp.layout import COINCIDENT
-from gaitopt.nlp.shooting import Label, Transcription
+from gaitopt.nlp.shooting import Label, MultipleShooting
 
 SAMPLES = 33
 """Points of an arc on which an early event is sought."""
@@ -33,16 +25,16 @@ RUNAWAY = 1e3
 """In natural units: violations of a thousand times what moves a walker belong to no walk."""
 
 
-def violations(problem: Transcription, w: Array, p: Array, margins: Array, tolerance: float) -> list[Cause]:
+def violations(equations: MultipleShooting, w: Array, p: Array, margins: Array, tolerance: float) -> list[Cause]:
     """The worst violated condition of every phase and of the impact, worst first.
 
     ``margins`` are the values of the transcription's inequalities at ``w``. Where a phase runs backwards in time, that
     is all there is to say.
     """
-    if (margins >= 0).all() and (problem.unpack(w).durations >= 0).all():
+    if (margins >= 0).all() and (equations.unpack(w).durations >= 0).all():
         return []
-    present = [c for c in _duration_violations(problem, w, p) if c.severity > tolerance]
-    present = present or [*_cone_violations(problem, w, p, margins), *_margin_violations(problem, w, p, margins)]
+    present = [c for c in _duration_violations(equations, w, p) if c.severity > tolerance]
+    present = present or [*_cone_violations(equations, w, p, margins), *_margin_violations(equations, w, p, margins)]
     worst: dict[tuple[int | None, int], Cause] = {}
     for violation in sorted(present, key=lambda c: c.severity):
         if violation.severity > tolerance:
@@ -50,13 +42,13 @@ def violations(problem: Transcription, w: Array, p: Array, margins: Array, toler
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
-def early_event(problem: Transcription, w: Array, p: Array) -> Cause | None:
+def early_event(equations: MultipleShooting, w: Array, p: Array) -> Cause | None:
     """The event of a later phase that comes earlier, if one does: the swing foot lands, a stop locks.
 
     Scuffing in mid-swing is ignored.
     """
-    for step in range(len(problem.layout.cycle.steps)):
-        for name, arcs in _rising_margins(problem, w, p, step).items():
+    for step in range(len(equations.layout.cycle.steps)):
+        for name, arcs in _rising_margins(equations, w, p, step).items():
             phases, times, values = zip(*arcs, strict=True)
             lowest, at = lowest_after_rise(times, values)
             if lowest < -AIRBORNE:
@@ -73,14 +65,16 @@ def _roots(times: Array, values: Array) -> Array:
     return np.asarray(times[0] + (curves.roots(values) + 1) / 2 * (times[-1] - times[0]))
 
 
-def _rising_margins(problem: Transcription, w: Array, p: Array, step: int) -> dict[str, list[tuple[int, Array, Array]]]:
+def _rising_margins(
+    equations: MultipleShooting, w: Array, p: Array, step: int
+) -> dict[str, list[tuple[int, Array, Array]]]:
     """Phase, times and values along the arcs of a step by the name of each margin that rises before it falls."""
-    freed, known = problem.unpack(w).freed, dict[str, list[tuple[int, Array, Array]]]()
-    for index, arc in enumerate(problem.layout.arcs):
-        if problem.layout.cycle.step_of(arc.phase) != step:
+    freed, known = equations.unpack(w).freed, dict[str, list[tuple[int, Array, Array]]]()
+    for index, arc in enumerate(equations.layout.arcs):
+        if equations.layout.cycle.step_of(arc.phase) != step:
             continue
-        times, states = problem.sample(w, p, index, SAMPLES)
-        dynamics = problem.dynamics(p, freed, arc.phase)
+        times, states = equations.sample(w, p, index, SAMPLES)
+        dynamics = equations.dynamics(p, freed, arc.phase)
         values = dynamics.margins(arc.mode, arc.segment, times, states) / margin_scales(arc.mode, dynamics.scales)
         for name, column in zip(margin_names(arc.mode), values.T, strict=True):
             if margin(name).rises:
@@ -99,35 +93,39 @@ def missing_event(cycle: Cycle, phase: int, control: Control) -> Cause:
     return Cause(what=what, words=words, phase=phase, step=cycle.step_of(phase), time=end, available=end)
 
 
-def largest_residual(problem: Transcription, w: Array, p: Array, residual: Array) -> Cause:
+def largest_residual(equations: MultipleShooting, w: Array, p: Array, residual: Array) -> Cause:
     """The equality that is violated most."""
-    relative = np.abs(residual / problem.units(p).equalities)
+    relative = np.abs(residual / equations.units(p).equalities)
     row = int(np.argmax(relative))
-    n_z, cycle, n_defects = problem.system.n_z, problem.layout.cycle, problem.system.n_z * problem.layout.intervals
+    n_z, cycle, n_defects = (
+        equations.system.n_z,
+        equations.layout.cycle,
+        equations.system.n_z * equations.layout.intervals,
+    )
     size = abs(float(residual[row]))
     if not relative[row] < RUNAWAY:
         return Cause(
             what="search", words="the search has left everything that walks; start from a state closer to a gait"
         )
     if row < n_defects:
-        arcs = problem.layout.arcs
+        arcs = equations.layout.arcs
         phase = arcs[int(np.searchsorted(np.cumsum([arc.intervals for arc in arcs]), row // n_z, side="right"))].phase
-        place, name = cycle.phase_words(phase), problem.system.state_names[row % n_z]
+        place, name = cycle.phase_words(phase), equations.system.state_names[row % n_z]
         words = f"{place}: the motion does not close, off by {size:.3g} in {name}"
         return Cause(what="motion", words=words, phase=phase, needed=0.0, available=size)
     row -= n_defects
     if row < len(cycle.phases):
         words = f"{cycle.phase_words(row)}: the event that should end it is missed by {size:.3g}"
         return Cause(what="event", words=words, phase=row, needed=0.0, available=size)
-    name = problem.system.state_names[(row - len(cycle.phases)) % n_z]
+    name = equations.system.state_names[(row - len(cycle.phases)) % n_z]
     words = f"not periodic: {name} after the impact is off by {size:.3g}"
     return Cause(what="periodicity", words=words, needed=0.0, available=size)
 
 
-def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
+def _cone_violations(equations: MultipleShooting, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
     """Friction that is needed against friction that there is, where the foot should stick."""
-    _, labels = problem.inequalities
-    friction = problem.dynamics(p, problem.unpack(w).freed).static_friction
+    _, labels = equations.inequalities
+    friction = equations.dynamics(p, equations.unpack(w).freed).static_friction
     rows = {label: i for i, label in enumerate(labels)}
     for label, i in rows.items():
         if not label.name.endswith("cone_forward"):
@@ -140,28 +138,28 @@ def _cone_violations(problem: Transcription, w: Array, p: Array, margins: Array)
         f_n = margins[rows[normal]] if normal in rows else (forward + backward) / (2 * friction or np.inf)
         if min(forward, backward) < 0 < f_n:
             needed = abs(forward - backward) / (2 * f_n)
-            words = f"{_place(problem, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
+            words = f"{_place(equations, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
             numbers = {"needed": float(needed), "available": friction, "severity": float(needed - friction)}
-            yield _cause("friction", words, problem, w, label, **numbers)
+            yield _cause("friction", words, equations, w, label, **numbers)
 
 
-def _margin_violations(problem: Transcription, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
-    _, labels = problem.inequalities
-    units = problem.margin_units(problem.dynamics(p, problem.unpack(w).freed).p)
+def _margin_violations(equations: MultipleShooting, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
+    _, labels = equations.inequalities
+    units = equations.margin_units(equations.dynamics(p, equations.unpack(w).freed).p)
     for label, value, unit in zip(labels, margins, units, strict=True):
         if value < 0 and margin(label.name).violated:
-            text = f"{_place(problem, w, label)}: {margin(label.name).violated.format(value=value)}"
+            text = f"{_place(equations, w, label)}: {margin(label.name).violated.format(value=value)}"
             numbers = {"needed": 0.0, "available": float(value), "severity": float(-value / unit)}
-            yield _cause(label.name, text, problem, w, label, **numbers)
+            yield _cause(label.name, text, equations, w, label, **numbers)
 
 
-def _duration_violations(problem: Transcription, w: Array, p: Array) -> Iterator[Cause]:
-    _, durations, freed = problem.unpack(w)
+def _duration_violations(equations: MultipleShooting, w: Array, p: Array) -> Iterator[Cause]:
+    _, durations, freed = equations.unpack(w)
     period = float(durations.sum())
     for phase, duration in enumerate(durations):
         if duration < 0:
-            place = problem.layout.cycle.phase_words(phase)
-            backward = f"{duration:.4g}" if duration < -COINCIDENT * problem.dynamics(p, freed).scales.time else "0"
+            place = equations.layout.cycle.phase_words(phase)
+            backward = f"{duration:.4g}" if duration < -COINCIDENT * equations.dynamics(p, freed).scales.time else "0"
             words = f"{place}: its duration is {backward} s, so it does not take place"
             severity = float(-duration / abs(period))
             yield Cause(
@@ -169,67 +167,16 @@ def _duration_violations(problem: Transcription, w: Array, p: Array) -> Iterator
             )
 
 
-def _cause(what: str, words: str, problem: Transcription, w: Array, label: Label, **numbers: float) -> Cause:
+def _cause(what: str, words: str, equations: MultipleShooting, w: Array, label: Label, **numbers: float) -> Cause:
     """The cause that a row of the inequalities names."""
-    node = problem.layout.impact_nodes[label.step] if label.node is None else label.node
-    time = float(problem.node_times(w)[node])
+    node = equations.layout.impact_nodes[label.step] if label.node is None else label.node
+    time = float(equations.node_times(w)[node])
     return Cause(what=what, words=words, phase=label.phase, step=label.step, time=time, **numbers)
 
 
-def _place(problem: Transcription, w: Array, label: Label) -> str:
+def _place(equations: MultipleShooting, w: Array, label: Label) -> str:
     if label.name in PUSH:
         return "push-off"
     if label.phase is None or label.node is None:
-        return "impact" if len(problem.layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
-    return f"{problem.layout.cycle.phase_words(label.phase)}, t = {problem.node_times(w)[label.node]:.4f} s"
-
-
-SHORTEST = 0.1
-"""Shortest step, relative to the guess: feet that stay together solve all equations in no time at all."""
-
-
-class Feasibility:
-    """The NLP of one layout.
-
-    Parameters
-    ----------
-    transcription : its equations, without freed parameters.
-    progress, should_stop : see ``Ipopt``.
-    relaxed : leaves the margins out.
-    """
-
-    def __init__(
-        self,
-        transcription: Transcription,
-        *,
-        progress: Progress | None = None,
-        should_stop: Stop = None,
-        relaxed: bool = False,
-    ) -> None:
-        equalities, margins = transcription.equalities, transcription.inequalities[0]
-        self._transcription, self._relaxed = transcription, relaxed
-        self._n_phases = transcription.n_phases
-        self._n_nodes = transcription.w.numel() - self._n_phases
-        self._n_equalities = equalities.numel()
-        self._shortest_phase = -np.inf if relaxed else 0.0
-        period = sum1(transcription.w[self._n_nodes :])
-        g = vertcat(equalities, period) if relaxed else vertcat(equalities, period, margins)
-        self._upper = np.where(np.arange(g.numel()) < self._n_equalities, 0.0, np.inf)
-        self._solver = Ipopt(
-            w=transcription.w, p=transcription.parameters, g=g, progress=progress, should_stop=should_stop
-        )
-
-    def solve(self, start: Array, p: Array) -> IpoptResult:
-        """Solve from ``start``, shape (n_w,), at parameters ``p``, shape (n_p,)."""
-        lower = np.zeros(self._upper.size)
-        lower[self._n_equalities] = SHORTEST * start[self._n_nodes :].sum()
-        floor = np.full(start.size, -np.inf)
-        floor[self._n_nodes :] = self._shortest_phase
-        units = self._transcription.units(p)
-        rows = [
-            units.equalities,
-            units.unknowns[-1:],
-            *([] if self._relaxed else [self._transcription.margin_units(p)]),
-        ]
-        sizes = (units.unknowns, np.concatenate(rows))
-        return self._solver.solve(start, p, (floor, np.full(start.size, np.inf)), (lower, self._upper), sizes)
+        return "impact" if len(equations.layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
+    return f"{equations.layout.cycle.phase_words(label.phase)}, t = {equations.node_times(w)[label.node]:.4f} s"

@@ -1,54 +1,84 @@
-"""A gait followed to other values of its parameters.
+"""A known gait at other values of its parameters: followed along a path, or solved again and again by chords.
 
-    F(w, p(s)) = 0,      p(s) = p_start^(1 - s) p_end^s,      s from 0 to 1
+    F(w, p) = 0      predicted by the polynomial through the last solutions, corrected by Newton's method
+
+``follow`` goes from one problem to another along
+
+    p(s) = p_start^(1 - s) p_end^s,      s from 0 to 1
 
 The path is straight in the logarithms of the parameters, so that a mass of tonnes is as near as one of grams; a
-parameter that changes its sign or is zero at an end is interpolated linearly. Each step is Newton's method from the
-polynomial through the last solutions. It is accepted where Newton's steps contract by a half each, which keeps the
-solution on the family, and the state changes little; otherwise it is halved. IPOPT is not asked: it may find the gait
-of another family, and rounding would then decide which one. The margins of the mode sequence decide at the end of the
-path alone; where the gait is lost, they say where on the path they were first violated.
+parameter that changes its sign or is zero at an end is interpolated linearly. A step is accepted if Newton's steps
+contract by a half each, which keeps the solution on the family, and if the state changes little; otherwise it is
+halved. IPOPT is not used: it may find the gait of another family, and rounding would then decide which one. The margins
+of the mode sequence are checked at the end of the path only; if the gait is lost, the message names the place on the
+path where they were first violated.
+
+``Family`` solves one problem after another. The Jacobian of the last gait serves as a chord, w <- w - J^-1 F(w, p);
+where chords do not converge, or lead to no gait, IPOPT takes over.
 """
 
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from types import MappingProxyType
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait.gait import Cause, Gait, Status, in_words
-from gaitopt.iteration import overflow_allowed
+from gaitopt.iteration import iterate, overflow_allowed
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.nlp.assembly import assemble_gait, solution_of, solved_gait
 from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, extrapolation, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import MultipleShooting, transcribe
-from gaitopt.nlp.solve import RESIDUAL_TOLERANCE, assembled, rejection_reason, vanished
+from gaitopt.nlp.shooting import transcribe
+from gaitopt.nlp.solve import RESIDUAL_TOLERANCE, Feasibility, rejection_reason, vanishing_phase
 from gaitopt.problem.problem import Problem
 
+HISTORY = 5
+"""Solutions that are extrapolated from: with more, rounding adds as much as the polynomial leaves out."""
 JUMP = 0.1
 """Largest change of the state after impact on one step, relative to its largest entry."""
 SMALLEST_STEP = 1e-4
-"""Steps of s, below which the family is at its end."""
+"""Steps of s below which the family is at its end."""
 VANISHING = 4 * SMALLEST_STEP
 """A phase whose duration falls to zero within this part of the path vanishes at the end of the family."""
-REMEMBERED = 5
-"""Solutions that are extrapolated from: with more, what rounding adds is as much as what is left out."""
+MAX_CHORDS = 10
+"""Chords that are tried; from a gait nearby four to six are enough."""
+CONTRACTION = 0.5
+"""Least decrease of the residual from chord to chord; with less, Newton's method is cheaper."""
+STRAIGHT = 1e-9
+"""Distance from a line, relative to the distance along it, that is rounding."""
+SETTLED = 1e-12
+"""Residual in natural units at which the last chord has reached rounding."""
+
+
+def extrapolated(places: Sequence[float], solutions: Sequence[Array], place: float) -> Array:
+    """The polynomial through the last solutions at another place, the last solution first.
+
+    Solutions are dropped, the oldest first, until the polynomial reaches ``place``.
+    """
+    for count in range(len(places), 0, -1):
+        weights = extrapolation(places[:count], place)
+        if weights is not None:
+            return np.asarray(weights @ np.array(solutions[:count]))
+    return solutions[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Place:
-    """A motion on the way, what keeps it from being a gait, and the last unknowns with their s, the latest first."""
+class _PathPoint:
+    """A motion on the path, the causes that keep it from being a gait, and the last (s, w), the latest first."""
 
     s: float
-    solution: Solution[MultipleShooting]
-    wrong: tuple[Cause, ...] = ()
-    passed: tuple[tuple[float, Array], ...]
+    solution: Solution
+    causes: tuple[Cause, ...] = ()
+    history: tuple[tuple[float, Array], ...]
 
 
 def follow(start: Gait, problem: Problem, *, progress: Progress | None = None, should_stop: Stop = None) -> Gait:
@@ -58,59 +88,58 @@ def follow(start: Gait, problem: Problem, *, progress: Progress | None = None, s
 
     Parameters
     ----------
-    start : a converged gait without freed parameters, as ``solve_gait`` returns it.
+    start : a converged gait without free parameters, as ``solve_gait`` returns it.
     problem : differs from that of ``start`` in parameter values alone.
-    progress : called at every step with its number and the part of the way that is left.
+    progress : called at every step with its number and the remaining part of the path.
     should_stop : polled at every step; True ends the search with the status ``interrupted``.
 
     Returns
     -------
-    gait : where the family ends on the way, ``infeasible``; ``message`` says where. ``causes`` are what the motion
-        violates at the parameters of ``problem``; or, if it cannot be followed so far, where it is first no gait.
-        ``solver["followed"]`` is the part of the way over which it could be followed.
+    gait : ``infeasible`` if the family ends on the path; ``message`` says where. ``causes`` are the margins that the
+        motion violates at the parameters of ``problem``, or, if it cannot be followed so far, where it first stops
+        being a gait. ``solver["followed"]`` is the part of the path over which it could be followed.
+
+    Raises
+    ------
+    ValueError
+        If ``start`` has free parameters, or comes from a file.
     """
+    if start.freed:
+        raise ValueError(f"{start.problem.name}: only a gait without free parameters can be followed")
     began = time.perf_counter()
-    goal = Dynamics(start.system, start.system.values(problem.parameters))
-    here, step, steps, iterations = _first(start), 1.0, 0, 0
-    causes: tuple[Cause, ...] = ()
-    broken: tuple[_Place, _Place] | None = None  # the last place without a violated margin, and the first with one
+    goal, first = Dynamics(start.system, start.system.values(problem.parameters)), solution_of(start)
+    here, step, steps, iterations = _PathPoint(s=0.0, solution=first, history=((0.0, first.w),)), 1.0, 0, 0
+    lost: tuple[_PathPoint, _PathPoint] | None = None  # the last point that is a gait, and the first that is not
     while here.s < 1 and step >= SMALLEST_STEP:
         if progress is not None:
             progress(steps, 1 - here.s)
         if should_stop is not None and should_stop():
-            return _failed(problem, goal, Status.INTERRUPTED, "interrupted")
-        following, newton = _next(here, min(here.s + step, 1.0), start.p, goal.p)
-        steps, iterations = steps + 1, iterations + newton
+            return Gait(problem=problem, dynamics=goal, status=Status.INTERRUPTED, message="interrupted")
+        following, newton_steps = _next(here, min(here.s + step, 1.0), start.p, goal.p)
+        steps, iterations = steps + 1, iterations + newton_steps
         if following is None:
             step /= 2
             continue
-        if broken is None and following.wrong:
-            broken = here, following
+        if lost is None and following.causes:
+            lost = here, following
         here, step = following, 2 * step
     solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
-    if here.s == 1 and not here.wrong:
+    if here.s == 1 and not here.causes:
         words = "solved" if steps == 1 else "solved, followed from the gait of the problem's file"
-        return assembled(problem, here.solution, message=words, solver=solver)
-    if broken is None:
-        end, causes = here, (_lost(here),)
-    else:
-        end, causes = _last_gait(*broken, start.p, goal.p), here.wrong or broken[1].wrong
+        return solved_gait(problem, here.solution, message=words, solver=solver)
+    end = here if lost is None else _last_gait(*lost, start.p, goal.p)
+    causes = (_end_of_family(here),) if lost is None else here.causes or lost[1].causes
     values = dict(zip(start.system.parameters, _between(start.p, goal.p, end.s), strict=True))
     changed = [key for key, value in problem.parameters.items() if start.problem.parameters[key] != value]
     place = ", ".join(f"{key} = {values[key]:.4g}" for key in changed if key in values)
-    message = f"the family of the file's own gait ends near {place}: {in_words(causes)}"
-    return _failed(problem, goal, Status.INFEASIBLE, message, causes, {**solver, "followed": here.s})
-
-
-def _failed(
-    problem: Problem,
-    dynamics: Dynamics,
-    status: Status,
-    message: str,
-    causes: tuple[Cause, ...] = (),
-    solver: Mapping[str, float] = MappingProxyType({}),
-) -> Gait:
-    return Gait(problem=problem, dynamics=dynamics, status=status, message=message, causes=causes, solver=dict(solver))
+    return Gait(
+        problem=problem,
+        dynamics=goal,
+        status=Status.INFEASIBLE,
+        message=f"the family of the file's own gait ends near {place}: {in_words(causes)}",
+        causes=causes,
+        solver={**solver, "followed": here.s},
+    )
 
 
 def _between(p_start: Array, p_end: Array, s: float) -> Array:
@@ -122,82 +151,184 @@ def _between(p_start: Array, p_end: Array, s: float) -> Array:
     return np.where(alike, p_start * ratio**s, (1 - s) * p_start + s * p_end)
 
 
-def _first(start: Gait) -> _Place:
-    """The gait with which a family begins, on the layout on which it was solved."""
-    if start.shooting is None or start.freed:
-        raise ValueError(f"{start.problem.name}: only a gait that was just solved, with no unknowns, can be followed")
-    durations = np.array([duration for _, duration in start.phases])
-    plan = layout(start.problem.cycle, durations, start.system.control.breakpoints)
-    transcription = transcribe(start.system, plan.refined(list(start.shooting.intervals)))
-    solution = Solution(transcription, transcription.pack(start.shooting.states.T, durations), start.p)
-    return _Place(s=0.0, solution=solution, passed=((0.0, solution.w),))
-
-
 @overflow_allowed()
-def _next(here: _Place, s: float, p_start: Array, p_end: Array) -> tuple[_Place | None, int]:
-    """The gait at ``s``, None where it does not continue the one here; and the number of Newton steps."""
-    p, transcription = _between(p_start, p_end, s), here.solution.transcription
-    near = solve_nearby(transcription, _predicted(here.passed, s), p)
+def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_PathPoint | None, int]:
+    """The motion at ``s``, None where it does not continue the one here; and the number of Newton steps."""
+    p, equations = _between(p_start, p_end, s), here.solution.transcription
+    places, solutions = zip(*here.history, strict=True)
+    predicted = extrapolated([place - places[0] for place in places], solutions, s - places[0])
+    near = solve_nearby(equations, predicted, p)
     if not near.converged:
         return None, near.iterations
-    solution = refine(polish(transcription, near.w, p))
-    before, after = (at.w[: transcription.system.n_z] for at in (here.solution, solution))
+    solution = refine(polish(equations, near.w, p))
+    before, after = (at.w[: equations.system.n_z] for at in (here.solution, solution))
     solved = solution.size <= RESIDUAL_TOLERANCE and solution.accurate
     if not (solved and np.abs(after - before).max() < JUMP * np.abs(before).max()):
         return None, near.iterations
     ordered = _in_order(solution)
     if ordered is None:
         return None, near.iterations
-    passed = ((s, ordered.w), *(here.passed if ordered.transcription is transcription else ()))
-    wrong = rejection_reason(ordered)
-    return _Place(s=s, solution=ordered, wrong=wrong, passed=passed[:REMEMBERED]), near.iterations
+    history = ((s, ordered.w), *(here.history if ordered.transcription is equations else ()))
+    causes = rejection_reason(ordered)
+    return _PathPoint(s=s, solution=ordered, causes=causes, history=history[:HISTORY]), near.iterations
 
 
-def _last_gait(gait: _Place, motion: _Place, p_start: Array, p_end: Array) -> _Place:
-    """The last gait on the way from a gait to a motion that violates a margin, by bisection."""
-    while motion.s - gait.s > SMALLEST_STEP:
-        middle, _ = _next(gait, (gait.s + motion.s) / 2, p_start, p_end)
-        if middle is None:
-            break
-        gait, motion = (gait, middle) if middle.wrong else (middle, motion)
-    return gait
-
-
-def _lost(here: _Place) -> Cause:
-    """Why the equations have no solution a little further: a phase vanishes there, or the family turns back."""
-    transcription = here.solution.transcription
-    for (s, w), (s_before, before) in pairwise(here.passed):
-        durations = transcription.unpack(w).durations
-        rates = (transcription.unpack(before).durations - durations) / (s - s_before)
-        vanishing = np.flatnonzero(durations < VANISHING * rates)
-        if vanishing.size:
-            return vanished(transcription.layout.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
-        break
-    return Cause(what="fold", words="the family turns back, or its motion breaks down")
-
-
-def _predicted(passed: Sequence[tuple[float, Array]], s: float) -> Array:
-    """The polynomial through the last solutions, of as many as let it reach ``s``."""
-    for count in range(len(passed), 1, -1):
-        places, solutions = zip(*passed[:count], strict=True)
-        weights = extrapolation([place - places[0] for place in places], s - places[0])
-        if weights is not None:
-            return np.asarray(weights @ np.array(solutions))
-    return passed[0][1]
-
-
-def _in_order(solution: Solution[MultipleShooting]) -> Solution[MultipleShooting] | None:
+def _in_order(solution: Solution) -> Solution | None:
     """The solution on a new layout where a switch has passed a breakpoint of the control; None if that fails."""
-    transcription, at = solution.transcription, solution
-    system, plan = transcription.system, transcription.layout
-    durations, breakpoints = transcription.unpack(at.w).durations, system.control.breakpoints
+    equations = solution.transcription
+    system, plan = equations.system, equations.layout
+    durations, breakpoints = equations.unpack(solution.w).durations, system.control.breakpoints
     if plan.in_order(durations, breakpoints):
         return solution
-    rolled = roll_out(Dynamics(system, at.p), plan.cycle, at.w[: system.n_z], durations)
+    rolled = roll_out(Dynamics(system, solution.p), plan.cycle, solution.w[: system.n_z], durations)
     if rolled.endless is not None:
         return None
     durations = np.array(rolled.durations)
     changed = transcribe(system, layout(plan.cycle, durations, breakpoints))
-    near = solve_nearby(changed, changed.pack(rolled.nodes(changed.layout), durations), at.p)
+    near = solve_nearby(changed, changed.pack(rolled.nodes(changed.layout), durations), solution.p)
     in_order = near.converged and changed.layout.in_order(changed.unpack(near.w).durations, breakpoints)
-    return refine(polish(changed, near.w, at.p)) if in_order else None
+    return refine(polish(changed, near.w, solution.p)) if in_order else None
+
+
+def _last_gait(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Array) -> _PathPoint:
+    """The last gait on the path from a gait to a motion that violates a margin, by bisection."""
+    while motion.s - gait.s > SMALLEST_STEP:
+        middle, _ = _next(gait, (gait.s + motion.s) / 2, p_start, p_end)
+        if middle is None:
+            break
+        gait, motion = (gait, middle) if middle.causes else (middle, motion)
+    return gait
+
+
+def _end_of_family(last: _PathPoint) -> Cause:
+    """Why the equations have no solution a little further: a phase vanishes there, or the family turns back."""
+    equations = last.solution.transcription
+    if len(last.history) > 1:
+        (s, w), (s_before, before), *_ = last.history
+        durations = equations.unpack(w).durations
+        rates = (equations.unpack(before).durations - durations) / (s - s_before)
+        vanishing = np.flatnonzero(durations < VANISHING * rates)
+        if vanishing.size:
+            return vanishing_phase(equations.layout.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
+    return Cause(what="fold", words="the family turns back, or its motion breaks down")
+
+
+class Family:
+    """Gaits of one mode sequence at many parameter values; each starts from the last one, so that threads take turns.
+
+    Parameters
+    ----------
+    gait : a converged gait without free parameters, the first of the family.
+    should_stop : polled at every iteration of IPOPT; True ends the search with the status ``interrupted``.
+
+    Raises
+    ------
+    ValueError
+        If ``gait`` is a failed attempt, or a design.
+    """
+
+    def __init__(self, gait: Gait, *, should_stop: Stop = None) -> None:
+        if not gait.steps or gait.shooting is None or gait.freed:
+            raise ValueError(f"{gait.problem.name}: a family begins with a converged gait without freed parameters")
+        self.gait, self._should_stop, self._solving = gait, should_stop, threading.RLock()
+        self._begin([solution_of(gait)])
+
+    def _begin(self, solved: Sequence[Solution]) -> None:
+        """Go on from these solutions, the last one at the end."""
+        self._solved = deque(solved, maxlen=HISTORY)
+        self._transcription = solved[-1].transcription
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles go on from the same solutions; ``should_stop`` stays behind."""
+        return _resumed, (self.gait, tuple((solution.p, solution.w) for solution in self._solved))
+
+    @cached_property
+    def _program(self) -> Feasibility:
+        return Feasibility(self._transcription, should_stop=self._should_stop)
+
+    def solve(self, problem: Problem) -> Gait:
+        """The gait of ``problem``, which differs from the first one in parameter values alone.
+
+        Raises
+        ------
+        ValueError
+            If its walker, kind of control, impact law or mode sequence is another one.
+        """
+        first = self.gait.problem
+        same = (problem.cycle, problem.impact_law, type(problem.walker)) == (
+            first.cycle, first.impact_law, type(first.walker)
+        )  # fmt: skip
+        if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
+            raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: use solve")
+        with self._solving:
+            return self._solve_from_last(problem)
+
+    def _solve_from_last(self, problem: Problem) -> Gait:
+        began = time.perf_counter()
+        dynamics = Dynamics(self.gait.system, self.gait.system.values(problem.parameters))
+        p = dynamics.p
+        refined, causes, iterations = self._by_chords(p)
+        status, message = Status.CONVERGED, "solved"
+        if refined is None or causes:
+            end = self._program.solve(self._solved[-1].w, p)
+            status, message, iterations = end.status, end.words, iterations + end.iterations
+            if end.converged:
+                refined = refine(polish(self._transcription, end.w, p))
+                causes = rejection_reason(refined)
+                status, message = (Status.NOT_CONVERGED, in_words(causes)) if causes else (status, message)
+        solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
+        if refined is None or status is not Status.CONVERGED:
+            return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
+        if refined.transcription is self._transcription:  # a finer mesh is not kept
+            self._solved.append(refined)
+        return assemble_gait(problem, refined, errors=refined.errors, message=message, solver=solver)
+
+    @overflow_allowed()
+    def _by_chords(self, p: Array) -> tuple[Solution | None, tuple[Cause, ...], int]:
+        """The solution at ``p``, the causes that reject it, and the number of chords; None if they do not converge."""
+        units, last = self._transcription.units(p).equalities, self._solved[-1]
+
+        def point(w: Array) -> tuple[Array, Array, float]:
+            residual = self._transcription.violation(w, p)
+            return w, residual, float(np.abs(residual / units).max())
+
+        for start in (self._predicted(p), last.w):
+            end = iterate(
+                point(start),
+                lambda at: point(at[0] - last.scaled.solve(at[1])),
+                size=lambda at: at[2],
+                solved=lambda at: at[2] < SETTLED,
+                most=MAX_CHORDS,
+                contraction=CONTRACTION,
+            )
+            if end.solved:
+                break
+        else:
+            return None, (), end.count
+        w, residual, _ = end.at
+        refined = refine(polish(self._transcription, w - last.scaled.solve(residual), p))
+        return refined, rejection_reason(refined), end.count + 1
+
+    def _predicted(self, p: Array) -> Array:
+        """The solution at ``p`` if the last parameters lie on a line with it; otherwise the last solution."""
+        last = self._solved[-1]
+        unit = np.maximum(np.abs(p), np.finfo(float).tiny)
+        ahead = (p - last.p) / unit
+        if not ahead.any():
+            return last.w
+        places, solutions = [0.0], [last.w]  # the last solution is at 0, and ``p`` at 1
+        for before in list(self._solved)[-2::-1]:
+            offset = (before.p - last.p) / unit
+            place = float(offset @ ahead / (ahead @ ahead))
+            if np.abs(offset - place * ahead).max() > STRAIGHT * np.abs(offset).max():
+                break
+            places, solutions = [*places, place], [*solutions, before.w]
+        return extrapolated(places, solutions, 1.0)
+
+
+def _resumed(gait: Gait, solved: Sequence[tuple[Array, Array]]) -> Family:
+    """A family that has found these solutions, as pairs of parameters and unknowns."""
+    family = Family(gait)
+    equations = solution_of(gait).transcription
+    family._begin([Solution(equations, w, p) for p, w in solved])
+    return family

@@ -14,7 +14,6 @@ Problems, ch. 2.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -24,8 +23,9 @@ from gaitopt.gait.gait import Status
 from gaitopt.iteration import iterate, overflow_allowed
 from gaitopt.model.buffered import buffered
 from gaitopt.model.modes import Mode
+from gaitopt.nlp.interval import ORDER
 from gaitopt.nlp.ipopt import Progress
-from gaitopt.nlp.shooting import ORDER, Transcription, Units
+from gaitopt.nlp.shooting import MultipleShooting, NaturalUnits
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 
 REACH = 0.2
@@ -53,14 +53,12 @@ SAFETY = 4.0
 MAX_REFINEMENTS = 4
 MAX_INTERVALS = 800
 """A step that is not accurate on so many is no walking step: its motion is singular."""
-Equations = TypeVar("Equations", bound=Transcription)
-Own = TypeVar("Own", bound=Transcription, covariant=True)
 LARGEST_WEIGHTS = 100.0
 """Sum of the weights of the values; with larger ones the place lies too far beyond what is known."""
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Generic[Own]):
+class Solution:
     """A point that solves the equations of a gait, or is on the way there; what follows from it is computed when used.
 
     Attributes
@@ -73,7 +71,7 @@ class Solution(Generic[Own]):
     chord : Jacobian that serves in place of the one at ``w``, from which it differs by rounding.
     """
 
-    transcription: Own
+    transcription: MultipleShooting
     w: Array
     p: Array
     status: Status = Status.CONVERGED
@@ -105,7 +103,7 @@ class Solution(Generic[Own]):
         return self._linearised[1]
 
     @cached_property
-    def units(self) -> Units:
+    def units(self) -> NaturalUnits:
         """Natural units of unknowns and equalities."""
         return self.transcription.units(self.p)
 
@@ -141,12 +139,12 @@ class Solution(Generic[Own]):
 
 @overflow_allowed()
 def solve_nearby(
-    transcription: Equations,
+    transcription: MultipleShooting,
     start: Array,
     p: Array,
     progress: Progress | None = None,
     should_stop: Stop = None,
-) -> Solution[Equations]:
+) -> Solution:
     """Newton's method from ``start``, shape (n_w,), at parameters ``p``, as long as its steps shrink.
 
     ``should_stop`` ends it at once. The margins are not checked. A search that fails has the status ``not_converged``.
@@ -173,10 +171,10 @@ def solve_nearby(
 
 
 @overflow_allowed()
-def polish(transcription: Equations, w: Array, p: Array) -> Solution[Equations]:
+def polish(transcription: MultipleShooting, w: Array, p: Array) -> Solution:
     """Bring a solution down to rounding; freed parameters stay where they are, as does all where J is singular."""
 
-    def following(at: Solution[Equations]) -> Solution[Equations]:
+    def following(at: Solution) -> Solution:
         trial = at.w.copy()
         trial[: at.residual.size] -= at.scaled.solve(at.residual)
         return Solution(transcription, trial, p, chord=at.jacobian if at.size < CONSTANT else None)
@@ -196,7 +194,7 @@ def polish(transcription: Equations, w: Array, p: Array) -> Solution[Equations]:
 
 
 @overflow_allowed()
-def refine(solution: Solution[Equations]) -> Solution[Equations]:
+def refine(solution: Solution) -> Solution:
     """Cut phases with too large an error finer, and polish, until the errors are below the tolerance or at rounding.
 
     Freed parameters stay where they are.
@@ -218,19 +216,19 @@ def refine(solution: Solution[Equations]) -> Solution[Equations]:
 
 
 @overflow_allowed()
-def halved(solution: Solution[Equations]) -> Solution[Equations]:
+def halved(solution: Solution) -> Solution:
     """The same solution with every interval cut in two, down to rounding; freed parameters stay where they are."""
     transcription, layout = solution.transcription, solution.transcription.layout
     return _on(solution, transcription.on(layout.refined([2 * arc.intervals for arc in layout.arcs])))
 
 
-def _on(coarse: Solution[Equations], finer: Equations) -> Solution[Equations]:
+def _on(coarse: Solution, finer: MultipleShooting) -> Solution:
     """A solution on a finer layout."""
     return polish(finer, _resample(coarse.transcription, finer, coarse), coarse.p)
 
 
 @overflow_allowed()
-def phase_errors(at: Solution[Transcription]) -> Array:
+def phase_errors(at: Solution) -> Array:
     """Largest estimated error of the states in each phase, and of its duration, in natural units; shape (n_phases,).
 
     Infinite where the equations are singular.
@@ -248,7 +246,7 @@ def phase_errors(at: Solution[Transcription]) -> Array:
     return errors
 
 
-def integration_error(at: Solution[Transcription]) -> tuple[Array, Array]:
+def integration_error(at: Solution) -> tuple[Array, Array]:
     """Estimated error of a solution: by how much a finer integration would move it.
 
     Returns
@@ -263,12 +261,12 @@ def integration_error(at: Solution[Transcription]) -> tuple[Array, Array]:
     return nodes, durations
 
 
-def return_map_jacobian(at: Solution[Transcription]) -> Array:
+def return_map_jacobian(at: Solution) -> Array:
     """Derivative of the return map on the section by implicit differentiation of the equalities; (n_xi, n_xi)."""
     return section_sensitivity(at)[1]
 
 
-def section_sensitivity(at: Solution[Transcription]) -> tuple[Array, Array, Callable[[Array], Array]]:
+def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], Array]]:
     """How the step answers to a deviation on the section.
 
     Returns
@@ -319,7 +317,7 @@ def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False
     return weights if np.abs(weights[: x.size]).sum() < LARGEST_WEIGHTS else None
 
 
-def _resample(coarse: Transcription, finer: Transcription, at: Solution[Transcription]) -> Array:
+def _resample(coarse: MultipleShooting, finer: MultipleShooting, at: Solution) -> Array:
     """The solution on a finer layout, each new node by one partial step from the node before it."""
     nodes, durations, freed = coarse.unpack(at.w)
     resampled = np.empty((nodes.shape[0], finer.n_nodes))
@@ -330,5 +328,5 @@ def _resample(coarse: Transcription, finer: Transcription, at: Solution[Transcri
     return finer.pack(resampled, durations, freed)
 
 
-def _period(transcription: Transcription, w: Array) -> float:
+def _period(transcription: MultipleShooting, w: Array) -> float:
     return float(transcription.unpack(w).durations.sum())

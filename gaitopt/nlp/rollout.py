@@ -22,8 +22,8 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.margins import ending_margin, margin_names, margin_unit
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.nlp.interval import shooting_step
 from gaitopt.nlp.layout import Layout
-from gaitopt.nlp.shooting import shooting_step
 
 RTOL, ATOL = 1e-8, 1e-10
 """A guess needs no more; the absolute one in natural units."""

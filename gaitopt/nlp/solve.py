@@ -1,14 +1,18 @@
-"""A problem's gait by multiple shooting: guess, Newton's method, polish, error estimate, refinement.
+"""The gait of a problem by multiple shooting, without unknown parameters: from the guess to a ``Gait``.
 
-Where the guess is not close to a gait, or the gait there violates a margin, IPOPT searches.
+guess               the mode sequence rolled out from the guessed state         ``rollout``
+F(w, p) = 0         Newton's method from there                                  ``newton.solve_nearby``
+IPOPT where the guess is not close, or margins are negative ``Feasibility``
+refinement          down to rounding, on a mesh that is fine enough             ``newton.polish, refine``
+margins >= 0        otherwise the cause is reported                             ``diagnosis``
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from casadi import sum1, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
@@ -17,50 +21,28 @@ from gaitopt.iteration import overflow_allowed
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.diagnosis import Feasibility, early_event, largest_residual, missing_event, violations
-from gaitopt.nlp.ipopt import Progress
+from gaitopt.nlp.assembly import solved_gait
+from gaitopt.nlp.diagnosis import early_event, largest_residual, missing_event, violations
+from gaitopt.nlp.ipopt import Ipopt, Progress
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
-from gaitopt.nlp.shooting import Transcription, transcribe
+from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
 
 MAX_REORDERS = 6
-"""Times that switches and breakpoints may change their order; each is a new layout."""
+"""Changes of the order of switches and breakpoints in one search; each needs a new layout."""
 RESIDUAL_TOLERANCE = 1e-9
 """Largest violation, in natural units, of any equality or margin in a solution that is called converged."""
 VANISHING = 1e-7
 """A phase shorter than this part of the period does not take place."""
+SHORTEST = 0.1
+"""Shortest period that IPOPT may find, relative to the guess: feet that stay together solve all equations."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 
-
-def find_gait(
-    problem: Problem,
-    system: HybridSystem,
-    *,
-    start: Gait | None = None,
-    progress: Progress | None = None,
-    should_stop: Stop = None,
-) -> Gait:
-    """The gait of ``problem``: designed where parameters are unknowns, solved otherwise.
-
-    Parameters
-    ----------
-    start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
-    progress : called at every iteration with its number and the largest violation.
-    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
-    """
-    began = time.perf_counter()
-    designed = free_parameters(problem, system)
-    first = start if designed and start else solve_gait(problem, system, progress=progress, should_stop=should_stop)
-    if not designed or first.status is Status.INTERRUPTED:
-        return first
-    from gaitopt.design.design import design_gait  # most problems have no unknowns, and need not wait for its modules
-
-    gait = design_gait(problem, system, first, progress=progress, should_stop=should_stop)
-    return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
+Search = Callable[[MultipleShooting, Array, Array], Solution]
+"""From equations, a start and parameters to a solution."""
 
 
 def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
@@ -70,11 +52,7 @@ def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[f
 
 
 def solve_gait(
-    problem: Problem,
-    system: HybridSystem,
-    *,
-    progress: Progress | None = None,
-    should_stop: Stop = None,
+    problem: Problem, system: HybridSystem, *, progress: Progress | None = None, should_stop: Stop = None
 ) -> Gait:
     """Solve ``problem`` for a periodic gait with its mode sequence.
 
@@ -87,158 +65,171 @@ def solve_gait(
 
     Returns
     -------
-    gait : its status says whether it is one; numerical failure is not an error.
+    gait : a numerical failure is a status of the gait, not an error.
     """
-    dynamics = Dynamics(system, system.values(problem.parameters))
+    dynamics, cycle = Dynamics(system, system.values(problem.parameters)), problem.cycle
     if lacks_energy(problem):
-        no_energy = Cause(what="energy", words=NO_ENERGY)
-        return Gait(
-            problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(no_energy,)
-        )
+        cause = Cause(what="energy", words=NO_ENERGY)
+        return Gait(problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(cause,))
     began = time.perf_counter()
     state = np.array([problem.guess.state[name] for name in system.state_names])
-    guess = roll_out(dynamics, problem.cycle, state, problem.guess.durations)
+    guess = roll_out(dynamics, cycle, state, problem.guess.durations)
     if guess.endless is None:
-        near = _in_order(
-            problem.cycle, dynamics, guess, partial(solve_nearby, progress=progress, should_stop=should_stop)
+        solution = _solve_in_order(
+            cycle, dynamics, guess, partial(solve_nearby, progress=progress, should_stop=should_stop)
         )
-        if near.status is Status.CONVERGED:
-            gait = _finish(problem, near, _solver(near, began))
+        if solution.converged:
+            gait = _gait(problem, solution, began)
             if gait.converged:
                 return gait
-    search = partial(_by_ipopt, progress=progress, should_stop=should_stop)
-    attempt = _in_order(problem.cycle, dynamics, guess, search)
-    if attempt.status in FAILURES and problem.guess.durations is None:
-        shortened = np.array(guess.durations) * transit_time(dynamics, problem.cycle, state) / guess.period
-        second = roll_out(dynamics, problem.cycle, state, shortened)
-        retried = _in_order(problem.cycle, dynamics, second, search)
-        attempt = retried if retried.status not in FAILURES else attempt
-    solver = _solver(attempt, began)
-    if attempt.status is not Status.CONVERGED:
-        status, message = attempt.status, attempt.words
-        causes = () if status is Status.INTERRUPTED else _causes(attempt, guess)
-        message = f"{message}: {in_words(causes)}" if causes else message
-        return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver, causes=causes)
-    return _finish(problem, attempt, solver)
+
+    def search(equations: MultipleShooting, start: Array, p: Array) -> Solution:
+        return Feasibility(equations, progress=progress, should_stop=should_stop).solve(start, p)
+
+    solution = _solve_in_order(cycle, dynamics, guess, search)
+    if solution.status in FAILURES and problem.guess.durations is None:
+        shortened = np.array(guess.durations) * transit_time(dynamics, cycle, state) / guess.period
+        retried = _solve_in_order(cycle, dynamics, roll_out(dynamics, cycle, state, shortened), search)
+        solution = retried if retried.status not in FAILURES else solution
+    if solution.converged:
+        return _gait(problem, solution, began)
+    causes = () if solution.status is Status.INTERRUPTED else _causes(solution, guess)
+    return Gait(
+        problem=problem,
+        dynamics=dynamics,
+        status=solution.status,
+        message=f"{solution.words}: {in_words(causes)}" if causes else solution.words,
+        solver=_solver(solution, began),
+        causes=causes,
+    )
 
 
-def _solver(attempt: Solution[Transcription], began: float) -> dict[str, float]:
-    return {"iterations": float(attempt.iterations), "seconds": time.perf_counter() - began}
+class Feasibility:
+    """The NLP of a gait for IPOPT: equalities and margins, nothing to minimise.
+
+    The parameters are parameters of the NLP too, so that it is built once and solved for any of their values.
+
+    Parameters
+    ----------
+    equations : without free parameters.
+    progress, should_stop : called at every iteration.
+    relaxed : leaves the margins out, and lets phases have negative durations.
+    """
+
+    def __init__(
+        self,
+        equations: MultipleShooting,
+        *,
+        progress: Progress | None = None,
+        should_stop: Stop = None,
+        relaxed: bool = False,
+    ) -> None:
+        self._equations, self._relaxed = equations, relaxed
+        equalities, margins = equations.equalities, equations.inequalities[0]
+        self._first_duration = equations.w.numel() - equations.n_phases
+        period = sum1(equations.w[self._first_duration :])
+        g = vertcat(equalities, period) if relaxed else vertcat(equalities, period, margins)
+        self._n_equalities = equalities.numel()
+        self._upper = np.where(np.arange(g.numel()) < self._n_equalities, 0.0, np.inf)
+        self._ipopt = Ipopt(w=equations.w, p=equations.parameters, g=g, progress=progress, should_stop=should_stop)
+
+    def solve(self, start: Array, p: Array) -> Solution:
+        """Solve from ``start``, shape (n_w,), at parameters ``p``, shape (n_p,)."""
+        equations = self._equations
+        lower = np.zeros(self._upper.size)
+        lower[self._n_equalities] = SHORTEST * start[self._first_duration :].sum()
+        floor = np.full(start.size, -np.inf)
+        floor[self._first_duration :] = -np.inf if self._relaxed else 0.0
+        units = equations.units(p)
+        rows = [units.equalities, units.unknowns[-1:], *([] if self._relaxed else [equations.margin_units(p)])]
+        bounds_w, bounds_g = (floor, np.full(start.size, np.inf)), (lower, self._upper)
+        end = self._ipopt.solve(start, p, bounds_w, bounds_g, (units.unknowns, np.concatenate(rows)))
+        return Solution(equations, end.w, p, status=end.status, words=end.words, iterations=end.iterations, start=start)
 
 
-def _in_order(
-    cycle: Cycle,
-    dynamics: Dynamics,
-    guess: Rollout,
-    search: Callable[[Transcription, Array, Array], Solution[Transcription]],
-) -> Solution[Transcription]:
-    """Search, and again with a new layout while a switch passes a breakpoint of the control."""
+def _solve_in_order(cycle: Cycle, dynamics: Dynamics, guess: Rollout, search: Search) -> Solution:
+    """Search, and search again on a new layout while a switch passes a breakpoint of the control."""
     rolled, breakpoints = guess, dynamics.system.control.breakpoints
     for _ in range(MAX_REORDERS):
         durations = np.array(rolled.durations)
         plan = layout(cycle, durations, breakpoints)
-        transcription = transcribe(dynamics.system, plan)
-        attempt = search(transcription, transcription.pack(rolled.nodes(plan), durations), dynamics.p)
-        if attempt.status is not Status.CONVERGED:
+        equations = transcribe(dynamics.system, plan)
+        solution = search(equations, equations.pack(rolled.nodes(plan), durations), dynamics.p)
+        if not solution.converged:
             break
-        durations = transcription.unpack(attempt.w).durations
+        durations = equations.unpack(solution.w).durations
         if plan.in_order(durations, breakpoints):
             break
-        rolled = roll_out(dynamics, cycle, attempt.w[: dynamics.system.n_z], durations)
-    return attempt
+        rolled = roll_out(dynamics, cycle, solution.w[: dynamics.system.n_z], durations)
+    return solution
 
 
-def _by_ipopt(
-    transcription: Transcription,
-    start: Array,
-    p: Array,
-    *,
-    progress: Progress | None = None,
-    should_stop: Stop = None,
-    relaxed: bool = False,
-) -> Solution[Transcription]:
-    """Run IPOPT; ``relaxed`` leaves the margins out."""
-    program = Feasibility(transcription, progress=progress, should_stop=should_stop, relaxed=relaxed)
-    result = program.solve(start, p)
-    return Solution(
-        transcription, result.w, p, status=result.status, words=result.words, iterations=result.iterations, start=start
+def _gait(problem: Problem, solution: Solution, began: float) -> Gait:
+    """The gait at a solution: polished, refined until its integration error is small, and checked."""
+    refined, solver = refine(polish(solution.transcription, solution.w, solution.p)), _solver(solution, began)
+    causes = rejection_reason(refined)
+    if not causes:
+        return solved_gait(problem, refined, message=solution.words, solver=solver)
+    return Gait(
+        problem=problem,
+        dynamics=Dynamics(solution.transcription.system, solution.p),
+        status=Status.NOT_CONVERGED,
+        message=in_words(causes),
+        solver=solver,
+        causes=causes,
     )
 
 
-def _finish(problem: Problem, attempt: Solution[Transcription], solver: dict[str, float]) -> Gait:
-    """Polish, refine until the integration error is small, and assemble the gait."""
-    refined = refine(polish(attempt.transcription, attempt.w, attempt.p))
-    wrong = rejection_reason(refined)
-    if wrong:
-        return Gait(
-            problem=problem,
-            dynamics=Dynamics(attempt.transcription.system, attempt.p),
-            status=Status.NOT_CONVERGED,
-            message=in_words(wrong),
-            solver=solver,
-            causes=wrong,
-        )
-    return assembled(problem, refined, message=attempt.words, solver=solver)
-
-
-def assembled(problem: Problem, refined: Solution[Transcription], *, message: str, solver: dict[str, float]) -> Gait:
-    """The gait at a solution; its message says if the cycle is a shorter one walked several times."""
-    gait = assemble_gait(problem, refined, errors=refined.errors, message=message, solver=solver)
-    repetition = _repetition(gait)
-    return replace(gait, message=f"{gait.message}; {repetition}") if repetition else gait
-
-
-def _repetition(gait: Gait) -> str:
-    """That a cycle is a shorter one walked several times; nothing for any other."""
-    n, shorter = len(gait.steps), gait.repeats_after
-    words = "every step" if shorter == 1 else f"{shorter} steps"
-    return f"the cycle of {n} steps repeats itself after {words}" if shorter < n else ""
+def _solver(solution: Solution, began: float) -> dict[str, float]:
+    return {"iterations": float(solution.iterations), "seconds": time.perf_counter() - began}
 
 
 @overflow_allowed()
-def rejection_reason(refined: Solution[Transcription]) -> tuple[Cause, ...]:
-    """What keeps a solution of the equations from being a gait; empty for a gait."""
-    transcription, at = refined.transcription, refined
-    _, durations, _ = transcription.unpack(at.w)
+def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
+    """Why a solution of the equations is not a gait; empty for a gait."""
+    equations = refined.transcription
+    durations = equations.unpack(refined.w).durations
     short = np.flatnonzero(durations < VANISHING * durations.sum())
     if short.size:
-        return (vanished(transcription.layout.cycle, int(short[0]), float(durations[short[0]])),)
+        return (vanishing_phase(equations.layout.cycle, int(short[0]), float(durations[short[0]])),)
     if not np.isfinite(refined.errors).all():
         words = "the equations are singular there: the gait is not isolated, or its motion breaks down"
         return (Cause(what="equations", words=words),)
-    if not at.size <= RESIDUAL_TOLERANCE:
-        return (Cause(what="equations", words=f"the equations are only met to {at.size:.2g}"),)
+    if not refined.size <= RESIDUAL_TOLERANCE:
+        return (Cause(what="equations", words=f"the equations are only met to {refined.size:.2g}"),)
     if not refined.accurate:
-        intervals = transcription.layout.intervals
+        intervals = equations.layout.intervals
         words = f"the integration is only right to {refined.errors.max():.2g}, even with {intervals} intervals"
         return (Cause(what="integration", words=words),)
-    violated = violations(transcription, at.w, at.p, transcription.margin_values(at.w, at.p), RESIDUAL_TOLERANCE)
-    early = None if violated else early_event(transcription, at.w, at.p)
+    margins = equations.margin_values(refined.w, refined.p)
+    violated = violations(equations, refined.w, refined.p, margins, RESIDUAL_TOLERANCE)
+    early = None if violated else early_event(equations, refined.w, refined.p)
     return tuple(violated) if early is None else (early,)
 
 
-def vanished(cycle: Cycle, phase: int, duration: float) -> Cause:
-    """That a phase shrinks to nothing."""
+def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
+    """The cause that a phase shrinks to nothing."""
     words = f"phase {phase + 1} ({cycle.phases[phase]}) shrinks to nothing: here the gait does without it"
     return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
 
 
 @overflow_allowed()
-def _causes(attempt: Solution[Transcription], guess: Rollout) -> tuple[Cause, ...]:
-    """The worst violation: of margins, by a periodic motion solved with or without them, or else of the equations.
+def _causes(failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
+    """The margins that a periodic motion violates, solved with or without them; otherwise the worst equality.
 
-    A reference that ends before the step explains more than what motions beyond it violate.
+    A reference that ends before the step explains more than the violations of motions beyond its end.
     """
-    transcription, p, missing = attempt.transcription, attempt.p, None
+    equations, p, missing = failed.transcription, failed.p, None
     if guess.endless is not None:
-        missing = missing_event(transcription.layout.cycle, guess.endless, transcription.system.control)
+        missing = missing_event(equations.layout.cycle, guess.endless, equations.system.control)
         if missing.what == "reference":
             return (missing,)
-    relaxed = _by_ipopt(transcription, attempt.w if attempt.start is None else attempt.start, p, relaxed=True)
-    for w in (relaxed.w, attempt.w):
-        residual = transcription.violation(w, p)
-        if np.abs(residual / transcription.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
-            violated = violations(transcription, w, p, transcription.margin_values(w, p), RESIDUAL_TOLERANCE)
+    start = failed.w if failed.start is None else failed.start
+    relaxed = Feasibility(equations, relaxed=True).solve(start, p)
+    for w in (relaxed.w, failed.w):
+        residual = equations.violation(w, p)
+        if np.abs(residual / equations.units(p).equalities).max() <= RESIDUAL_TOLERANCE:
+            violated = violations(equations, w, p, equations.margin_values(w, p), RESIDUAL_TOLERANCE)
             if violated:
                 return tuple(violated)
-    return (missing or largest_residual(transcription, attempt.w, p, residual),)
+    return (missing or largest_residual(equations, failed.w, p, residual),)

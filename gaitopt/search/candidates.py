@@ -27,7 +27,7 @@ from gaitopt.gait.trajectory import Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.ipopt import Complementarity, Proposal, shapes_before, swing
+from gaitopt.nlp.open_modes import Complementarity, Proposal, shapes_before, swing
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 from gaitopt.simulation.engine import Engine, choose_engine, make_stepper

@@ -21,7 +21,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.assembly import impact_record
-from gaitopt.nlp.shooting import integrate_to
+from gaitopt.nlp.interval import integrate_to
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.store.files import Table

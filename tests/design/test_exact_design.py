@@ -14,9 +14,8 @@ from gaitopt.design.sensitivity import DifferentiatedCurve, ExactScalars, sensit
 from gaitopt.design.spectral_radius import circle_inequalities, modulus_gradient
 from gaitopt.design.sqp import WorkRemainder, quadratic_program
 from gaitopt.gait import curves
-from gaitopt.nlp.layout import layout
+from gaitopt.nlp.assembly import solution_of
 from gaitopt.nlp.newton import polish
-from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import load_problem
 
 SMOOTH = ("period", "step_length", "speed", "work", "absolute_cost_of_transport", "torque_squared", "slip_distance")
@@ -29,11 +28,8 @@ def stable_slip():
 
 
 def transcribed(gait, free):
-    durations = np.array([duration for _, duration in gait.phases])
-    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
-    t = MultipleShooting(gait.system, plan, free)
-    values = [gait.dynamics.parameter(key) for key in free]
-    return t, t.pack(gait.shooting.states.T, durations, values)
+    solution = solution_of(gait, free)
+    return solution.transcription, solution.w
 
 
 def scalars_at(t, w, p, freed):

@@ -7,8 +7,7 @@ from named import named
 
 from gaitopt import solve, verify
 from gaitopt.design.spectral_radius import certified_radius, radius_gradient, smoothed_radius
-from gaitopt.nlp.layout import layout
-from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.nlp.assembly import solution_of
 from gaitopt.problem.problem import load_problem
 
 MATRICES = {
@@ -48,11 +47,8 @@ def test_gradient_in_the_matrix_is_that_of_central_differences(name):
 def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
     gait = named(name)
     free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))
-    durations = [duration for _, duration in gait.phases]
-    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints).refined(gait.shooting.intervals)
-    t = MultipleShooting(gait.system, plan, free)
-    values = [gait.dynamics.parameter(key) for key in free]
-    w = t.pack(gait.shooting.states.T, np.array(durations), values)
+    solution = solution_of(gait, free)
+    t, w = solution.transcription, solution.w
     radius = certified_radius(t)
     symbol = MX.sym("w", w.size)
     slope = Function("slope", [symbol], [jacobian(radius(symbol, gait.p), symbol)])

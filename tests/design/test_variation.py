@@ -5,8 +5,7 @@ import pytest
 from casadi import Function, jacobian
 from named import named
 
-from gaitopt.nlp.layout import layout
-from gaitopt.nlp.shooting import MultipleShooting, ShootingJacobian
+from gaitopt.nlp.assembly import solution_of
 
 
 @pytest.mark.parametrize(
@@ -20,15 +19,12 @@ from gaitopt.nlp.shooting import MultipleShooting, ShootingJacobian
 )
 def test_it_agrees_with_that_of_the_symbols_away_from_solutions_too(name: str, free: tuple[str, ...]) -> None:
     gait = named(name)
-    durations = [duration for _, duration in gait.phases]
-    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
-    transcription = MultipleShooting(gait.system, plan.refined(list(gait.shooting.intervals)), free)
-    values = [gait.dynamics.parameter(key) for key in free]
-    w = transcription.pack(gait.shooting.states.T, np.array(durations), values)
+    solution = solution_of(gait, free)
+    transcription, w = solution.transcription, solution.w
     w *= 1 + 1e-3 * np.random.default_rng(0).uniform(-1, 1, w.size)
     derivative = jacobian(transcription.equalities, transcription.w)
     symbolic = np.asarray(Function("J", [transcription.w, transcription.parameters], [derivative])(w, gait.p))
-    values, found = ShootingJacobian(transcription).linearised(w, gait.p)
+    values, found = transcription.linearised(w, gait.p)
     assert values == pytest.approx(transcription.violation(w, gait.p), rel=0, abs=1e-14)
     assert found.pattern.shape == symbolic.shape
     assert found.dense(0, w.size) == pytest.approx(symbolic, rel=0, abs=1e-12 * np.abs(symbolic).max())

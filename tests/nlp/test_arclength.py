@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from casadi import SX, Function, jacobian, vertcat
 
-from gaitopt.nlp.family import RESIDUAL, Curve, CurvePoint
-from gaitopt.nlp.shooting import Units
+from gaitopt.nlp.arclength import RESIDUAL, Curve, CurvePoint
+from gaitopt.nlp.shooting import NaturalUnits
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
 
 
@@ -21,7 +21,7 @@ class Planar:
     n_phases: int = 0
     w: SX = field(default_factory=lambda: SX.sym("w", 2))
     layout: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(cycle=SimpleNamespace(impact=None)))
-    units: Callable[[np.ndarray], Units] = lambda _: Units(unknowns=np.ones(2), equalities=np.ones(1))
+    units: Callable[[np.ndarray], NaturalUnits] = lambda _: NaturalUnits(unknowns=np.ones(2), equalities=np.ones(1))
     system: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(section=lambda _: np.array([0])))
 
     def violation(self, w: np.ndarray, p: np.ndarray) -> np.ndarray:

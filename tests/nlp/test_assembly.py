@@ -7,19 +7,15 @@ import pytest
 from named import named
 
 from gaitopt.gait import curves
-from gaitopt.nlp.assembly import COUNTS, assemble_steps
-from gaitopt.nlp.layout import layout
-from gaitopt.nlp.shooting import transcribe
+from gaitopt.nlp.assembly import COUNTS, assemble_steps, solution_of
 
 GAITS = ("compass-passive-a", "compass-pd-impact-slip", "compass-passive-two-step", "compass-unequal", "kneed-passive")
 
 
 def unknowns(gait):
     """The transcription of a gait and its solution."""
-    durations = np.array([duration for _, duration in gait.phases])
-    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
-    transcription = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)))
-    return transcription, transcription.pack(gait.shooting.states.T, durations)
+    solution = solution_of(gait)
+    return solution.transcription, solution.w
 
 
 @pytest.mark.parametrize("name", GAITS)

@@ -7,7 +7,7 @@ from gaitopt import solve
 from gaitopt.gait.gait import Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.ipopt import Complementarity, Proposal, shapes_before, swing
+from gaitopt.nlp.open_modes import Complementarity, Proposal, shapes_before, swing
 from gaitopt.problem.problem import load_problem
 from gaitopt.systems import build_system
 

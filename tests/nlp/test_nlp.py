@@ -14,10 +14,11 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.diagnosis import violations
+from gaitopt.nlp.interval import ORDER, integrate_to, shooting_step
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, integration_error, polish
 from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import ORDER, MultipleShooting, integrate_to, shooting_step
+from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.nlp.solve import solve_gait
 from gaitopt.problem.problem import load_problem
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.gait.gait import Gait
-from gaitopt.nlp.family import Curve, Family
-from gaitopt.nlp.layout import layout
+from gaitopt.nlp.arclength import Curve
+from gaitopt.nlp.assembly import solution_of
+from gaitopt.nlp.following import Family
 from gaitopt.nlp.newton import polish, refine
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.nlp.sparse import Pattern, ScaledMatrix, SparseMatrix
@@ -28,11 +29,8 @@ def gait() -> Gait:
 @cache
 def transcription(free: tuple[str, ...] = ()) -> tuple[MultipleShooting, NDArray[np.float64]]:
     """The gait's equations, and the solution."""
-    durations = [duration for _, duration in gait().phases]
-    plan = layout(gait().problem.cycle, durations, gait().system.control.breakpoints)
-    equations = MultipleShooting(gait().system, plan.refined(list(gait().shooting.intervals)), free)
-    values = [gait().p[gait().system.parameters.index(key)] for key in free]
-    return equations, equations.pack(gait().shooting.states.T, np.array(durations), values)
+    solution = solution_of(gait(), free)
+    return solution.transcription, solution.w
 
 
 @pytest.mark.parametrize("far", FAR)

@@ -356,14 +356,14 @@ def test_a_breakpoint_that_is_left_out_is_refused():
     """Gait III without torque after its reference's end has period 0.677046; with the torque kept on, 0.669457."""
     from gaitopt.model.control import ProportionalDerivative, Reference
     from gaitopt.model.system import HybridSystem
-    from gaitopt.nlp.solve import find_gait
+    from gaitopt.nlp.solve import solve_gait
 
     problem = load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": "off"})
     right = solve(problem)
     law = right.system.control
     endless = ProportionalDerivative(kp=law.kp, kd=law.kd, reference=Reference(pieces=law.reference.pieces[:-1]))
     system = HybridSystem(type(problem.walker), endless, problem.impact_law, right.system.friction)
-    wrong = find_gait(problem, system)
+    wrong = solve_gait(problem, system)
     assert wrong.converged
     assert len(wrong.arcs) == len(right.arcs) - 1
     forged = forged_certificate(wrong, reference_record(law))

@@ -6,7 +6,7 @@ from named import named
 
 from gaitopt import solve, verify
 from gaitopt.gait.gait import Status
-from gaitopt.nlp.family import Family
+from gaitopt.nlp.following import Family
 from gaitopt.problem.problem import load_problem
 
 
