@@ -15,7 +15,7 @@ from plain import PlainCompass
 from timing import Row
 
 import gaitopt as go
-from gaitopt.branches.family import follow_family
+from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.gait.branch import BranchPoint
 from gaitopt.gait.gait import Gait

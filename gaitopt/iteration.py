@@ -8,15 +8,11 @@
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf
 from typing import Generic, TypeVar
 
 import numpy as np
 
 Iterate = TypeVar("Iterate")
-
-NO_CONTRACTION = inf
-"""For methods that decide by themselves whether a step may increase the residual."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,7 +24,7 @@ from gaitopt.api.progress import (
     value_progress,
     word_progress,
 )
-from gaitopt.branches.family import follow_family
+from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError

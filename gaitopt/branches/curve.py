@@ -1,49 +1,79 @@
-"""One branch: the curve of gaits with one mode sequence, evaluated at a point in everything that is watched.
+"""The curve of gaits with one mode sequence in one parameter, followed by pseudo-arclength.
 
-Finding the place between two points of a branch at which something watched is zero.
+    F(w) = 0,      n' (y(w) - y_predicted) = 0,      y = (section state after impact, durations, parameter) / scales
 
-Gaits that vanish: the feet come down ever closer to each other, until there is no step left.
+F are the equations of multiple shooting with the parameter as one more unknown. Arclength is measured in y alone, so
+that it does not depend on the mesh. The durations belong to y because they alone move along the curve where a slip
+velocity or a cone margin grazes zero. The Jacobian of the last point serves as long as it contracts (chord method).
 
-    stride = distance between the feet at touchdown / length of a leg  ->  0
+At a branch point the Jacobian J has a plane of null vectors. The one perpendicular to the known tangent leads to the
+other branch, next to which Newton's method is regular.
 
-The durations of phases, the rate of touchdown, and the impulse of the impact vanish with it, in different powers, so
-that any of them may be the monitor that is lost first. Close to that point no simulation resolves the step.
+References
+----------
+H. B. Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.branches.monitors import MonitorKey, MonitorValue, monitor_values
-from gaitopt.branches.request import test_functions
+from gaitopt.branches.monitors import MonitorKey, MonitorValue, monitor_values, test_functions
 from gaitopt.gait.branch import WalkState
 from gaitopt.gait.gait import Gait
-from gaitopt.iteration import bracketed_root
+from gaitopt.iteration import bracketed_root, overflow_allowed
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.nlp.arclength import Curve, CurvePoint
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import ArcLayout, Layout, layout
-from gaitopt.nlp.newton import Solution, halved, refine
+from gaitopt.nlp.newton import Solution, extrapolation, halved, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
+from gaitopt.nlp.sparse import ScaledMatrix
 from gaitopt.problem.problem import Problem
 
+RESIDUAL = 1e-13
+"""Largest violation of an equality on the curve, in natural units: about thirty times the rounding of a step.
+
+One more chord then reaches rounding, also where the equations are so flat that a prediction already satisfies them.
+"""
+PRECISION = 1e-11
+"""Largest Newton step that may remain at a solution, in natural units: two digits below what the simulator confirms.
+
+A small residual alone is not enough: the end of a slip that has just appeared is a root with a slope near zero.
+"""
+ITERATIONS = 11
+SINGULAR = 1e-5
+"""Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
+INVERSE_ITERATIONS = 2
+"""The null vector of a matrix that is singular to nine digits is accurate to nine digits after one."""
+REMEMBERED = 1
+"""Points before the last one used for extrapolation: with their tangents a cubic, which adds little rounding.
+
+Two of them would save a third of the chords, but where a gait vanishes they enlarge rounding to 1e-8 of its place.
+"""
+FORWARD = 0.5
+"""Cosine of the angle between tangents below which the curve has turned too far for extrapolation."""
+CONTRACTION = 0.5
+"""Ratio of Newton steps above which only rounding is left."""
+SLOW = 0.2
+"""A chord that contracts by less than this is replaced by a new Jacobian."""
 SOLVED = 1e-10
-"""Violation of an equality in natural units below which stored unknowns are a gait; a walk writes 1e-13 or less."""
+"""Violation of an equality in natural units below which stored unknowns are a gait; a walk stores 1e-13 or less."""
+LENGTH_TOLERANCE = 1e-13
+"""In arclength; the parameter is then accurate to more than ten digits of its range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metric:
-    """What arclength is measured with; the same along a whole family.
+    """The scales of arclength, the same along a whole family.
 
     Attributes
     ----------
-    state : ndarray, shape (n_z,) - size of every coordinate of the state after impact: its natural unit times the
+    state : ndarray, shape (n_z,) - scale of each coordinate of the state after impact: its natural unit times the
         largest coordinate of the first gait in natural units.
     period : of the first gait [s].
     span : of the parameter.
@@ -66,334 +96,449 @@ class Metric:
         return Metric(state=np.array(state), period=period, span=span)
 
     def to_array(self) -> Array:
-        """Sizes of the state, period and span; shape (n_z + 2,)."""
+        """Scales of the state, period and span; shape (n_z + 2,)."""
         return np.array([*self.state, self.period, self.span])
 
-    def scales(self, section: NDArray[np.intp], n_phases: int) -> Array:
-        """Of section coordinates, durations and parameter; shape (n_xi + n_phases + 1,)."""
-        return np.concatenate([self.state[section], np.full(n_phases, self.period), [self.span]])
-
-    def apart(self, first: Array, second: Array) -> float:
-        """Largest distance of two states after impact, in the sizes of the coordinates."""
+    def distance(self, first: Array, second: Array) -> float:
+        """Largest scaled difference of two states after impact."""
         return float(np.abs((first - second) / self.state).max())
 
 
-@dataclass(frozen=True)
-class Point:
-    """A point of a segment with its gait; monitors and test functions are computed on first use.
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """A point of a curve; its gait and what is watched there are computed on first use.
 
     Attributes
     ----------
-    curve_point : on the curve of solutions.
-    gait : the gait there.
+    curve : the curve.
+    problem : with the value of the parameter at this point.
+    at : unknowns, equalities and Jacobian.
+    tangent : ndarray, shape of w - direction of the curve, of unit length in y.
+    bordered : the Jacobian with this tangent as its last row.
+    iterations : number of Newton iterations that led here.
+    earlier : unknowns and tangents of the points before this one, the latest first.
     """
 
-    curve_point: CurvePoint
-    gait: Gait
+    curve: "Curve"
+    problem: Problem
+    at: Solution
+    tangent: Array
+    bordered: ScaledMatrix
+    iterations: int
+    earlier: tuple[tuple[Array, Array], ...] = ()
 
     @property
     def value(self) -> float:
         """The parameter."""
-        return float(self.curve_point.at.w[-1])
+        return float(self.at.w[-1])
+
+    @cached_property
+    def gait(self) -> Gait:
+        """The gait."""
+        return assemble_gait(
+            self.problem,
+            self.at,
+            errors=np.zeros(self.at.transcription.n_phases),
+            message="continued",
+            solver={"iterations": float(self.iterations)},
+        )
 
     @cached_property
     def monitors(self) -> dict[MonitorKey, MonitorValue]:
-        """What the mode sequence assumes."""
+        """Monitors of the mode sequence."""
         return monitor_values(self.gait)
 
     @cached_property
     def tests(self) -> dict[str, float]:
-        """Test functions of special points by name."""
-        return test_functions(self.gait.multipliers, float(self.curve_point.tangent[-1]))
+        """Test functions of bifurcations by name."""
+        return test_functions(self.gait.multipliers, float(self.tangent[-1]))
 
-    def monitor(self, name: MonitorKey) -> float:
-        """Value of one monitor; one that is not read here is far from zero."""
-        return self.monitors[name].value if name in self.monitors else np.inf
+    def monitor(self, key: MonitorKey) -> float:
+        """Value of one monitor; infinite where this gait does not have it."""
+        return self.monitors[key].value if key in self.monitors else np.inf
 
-    def test(self, name: str) -> float:
-        """Value of one test function."""
-        return self.tests[name]
-
-
-class Segment:
-    """Gaits of one mode sequence along one parameter.
-
-    Parameters
-    ----------
-    problem : with this sequence.
-    parameter : dotted key.
-    transcription : with that parameter freed.
-    p : ndarray - values of all parameters, that of ``parameter`` being ignored.
-    metric : what arclength is measured with.
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        parameter: str,
-        transcription: MultipleShooting,
-        p: Array,
-        metric: Metric,
-    ) -> None:
-        self.problem, self.parameter, self.p, self.metric = problem, parameter, p, metric
-        self._use(transcription)
-
-    @property
-    def cycle(self) -> Cycle:
-        """The modes of this segment."""
-        return self.transcription.layout.cycle
-
-    def start(self, w: Array, forward: Array) -> Point | None:
-        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; its tangent along ``forward``."""
-        curve_point = self.curve.start(w, forward)
-        if curve_point is None:
-            return None
-        return self.remeshed(self._point(curve_point))
-
-    def branch_off(self, w: Array, along: Array, length: float) -> Point | None:
-        """The gait at distance ``length`` from the branch point ``w`` on the branch that crosses ``along``.
-
-        ``along`` is the tangent of the known branch in scaled coordinates; the sign of ``length`` chooses the half.
-        """
-        direction = self.curve.crossing(w, along)
-        curve_point = None if direction is None else self.curve.branch_off(w, direction, length)
-        return None if curve_point is None else self.remeshed(self._point(curve_point))
-
-    def step(self, point: Point, length: float) -> Point | None:
-        """The gait at arclength ``length`` from a point."""
-        curve_point = self.curve.step(point.curve_point, length)
-        return None if curve_point is None else self._point(curve_point)
-
-    def at_parameter(self, point: Point, value: float) -> Point | None:
-        """The gait near a point with the given value of the parameter."""
-        curve_point = self.curve.at_parameter(point.curve_point, value)
-        return None if curve_point is None else self._point(curve_point)
-
-    def remeshed(self, point: Point) -> Point | None:
-        """The same gait on a finer mesh where its integration error needs one; None if that fails."""
-        refined = refine(point.curve_point.at)
-        return point if refined.transcription is self.transcription else self._on(refined, point)
-
-    def solved_again(self, point: Point) -> Point | None:
-        """The same gait down to rounding with every interval cut in two; None if that fails."""
-        return self._on(halved(point.curve_point.at), point)
-
-    def _on(self, refined: Solution, point: Point) -> Point | None:
-        """A point on another mesh, on which the segment goes on."""
-        old, at = self.transcription, Solution(refined.transcription, refined.w, refined.p)
-        forward = resized(point.curve_point.tangent, old, refined.transcription)
-        self._use(refined.transcription)
-        curve_point = self.curve.through(at, self.curve.coordinates(forward))
-        if curve_point is None:
-            self._use(old)
-            return None
-        return self._point(curve_point)
-
-    def in_order(self, point: Point) -> bool:
-        """Whether no switch has passed a breakpoint of the control; a phase that has vanished is another matter."""
-        durations = self.transcription.unpack(point.curve_point.at.w).durations
-        breakpoints = self.transcription.system.control.breakpoints
-        return bool(durations.min() <= 0) or self.transcription.layout.in_order(durations, breakpoints)
-
-    def reordered(self, point: Point) -> "tuple[Segment, Point] | None":
-        """The same branch with arcs in the order that a point's durations ask for; no mode has changed."""
-        old = self.transcription
-        nodes, durations, freed = old.unpack(point.curve_point.at.w)
-        dynamics = old.dynamics(self.p, freed)
-        rolled = roll_out(dynamics, self.cycle, nodes[:, 0], durations)
-        segment, w = segment_through(self.problem, dynamics, self.parameter, self.metric, rolled)
-        first = segment.start(w, resized(point.curve_point.tangent, old, segment.transcription))
-        return None if first is None or not segment.in_order(first) else (segment, first)
-
-    def coordinates(self, w: Array) -> Array:
-        """Scaled section coordinates, durations and parameter, in which arclength is measured."""
-        return self.curve.coordinates(w)
-
-    def walk_state(self, point: Point) -> WalkState:
-        """What ``resumed`` needs to go on from a point."""
-        at, metric, plan = point.curve_point, self.metric, self.transcription.layout
-        return WalkState(
-            unknowns=at.at.w,
-            direction=at.tangent,
-            arcs=tuple((arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals) for arc in plan.arcs),
-            origin=float(self.p[self.transcription.system.parameters.index(self.parameter)]),
-            metric=metric.to_array(),
-            earlier=len(at.earlier),
-        )
-
-    @staticmethod
-    def resumed(
-        problem: Problem, dynamics: Dynamics, parameter: str, states: Sequence[WalkState], iterations: int
-    ) -> "tuple[Segment, Point]":
-        """The segment and its last point from their ``walk_state``, to the last bit.
-
-        Parameters
-        ----------
-        problem : with the modes of the segment.
-        dynamics : at the values of all other parameters.
-        states : of the last point, and before it those of the points from which the next one is extrapolated.
-        iterations : what Newton's method took to get to the last point.
-
-        Raises
-        ------
-        ValueError
-            If the states do not fit the modes, or the last one is no gait of them.
-        """
-        *before, last = states
-        cycle, system = problem.cycle, dynamics.system
-        n_nodes = sum(intervals for *_, intervals in last.arcs) + len(cycle.resets)
-        sizes = {state.unknowns.size for state in states} | {state.direction.size for state in states}
-        if [*dict.fromkeys(arc[0] for arc in last.arcs)] != list(range(len(cycle.phases))):
-            raise ValueError(f"walk.arcs do not cover the {len(cycle.phases)} phases in order")
-        if sizes != {n_nodes * system.n_z + len(cycle.phases) + 1}:
-            raise ValueError("walk.unknowns or walk.direction do not have the size that walk.arcs ask for")
-        if last.metric.size != system.n_z + 2 or last.metric.min() <= 0:
-            raise ValueError(f"walk.metric is not {system.n_z + 2} positive numbers")
-        objection = problem.objection(parameter, last.origin)
-        if objection is not None:
-            raise ValueError(f"walk.origin: {objection}")
-        arcs = (
-            ArcLayout(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
-            for phase, segment, start, end, intervals in last.arcs
-        )
-        transcription = transcribe(system, Layout(cycle=cycle, arcs=tuple(arcs)), (parameter,))
-        p = dynamics.at({parameter: last.origin}).p
-        segment = Segment(problem, parameter, transcription, p, Metric.from_array(last.metric))
-        earlier = tuple((state.unknowns, state.direction) for state in reversed(before))
-        curve_point = segment.curve.point(last.unknowns, last.direction, iterations, earlier)
-        if not curve_point.at.size < SOLVED:
-            raise ValueError("walk.unknowns are not a gait of these phases")
-        point = segment._point(curve_point)
-        if not segment.in_order(point):
-            raise ValueError("walk.arcs do not keep to the segments of the control")
-        return segment, point
-
-    def _use(self, transcription: MultipleShooting) -> None:
-        section = transcription.system.section(transcription.layout.cycle.impact)
-        scales = self.metric.scales(section, transcription.n_phases)
-        self.transcription, self.curve = transcription, Curve(transcription, self.p, scales)
-
-    def assembled(self, w: Array) -> Gait:
-        """The gait at ``w`` without Newton's method, which fails at a branch point."""
-        return self._gait(Solution(self.transcription, w, self.p), 0)
-
-    def _point(self, curve_point: CurvePoint) -> Point:
-        return Point(curve_point=curve_point, gait=self._gait(curve_point.at, curve_point.iterations))
-
-    def _gait(self, at: Solution, iterations: int) -> Gait:
-        return assemble_gait(
-            self.problem.replace({self.parameter: float(at.w[-1])}),
-            at,
-            errors=np.zeros(self.transcription.n_phases),
-            message="continued",
-            solver={"iterations": float(iterations)},
-        )
-
-
-def segment_through(
-    problem: Problem,
-    dynamics: Dynamics,
-    parameter: str,
-    metric: Metric,
-    rolled: Rollout,
-    intervals: Sequence[int] = (),
-) -> tuple[Segment, Array]:
-    """A branch through a rolled out motion of ``dynamics``, and the unknowns w of that motion."""
-    durations = np.array(rolled.durations)
-    plan = layout(problem.cycle, durations, dynamics.system.control.breakpoints)
-    plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
-    transcription = transcribe(dynamics.system, plan, (parameter,))
-    w = transcription.pack(rolled.nodes(plan), durations, (dynamics.parameter(parameter),))
-    return Segment(problem, parameter, transcription, dynamics.p, metric), w
-
-
-def resized(tangent: Array, old: MultipleShooting, new: MultipleShooting) -> Array:
-    """A tangent for another mesh, right in those entries that count for arclength; all inner nodes are left zero."""
-    n_z = old.system.n_z
-    result = np.zeros(new.w.numel())
-    result[:n_z] = tangent[:n_z]
-    tail = old.n_phases + 1
-    result[-tail:] = tangent[-tail:]
-    return result
-
-
-LENGTH_TOLERANCE = 1e-13
-"""In arclength; the parameter is then right to more than ten digits of its range."""
+    def lost(self, before: "CurvePoint") -> list[MonitorKey]:
+        """Monitors that were positive at the point ``before`` and no longer are."""
+        return [key for key in self.monitors if self.monitor(key) <= 0 < before.monitor(key)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Location:
-    """A place on a step.
+    """A zero of a watched function on a step along a curve.
 
     Attributes
     ----------
     length : arclength from the start of the step.
     point : the gait there.
     status : ``converged``, or ``guess`` where Newton's method failed on the way and only the step is known.
-    name : the monitor that vanishes, None for a test function.
     """
 
     length: float
-    point: Point
+    point: CurvePoint
     status: str
-    name: MonitorKey | None
+
+
+class Curve:
+    """The solutions of one transcription in its one freed parameter.
+
+    Parameters
+    ----------
+    problem : with the modes of the curve.
+    parameter : dotted key of the parameter.
+    transcription : with this parameter freed.
+    p : ndarray - values of all parameters; the one of ``parameter`` only decides the units of the equations.
+    metric : scales of arclength.
+    """
+
+    def __init__(
+        self, problem: Problem, parameter: str, transcription: MultipleShooting, p: Array, metric: Metric
+    ) -> None:
+        self.problem, self.parameter, self.transcription = problem, parameter, transcription
+        self.p, self.metric = p, metric
+        section = transcription.system.section(transcription.layout.cycle.impact)
+        n_w, n_phases = transcription.w.numel(), transcription.n_phases
+        self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
+        self._scales = np.concatenate([metric.state[section], np.full(n_phases, metric.period), [metric.span]])
+        self._units = transcription.units(p)
+        self._columns = np.append(self._units.unknowns[:-1], metric.span)
+
+    @property
+    def cycle(self) -> Cycle:
+        """The modes of this curve."""
+        return self.transcription.layout.cycle
+
+    def entries(self, w: Array) -> Array:
+        """Section coordinates, durations and parameter, in SI; shape (n_xi + n_phases + 1,)."""
+        return np.asarray(w[self._indices])
+
+    def coordinates(self, w: Array) -> Array:
+        """The same in the scales of arclength: y."""
+        return self.scaled(self.entries(w))
+
+    def scaled(self, entries: Array) -> Array:
+        """The ``entries`` of some w as y."""
+        return entries / self._scales
+
+    def direction(self, y: Array) -> Array:
+        """The change of w for a change of y; all other entries are zero."""
+        w = np.zeros(self.transcription.w.numel())
+        w[self._indices] = y * self._scales
+        return w
+
+    def start(self, w: Array, forward: Array) -> CurvePoint | None:
+        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; its tangent along ``forward``.
+
+        None if Newton's method fails; ``forward`` has the shape of w.
+        """
+        point = self.nearest(w, forward)
+        return None if point is None else self.remeshed(point)
+
+    def nearest(self, w: Array, forward: Array) -> CurvePoint | None:
+        """The point next to ``w`` on this mesh and at the same parameter."""
+        upright = np.zeros(self._indices.size)
+        upright[-1] = 1.0
+        return self._correct(w, upright, None, self.coordinates(forward), at_parameter=True)
+
+    def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
+        """The point at arclength ``length`` along the tangent; None if Newton's method does not converge.
+
+        Raises
+        ------
+        ProblemError
+            If the parameter has left the range that the problem allows.
+        """
+        normal, ahead = self.coordinates(point.tangent), point.at.w + length * point.tangent
+        for predicted in (self._extrapolated(point, length), ahead) if point.earlier else (ahead,):
+            end = self._correct(predicted, normal, point.bordered, normal)
+            if end is not None:
+                earlier = ((point.at.w, point.tangent), *point.earlier)
+                return replace(end, earlier=earlier[:REMEMBERED])
+        return None
+
+    @overflow_allowed()
+    def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
+        """The point near ``point`` with the given value of the parameter."""
+        slope = point.tangent[-1]
+        predicted = point.at.w + point.tangent * ((value - point.at.w[-1]) / slope if slope else 0.0)
+        predicted[-1] = value
+        return self.nearest(predicted, point.tangent)
+
+    def locate(
+        self, before: CurvePoint, after: CurvePoint, length: float, watched: Callable[[CurvePoint], float]
+    ) -> Location:
+        """The zero of ``watched`` on the step of the given arclength from ``before`` to ``after``."""
+        points: dict[float, CurvePoint] = {0.0: before, length: after}
+
+        def value(place: float) -> float:
+            if place not in points:
+                point = self.step(before, place)
+                if point is None:
+                    raise _LostError
+                points[place] = point
+            return watched(points[place])
+
+        try:
+            root = bracketed_root(value, 0.0, length, LENGTH_TOLERANCE)
+        except _LostError:
+            return Location(length=length, point=after, status="guess")
+        value(root)
+        return Location(length=root, point=points[root], status="converged")
+
+    def through(self, at: Solution, forward: Array, iterations: int = 0) -> CurvePoint | None:
+        """A solution as a point of the curve, its tangent along ``forward`` (shape of y); None where it has none."""
+        right = np.zeros(at.w.size)
+        right[-1] = 1.0
+        try:
+            tangent = self._bordered(at, forward).solve(right)
+        except RuntimeError:  # singular
+            return None
+        return self._point(at, tangent / np.linalg.norm(self.coordinates(tangent)), iterations)
+
+    @overflow_allowed()
+    def crossing(self, w: Array, along: Array) -> Array | None:
+        """Direction of another branch through ``w``, of unit length in y; None where there is none.
+
+        It is the null vector, by inverse iteration, of the Jacobian bordered by the tangent of the known branch.
+
+        Parameters
+        ----------
+        along : ndarray, shape of y - tangent of the known branch in scaled coordinates.
+        """
+        at = Solution(self.transcription, w, self.p)
+        bordered = self._bordered(at, along)
+        vector = np.random.default_rng(0).standard_normal(w.size) / self._columns
+        for _ in range(INVERSE_ITERATIONS):
+            try:
+                vector = bordered.solve(bordered.solve_transposed(vector))
+            except RuntimeError:  # singular
+                return None
+            vector /= np.linalg.norm(self.coordinates(vector))
+        left = np.abs(at.jacobian @ vector / self._units.equalities).max()
+        return vector if left < SINGULAR else None
+
+    def branch_off(self, w: Array, direction: Array, length: float) -> CurvePoint | None:
+        """The point of another branch through ``w`` whose projection on ``direction`` (shape of w) is ``length``."""
+        normal = self.coordinates(direction)
+        point = self._correct(w + length * direction, normal, None, np.sign(length) * normal)
+        return None if point is None else self.remeshed(point)
+
+    def remeshed(self, point: CurvePoint) -> CurvePoint | None:
+        """The same gait on a finer mesh where its integration error needs one; None if that fails."""
+        refined = refine(point.at)
+        return point if refined.transcription is self.transcription else self._resumed_on(refined, point)
+
+    def bisected(self, point: CurvePoint) -> CurvePoint | None:
+        """The same gait down to rounding with every interval cut in two; None if that fails."""
+        return self._resumed_on(halved(point.at), point)
+
+    def in_order(self, point: CurvePoint) -> bool:
+        """Whether no switch has passed a breakpoint of the control; True as well where a phase has vanished."""
+        durations = self.transcription.unpack(point.at.w).durations
+        breakpoints = self.transcription.system.control.breakpoints
+        return bool(durations.min() <= 0) or self.transcription.layout.in_order(durations, breakpoints)
+
+    def reordered(self, point: CurvePoint) -> CurvePoint | None:
+        """The same gait with arcs in the order that its durations demand; its modes do not change."""
+        nodes, durations, freed = self.transcription.unpack(point.at.w)
+        dynamics = self.transcription.dynamics(self.p, freed)
+        rolled = roll_out(dynamics, self.cycle, nodes[:, 0], durations)
+        curve, w = curve_through(self.problem, dynamics, self.parameter, self.metric, rolled)
+        first = curve.start(w, _resized(point.tangent, self.transcription, curve.transcription))
+        return first if first is not None and first.curve.in_order(first) else None
+
+    def walk_state(self, point: CurvePoint) -> WalkState:
+        """What ``resumed_point`` needs to go on from a point."""
+        return WalkState(
+            unknowns=point.at.w,
+            direction=point.tangent,
+            arcs=tuple(
+                (arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals)
+                for arc in self.transcription.layout.arcs
+            ),
+            origin=float(self.p[self.transcription.system.parameters.index(self.parameter)]),
+            metric=self.metric.to_array(),
+            earlier=len(point.earlier),
+        )
+
+    def _resumed_on(self, refined: Solution, point: CurvePoint) -> CurvePoint | None:
+        """The point on the curve of another mesh."""
+        curve = Curve(self.problem, self.parameter, refined.transcription, self.p, self.metric)
+        at = Solution(refined.transcription, refined.w, refined.p)
+        return curve.through(at, curve.coordinates(_resized(point.tangent, self.transcription, refined.transcription)))
+
+    def _extrapolated(self, point: CurvePoint, length: float) -> Array:
+        """The solution at arclength ``length`` on the polynomial through the last points and tangents."""
+        normal, here = self.coordinates(point.tangent), self.coordinates(point.at.w)
+        places, weights = [0.0], np.array([1.0, length])
+        known = [(point.at.w, point.tangent)]
+        for w, tangent in point.earlier:
+            place, slope = float(normal @ (self.coordinates(w) - here)), float(normal @ self.coordinates(tangent))
+            following = None if slope < FORWARD else extrapolation([*places, place], length, slopes=True)
+            if following is None:
+                break
+            places, known, weights = [*places, place], [*known, (w, tangent / slope)], following
+        values, slopes = zip(*known, strict=True)
+        return np.asarray(weights @ np.array([*values, *slopes]))
+
+    @overflow_allowed()
+    def _correct(
+        self,
+        predicted: Array,
+        normal: Array,
+        chord: ScaledMatrix | None,
+        forward: Array,
+        *,
+        at_parameter: bool = False,
+    ) -> CurvePoint | None:
+        """Newton's method from ``predicted`` perpendicular to ``normal``, or at exactly the predicted parameter.
+
+        Parameters
+        ----------
+        chord : bordered Jacobian for the first steps; None for that at ``predicted``.
+        forward : ndarray, shape of y - direction of the tangent.
+        """
+        w, last = predicted, np.inf
+        try:
+            for iterations in range(ITERATIONS + 1):
+                residual = self.transcription.violation(w, self.p)
+                offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
+                size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
+                if size > SLOW * last:
+                    chord = None
+                solved = size < RESIDUAL
+                if not solved:
+                    if iterations == ITERATIONS or not np.isfinite(size):
+                        return None
+                    chord = chord or self._bordered(Solution(self.transcription, w, self.p), normal)
+                if chord is not None:  # which of a solution leads to rounding
+                    w = w - chord.solve(np.append(residual, offset))
+                    if at_parameter:
+                        w[-1] = predicted[-1]  # rounding would move it, perhaps out of its range
+                if solved:
+                    break
+                last = size
+        except RuntimeError:  # singular
+            return None
+        at = self._polished(Solution(self.transcription, w, self.p), normal, at_parameter=at_parameter)
+        return self.through(at, forward, iterations)
+
+    def _polished(self, at: Solution, normal: Array, *, at_parameter: bool) -> Solution:
+        """The solution after full Newton steps perpendicular to ``normal``, down to ``PRECISION`` or rounding."""
+        last, best = np.inf, at
+        while True:
+            try:
+                step = self._bordered(at, normal).solve(np.append(at.residual, 0.0))
+            except RuntimeError:  # singular
+                return best
+            if at_parameter:
+                step[-1] = 0.0
+            size = float(np.abs(step / self._columns).max())
+            if not size < CONTRACTION * last:
+                return best
+            if size < PRECISION:
+                return at
+            last, best = size, at
+            at = Solution(self.transcription, at.w - step, self.p)
+
+    def _point(
+        self,
+        at: Solution,
+        tangent: Array,
+        iterations: int,
+        earlier: tuple[tuple[Array, Array], ...] = (),
+    ) -> CurvePoint:
+        return CurvePoint(
+            curve=self,
+            problem=self.problem.replace({self.parameter: float(at.w[-1])}),
+            at=at,
+            tangent=tangent,
+            bordered=self._bordered(at, self.coordinates(tangent)),
+            iterations=iterations,
+            earlier=earlier,
+        )
+
+    def _bordered(self, at: Solution, normal: Array) -> ScaledMatrix:
+        matrix = at.jacobian.with_row(self._indices, normal / self._scales)
+        return ScaledMatrix(matrix, np.append(self._units.equalities, 1.0), self._columns)
 
 
 class _LostError(Exception):
     """Newton's method did not converge at a trial length."""
 
 
-def locate(
-    segment: Segment,
-    before: Point,
-    after: Point,
-    length: float,
-    watched: Callable[[Point], float],
-    name: MonitorKey | None = None,
-) -> Location:
-    """The zero of ``watched`` on the step of the given arclength from ``before`` to ``after``."""
-    seen: dict[float, Point] = {0.0: before, length: after}
+def curve_through(
+    problem: Problem,
+    dynamics: Dynamics,
+    parameter: str,
+    metric: Metric,
+    rolled: Rollout,
+    intervals: Sequence[int] = (),
+) -> tuple[Curve, Array]:
+    """A curve on a mesh for a rolled out motion of ``dynamics``, and the unknowns w of that motion.
 
-    def value(at: float) -> float:
-        if at not in seen:
-            point = segment.step(before, at)
-            if point is None:
-                raise _LostError
-            seen[at] = point
-        return watched(seen[at])
-
-    try:
-        root = bracketed_root(value, 0.0, length, LENGTH_TOLERANCE)
-    except _LostError:
-        return Location(length=length, point=after, status="guess", name=name)
-    value(root)
-    return Location(length=root, point=seen[root], status="converged", name=name)
-
-
-VANISHED = 1e-4
-"""Stride of a gait that is lost together with its step; a mode sequence alone is lost in full stride."""
-FADING = 1e-2
-"""Stride below which a gait that the simulator does not confirm may be about to vanish."""
-REASON = "the gait vanishes: its strides shrink to nothing, both feet come down in the same place"
-
-
-def stride(gait: Gait) -> float:
-    """Largest distance between the feet at a touchdown, in lengths of a leg; slip does not count.
-
-    Infinite for a walker that flies, which may land where it took off.
+    Parameters
+    ----------
+    intervals : of every arc, used if there are as many arcs.
     """
-    if gait.system.walker.flies:
-        return np.inf
-    x = gait.system.n_shape
-    apart = [
-        abs(step.impact.step_length - step.arcs[-1].states[-1, x]) for step in gait.steps if step.impact is not None
-    ]
-    return float(max(apart)) / gait.dynamics.scales.length
+    durations = np.array(rolled.durations)
+    plan = layout(problem.cycle, durations, dynamics.system.control.breakpoints)
+    plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
+    transcription = transcribe(dynamics.system, plan, (parameter,))
+    w = transcription.pack(rolled.nodes(plan), durations, (dynamics.parameter(parameter),))
+    return Curve(problem, parameter, transcription, dynamics.p, metric), w
 
 
-def vanishing_value(before: Point, last: Point) -> float:
-    """The parameter at which the stride is zero, extrapolated from the last two gaits."""
-    first, second = stride(before.gait), stride(last.gait)
-    if not second < first:
-        return last.value
-    return last.value + (last.value - before.value) * second / (first - second)
+def resumed_point(
+    problem: Problem, dynamics: Dynamics, parameter: str, states: Sequence[WalkState], iterations: int
+) -> CurvePoint:
+    """The last of some points from their ``walk_state``, to the last bit.
+
+    Parameters
+    ----------
+    problem : with the modes of the curve.
+    dynamics : at the values of all other parameters.
+    states : of the last point, and before it those of the points from which the next one is extrapolated.
+    iterations : number of Newton iterations that led to the last point.
+
+    Raises
+    ------
+    ValueError
+        If the states do not fit the modes, or the last one is not a gait with them.
+    """
+    *before, last = states
+    cycle, system = problem.cycle, dynamics.system
+    n_nodes = sum(intervals for *_, intervals in last.arcs) + len(cycle.resets)
+    sizes = {state.unknowns.size for state in states} | {state.direction.size for state in states}
+    if [*dict.fromkeys(arc[0] for arc in last.arcs)] != list(range(len(cycle.phases))):
+        raise ValueError(f"walk.arcs do not cover the {len(cycle.phases)} phases in order")
+    if sizes != {n_nodes * system.n_z + len(cycle.phases) + 1}:
+        raise ValueError("walk.unknowns or walk.direction do not have the size that walk.arcs require")
+    if last.metric.size != system.n_z + 2 or last.metric.min() <= 0:
+        raise ValueError(f"walk.metric is not {system.n_z + 2} positive numbers")
+    objection = problem.objection(parameter, last.origin)
+    if objection is not None:
+        raise ValueError(f"walk.origin: {objection}")
+    arcs = (
+        ArcLayout(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
+        for phase, segment, start, end, intervals in last.arcs
+    )
+    transcription = transcribe(system, Layout(cycle=cycle, arcs=tuple(arcs)), (parameter,))
+    p = dynamics.at({parameter: last.origin}).p
+    curve = Curve(problem, parameter, transcription, p, Metric.from_array(last.metric))
+    earlier = tuple((state.unknowns, state.direction) for state in reversed(before))
+    point = curve._point(Solution(transcription, last.unknowns, p), last.direction, iterations, earlier)
+    if not point.at.size < SOLVED:
+        raise ValueError("walk.unknowns are not a gait with these phases")
+    if not curve.in_order(point):
+        raise ValueError("walk.arcs do not match the segments of the control")
+    return point
+
+
+def _resized(tangent: Array, old: MultipleShooting, new: MultipleShooting) -> Array:
+    """A tangent on another mesh, with the entries that count for arclength; those of all inner nodes are zero."""
+    n_z = old.system.n_z
+    result = np.zeros(new.w.numel())
+    result[:n_z] = tangent[:n_z]
+    tail = old.n_phases + 1
+    result[-tail:] = tangent[-tail:]
+    return result

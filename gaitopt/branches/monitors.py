@@ -1,39 +1,59 @@
-"""What a mode sequence assumes along a gait, as numbers that are positive while it holds.
+"""What is watched along a curve of gaits: functions whose zeros are special points.
 
-A margin that an event makes zero at an end of its phase is divided by that zero, so that what is left says whether
-the event is still crossed: with s in [-1, 1] over the phase and g the margin,
+*Monitors* are positive while the mode sequence holds. With s in [-1, 1] over a phase and g a margin in natural units,
 
     monitor = min over s of g(s) / ((1 + s)^a (1 - s)^b)
 
-a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip (a double zero), b = 1 where an
-event ends the phase; g is in natural units. A monitor that changes sign along a branch marks the end of the sequence.
+The denominator removes the zeros that events cause at the ends of the phase, so that the sign of the monitor says
+whether the event is still crossed: a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip
+(a double zero), b = 1 where an event ends the phase.
 
-One or two coefficients of friction: a gait restated so that the one that is varied is a parameter of its system.
+*Test functions* of the multipliers lambda_i change their sign where a gait loses or gains stability, or the curve folds
+or meets another one,
 
-Where static and kinetic friction are equal, a gait of the one law is a gait of the other.
+    slope            d parameter / d arclength
+    unit             prod (1 - lambda_i)
+    period doubling  prod (lambda_i + 1)
+    Neimark-Sacker   prod over i < j of (lambda_i lambda_j - 1), with a complex pair on the unit circle
+
+A multiplier is 1 at folds and at branch points. With r the return map, A its derivative by the state, s the arclength,
+
+    det [[1 - A, -dr/dparameter], [tangent]] = prod (1 - lambda_i) / (d parameter / ds)
+
+vanishes at branch points only. At a fold, slope and unit change their signs together; if only one of them does, another
+branch crosses (unit alone: transcritical, or a pitchfork seen from its handle; slope alone: seen from a prong).
+
+The *stride* falls to zero where a gait vanishes: the feet come down ever closer to each other. Durations, the rate of
+touchdown and the impulse vanish with it, in different powers, so that any monitor may be the first that is lost.
+
+References
+----------
+Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.errors import ProblemError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import SHORT, Arc, lowest_after_rise
-from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import CoulombFriction, Friction, StaticKineticFriction
 from gaitopt.model.margins import ending_margin, margin, margin_names, margin_scales, margin_unit
 from gaitopt.model.modes import Mode
-from gaitopt.model.system import HybridSystem
-from gaitopt.problem.schema import FrictionCoefficients
 
 OPEN = 1.0
 """Value of a monitor that is far from anything."""
+BIFURCATIONS = ("fold", "branch_point", "period_doubling", "neimark_sacker")
+TestFunction = Callable[[Gait], float]
+"""A function of the gaits of a family, continuous along it, whose zeros are of interest."""
+NEUTRAL = 1e-6
+"""Imaginary part below which a pair with product one is real: a neutral saddle, not a Neimark-Sacker point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +84,50 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     """All monitors of a solution, whether or not they hold."""
     arcs = _arcs_by_phase(gait)
     return {**dict(_phase_values(gait, arcs)), **dict(_impact_values(gait, arcs))}
+
+
+def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[str, float]:
+    """Values by type of special point; ``slope`` is d parameter / d arclength."""
+    pairs = [a * b - 1 for a, b in combinations(multipliers, 2)]
+    return {
+        "slope": slope,
+        "unit": float(np.prod(1 - multipliers).real),
+        "period_doubling": float(np.prod(multipliers + 1).real),
+        "neimark_sacker": float(np.prod(pairs).real) if pairs else 1.0,
+    }
+
+
+def bifurcations_between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, str]:
+    """Types of the special points between two gaits with these test functions, each with the one that locates it."""
+    changed = {name for name, value in after.items() if value * before[name] < 0}
+    kinds: dict[str, str] = {kind: kind for kind in ("period_doubling", "neimark_sacker") if kind in changed}
+    if {"slope", "unit"} <= changed:
+        kinds["fold"] = "slope"
+    elif changed & {"slope", "unit"}:
+        kinds["branch_point"] = "slope" if "slope" in changed else "unit"
+    return kinds
+
+
+def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
+    """Whether a zero of a test function is the special point that it is named for."""
+    if kind != "neimark_sacker":
+        return True
+    a, b = min(combinations(multipliers, 2), key=lambda pair: abs(pair[0] * pair[1] - 1))
+    return bool(abs(a.imag) > NEUTRAL and abs(b.imag) > NEUTRAL)
+
+
+def stride(gait: Gait) -> float:
+    """Largest distance between the feet at a touchdown, in leg lengths, without slip.
+
+    Infinite for a walker that flies, which may land where it took off.
+    """
+    if gait.system.walker.flies:
+        return np.inf
+    x = gait.system.n_shape
+    distances = [
+        abs(step.impact.step_length - step.arcs[-1].states[-1, x]) for step in gait.steps if step.impact is not None
+    ]
+    return float(max(distances)) / gait.dynamics.scales.length
 
 
 def _phase_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKey, MonitorValue]]:
@@ -160,42 +224,3 @@ def _impact_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorK
             if kind == "touchdown_rate" or (kind == "impact_onset" and not gait.dynamics.friction_drops):
                 continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
             yield MonitorKey(kind, **at), MonitorValue(float(value) / margin_unit(kind, scales))
-
-
-def with_friction(gait: Gait, parameter: str) -> Gait:
-    """The same gait under the friction law that has ``parameter``; unchanged for all other parameters.
-
-    Raises
-    ------
-    ProblemError
-        If both coefficients are to be moved but differ, or there is viscous drag besides.
-    """
-    if parameter in gait.system.parameters or parameter.partition(".")[0] != "friction":
-        return gait
-    friction = gait.problem.friction
-    if isinstance(friction, float):
-        value = gait.dynamics.static_friction
-        if parameter not in StaticKineticFriction().parameters:
-            return gait
-        return _restated(gait, FrictionCoefficients(static=value, kinetic=value), StaticKineticFriction())
-    if friction.static != friction.kinetic or friction.viscous:
-        numbers = ", ".join(f"{name} = {value:g}" for name, value in friction)
-        raise ProblemError(
-            f"friction has several coefficients, {numbers}: vary friction.static, friction.kinetic or friction.viscous"
-        )
-    return _restated(gait, friction.static, CoulombFriction())
-
-
-def coefficient_bounds(gait: Gait, parameter: str) -> tuple[float, float]:
-    """Range of a parameter that the other coefficient of friction leaves, static being at least kinetic."""
-    known = gait.dynamics.parameters
-    if parameter == "friction.static":
-        return known["friction.kinetic"], np.inf
-    return -np.inf, known["friction.static"] if parameter == "friction.kinetic" else np.inf
-
-
-def _restated(gait: Gait, coefficients: float | FrictionCoefficients, law: Friction) -> Gait:
-    problem = replace(gait.problem, friction=coefficients)
-    system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, law)
-    p = system.values({**problem.parameters, **gait.dynamics.parameters})
-    return replace(gait, problem=problem, dynamics=Dynamics(system, p))

@@ -1,76 +1,27 @@
-"""What is to be continued: the parameter, its targets and bounds, and how much of what begins on the way.
+"""The request of a continuation: the parameter, its targets and bounds, and which other branches to follow.
 
-Test functions that vanish where a gait loses or gains stability, where the branch folds or another crosses it.
-
-    slope            d parameter / d arclength
-    unit             prod (1 - lambda_i)
-    period doubling  prod (lambda_i + 1)
-    Neimark-Sacker   prod over i < j of (lambda_i lambda_j - 1), with a complex pair on the unit circle
-
-A multiplier is 1 at folds and at branch points. With r the return map, A its derivative by the state, s the arclength,
-
-    det [[1 - A, -dr/dparameter], [tangent]] = prod (1 - lambda_i) / (d parameter / ds)
-
-vanishes at branch points only: at a fold, slope and unit change their signs together; where one of them does alone,
-another branch crosses this one (unit alone: transcritical, or a pitchfork seen from its handle; slope alone: seen from
-a prong).
-
-References
-----------
-Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10.
-
-Where a walk along a family stops.
+A coefficient of friction that the problem does not have by itself may be asked for as well: where the static and the
+kinetic one are equal, a gait with one coefficient is a gait with two, and conversely.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import combinations
+from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitopt.branches.monitors import BIFURCATIONS, TestFunction
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import TERMINAL
-from gaitopt.gait.gait import Gait
+from gaitopt.gait.gait import Gait, Status
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.friction import CoulombFriction, Friction, StaticKineticFriction
+from gaitopt.model.system import HybridSystem
 from gaitopt.problem.faults import nearest_keys
-
-BIFURCATIONS = ("fold", "branch_point", "period_doubling", "neimark_sacker")
-TestFunction = Callable[[Gait], float]
-"""A function of the gaits of a family, continuous along it, whose zeros are of interest."""
-NEUTRAL = 1e-6
-"""Imaginary part below which a pair with product one is real: a neutral saddle, not a Neimark-Sacker point."""
-
-
-def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[str, float]:
-    """Values by type of special point; ``slope`` is d parameter / d arclength."""
-    pairs = [a * b - 1 for a, b in combinations(multipliers, 2)]
-    return {
-        "slope": slope,
-        "unit": float(np.prod(1 - multipliers).real),
-        "period_doubling": float(np.prod(multipliers + 1).real),
-        "neimark_sacker": float(np.prod(pairs).real) if pairs else 1.0,
-    }
-
-
-def bifurcations_between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, str]:
-    """Types of the special points between two gaits with these test functions, each with the one that locates it."""
-    changed = {name for name, value in after.items() if value * before[name] < 0}
-    kinds: dict[str, str] = {kind: kind for kind in ("period_doubling", "neimark_sacker") if kind in changed}
-    if {"slope", "unit"} <= changed:
-        kinds["fold"] = "slope"
-    elif changed & {"slope", "unit"}:
-        kinds["branch_point"] = "slope" if "slope" in changed else "unit"
-    return kinds
-
-
-def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
-    """Whether a zero of a test function is the special point that it is named for."""
-    if kind != "neimark_sacker":
-        return True
-    a, b = min(combinations(multipliers, 2), key=lambda pair: abs(pair[0] * pair[1] - 1))
-    return bool(abs(a.imag) > NEUTRAL and abs(b.imag) > NEUTRAL)
-
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.schema import FrictionCoefficients
+from gaitopt.systems import problem_dynamics
 
 FOLLOWS = {
     "period_doubling": "doublings",
@@ -78,7 +29,7 @@ FOLLOWS = {
     "mode_change": "mode_changes",
     "impact_change": "mode_changes",
 }
-"""Which number of a request says how many times in turn the other branches of a special point are followed."""
+"""The kind of branches, a key of ``Request.follow``, that begin at a special point of some type."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,11 +40,12 @@ class Request:
     ----------
     parameter : dotted key of a scalar of walker, friction or control.
     to : values of the parameter at which to stop, one after the other, each time from the first gait.
-    lower, upper : bounds for families that turn round; None as far beyond the first gait as the target is before it.
-    events : functions of a gait, continuous along the family, whose zeros are located and named so.
-    max_points, max_seconds : limits of the work towards each target, which only pause a branch.
+    lower, upper : bounds of the parameter for families that turn back; None stands for the target, and on the other
+        side of the first gait for the same distance from it.
+    events : functions of a gait, continuous along the family; their zeros are special points with these names.
+    max_points, max_seconds : limits of the work towards each target; a branch that reaches one can be resumed.
     verify_every : every so many points is confirmed by the simulator, 0 for none.
-    follow : how many times in turn the other branches of special points are followed as well, by kind (``FOLLOWS``).
+    follow : by kind (see ``FOLLOWS``), to which depth the other branches of special points are followed as well.
     """
 
     parameter: str
@@ -106,8 +58,39 @@ class Request:
     verify_every: int = 10
     follow: Mapping[str, int] = field(default_factory=dict)
 
+    def towards(self, targets: Sequence[float], gait: Gait) -> "Request":
+        """The request of one walk from ``gait``, with both bounds set."""
+        value = gait.dynamics.parameter(self.parameter)
+        least, largest = _coefficient_bounds(gait, self.parameter)
+        span = max(abs(to - value) for to in targets)
+        lower = value - span if self.lower is None else self.lower
+        upper = value + span if self.upper is None else self.upper
+        return replace(
+            self,
+            to=tuple(targets),
+            lower=max(min((to for to in targets if to < value), default=lower), least),
+            upper=min(max((to for to in targets if to > value), default=upper), largest),
+        )
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper bound; infinite where there is none."""
+        return -inf if self.lower is None else self.lower, inf if self.upper is None else self.upper
+
+    def crossed(self, before: float, after: float) -> float | None:
+        """The bound that a step of the parameter reaches or passes from inside."""
+        lower, upper = self.bounds
+        if after >= upper > before:
+            return upper
+        return lower if after <= lower < before else None
+
+    def reached(self, value: float) -> str | None:
+        """Why a walk ends at a value of the parameter, if that is a bound."""
+        lower, upper = self.bounds
+        return None if lower < value < upper else f"reached {self.parameter} = {max(lower, min(value, upper)):.12g}"
+
     def exhausted(self, points: int, seconds: float = 0.0) -> str | None:
-        """Why a walk of so many points pauses after so long, if it does; its branch stays open."""
+        """Why a walk pauses after this number of points and this time, if it does; its branch stays open."""
         if points >= self.max_points:
             return f"paused at the limit of {self.max_points} points"
         if self.max_seconds is not None and seconds > self.max_seconds:
@@ -115,7 +98,7 @@ class Request:
         return None
 
     def to_record(self) -> dict[str, Any]:
-        """One JSON object, the first line of a stored branch; events are functions, of a call and not of a file."""
+        """One JSON object, the first line of a stored branch; without the events, which are functions."""
         plain = asdict(replace(self, events={}, follow={}))
         record = {key: value for key, value in plain.items() if key not in ("events", "follow")}
         followed = {kind: times for kind, times in self.follow.items() if times}
@@ -123,7 +106,7 @@ class Request:
 
 
 def check_request(gait: Gait, request: Request) -> None:
-    """Refuse a request that cannot be met.
+    """Raise an error for a request that cannot be met.
 
     Raises
     ------
@@ -157,30 +140,46 @@ def check_request(gait: Gait, request: Request) -> None:
             raise ProblemError(f"{request.parameter}: {max(to, value):g} lies above the bound {request.upper:g}")
 
 
-LARGEST_LENGTH = 0.025
-"""Arclength is scaled so that the range of the parameter has length one: at least forty points for it."""
+def family_of(problem: Problem, parameter: str) -> Gait:
+    """A gait without a motion, with the problem and the dynamics of the family of ``problem`` along ``parameter``."""
+    stated = Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.CONVERGED, message="")
+    return with_friction(stated, parameter)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """A request, and the range of the parameter in which one of its walks stays."""
+def with_friction(gait: Gait, parameter: str) -> Gait:
+    """The same gait under the friction law that has ``parameter``; unchanged for all other parameters.
 
-    request: Request
-    lower: float
-    upper: float
+    Raises
+    ------
+    ProblemError
+        If both coefficients are to be moved but differ, or there is viscous drag besides.
+    """
+    if parameter in gait.system.parameters or parameter.partition(".")[0] != "friction":
+        return gait
+    friction = gait.problem.friction
+    if isinstance(friction, float):
+        value = gait.dynamics.static_friction
+        if parameter not in StaticKineticFriction().parameters:
+            return gait
+        return _restated(gait, FrictionCoefficients(static=value, kinetic=value), StaticKineticFriction())
+    if friction.static != friction.kinetic or friction.viscous:
+        numbers = ", ".join(f"{name} = {value:g}" for name, value in friction)
+        raise ProblemError(
+            f"friction has several coefficients, {numbers}: vary friction.static, friction.kinetic or friction.viscous"
+        )
+    return _restated(gait, friction.static, CoulombFriction())
 
-    def crossed(self, before: float, after: float) -> float | None:
-        """The bound that a step of the parameter reaches or passes."""
-        if after >= self.upper > before:
-            return self.upper
-        return self.lower if after <= self.lower < before else None
 
-    def reached(self, value: float) -> str | None:
-        """Why a walk ends at a value, if that is a bound."""
-        if self.lower < value < self.upper:
-            return None
-        return f"reached {self.request.parameter} = {self.lower if value <= self.lower else self.upper:.12g}"
+def _coefficient_bounds(gait: Gait, parameter: str) -> tuple[float, float]:
+    """Range of a coefficient of friction, static being at least kinetic; infinite for all other parameters."""
+    known = gait.dynamics.parameters
+    if parameter == "friction.static":
+        return known["friction.kinetic"], inf
+    return -inf, known["friction.static"] if parameter == "friction.kinetic" else inf
 
-    def exhausted(self, points: int, seconds: float) -> str | None:
-        """Why a walk of so many points pauses after so long, if it does."""
-        return self.request.exhausted(points, seconds)
+
+def _restated(gait: Gait, coefficients: float | FrictionCoefficients, law: Friction) -> Gait:
+    problem = replace(gait.problem, friction=coefficients)
+    system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, law)
+    p = system.values({**problem.parameters, **gait.dynamics.parameters})
+    return replace(gait, problem=problem, dynamics=Dynamics(system, p))

@@ -126,7 +126,7 @@ def continue_(
 
 def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint, Gait]":
     """The special point RUN@special.K and its gait: the K-th of a run's branch, from 0, in the order of the table."""
-    from gaitopt.branches.walk import family_of
+    from gaitopt.branches.request import family_of
     from gaitopt.store.gaits import special_point
 
     if changes:

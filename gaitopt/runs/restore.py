@@ -21,9 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.branches.family import follow_family, resumable
-from gaitopt.branches.request import Request
-from gaitopt.branches.walk import family_of
+from gaitopt.branches.continuation import follow_family, resumable
+from gaitopt.branches.request import Request, family_of
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows

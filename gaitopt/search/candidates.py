@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.branches.family import follow_family
+from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError

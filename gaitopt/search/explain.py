@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.branches.family import follow_family
+from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.display import Tabulated

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaitopt.branches import request as bifurcations
+from gaitopt.branches import monitors as bifurcations
 
 
 def values(*multipliers: complex) -> dict[str, float]:

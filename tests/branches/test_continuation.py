@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import count
 
 import numpy as np
 import pytest
@@ -11,19 +10,13 @@ from named import named
 
 import gaitopt as go
 from gaitopt import continuation
-from gaitopt.branches.curve import Metric, Point, Segment
-from gaitopt.branches.family import follow_family
-from gaitopt.branches.request import Limits, Request
-from gaitopt.branches.walk import Continuer, Position
+from gaitopt.branches.continuation import follow_family
+from gaitopt.branches.request import Request
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.layout import layout
-from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import MultipleShooting
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
@@ -95,20 +88,8 @@ def test_the_mesh_does_not_decide_what_is_found(intervals: int) -> None:
 
 def on_mesh(gait: Gait, intervals: int, to: float) -> Iterator[BranchPoint | SpecialPoint]:
     """A family that begins on a mesh of many intervals."""
-    system, sequence = gait.system, gait.problem.cycle
-    durations = tuple(duration for _, duration in gait.phases)
-    plan = layout(sequence, durations, ()).refined([intervals] * len(durations))
-    transcription = MultipleShooting(system, plan, ("friction",))
-    value = float(gait.p[system.parameters.index("friction")])
-    segment = Segment(gait.problem, "friction", transcription, gait.p, Metric.of(gait, abs(to - value)))
-    nodes = roll_out(Dynamics(system, gait.p), sequence, gait.state, durations).nodes(plan)
-    w = transcription.pack(nodes, np.array(durations), (value,))
-    point = segment.start(w, np.append(np.zeros(w.size - 1), to - value))
-    assert isinstance(point, Point)
-    limits = Limits(
-        request=Request(parameter="friction", to=(to,)), lower=min(to, value), upper=max(to, 2 * value - to)
-    )
-    return Continuer(Position(segment, point, 0, limits), count(1)).records()
+    finer = replace(gait, shooting=replace(gait.shooting, intervals=(intervals,) * len(gait.phases)))
+    return follow_family(finer, Request(parameter="friction", to=(to,)))
 
 
 def test_neighbours_on_a_family_are_neighbours() -> None:

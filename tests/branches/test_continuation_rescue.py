@@ -4,7 +4,7 @@ import pytest
 from named import named
 
 from gaitopt import continuation
-from gaitopt.branches.curve import Segment
+from gaitopt.branches.curve import Curve
 
 
 @pytest.fixture(scope="module")
@@ -13,14 +13,14 @@ def wheel():
 
 
 def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
-    step = Segment.step
+    step = Curve.step
 
     def failing(self, point, length):
         found = step(self, point, length)
         crosses = found is not None and min(found.value, point.value) < 0.45 < max(found.value, point.value)
         return None if crosses else found
 
-    monkeypatch.setattr(Segment, "step", failing)
+    monkeypatch.setattr(Curve, "step", failing)
     branch = continuation(wheel, "friction", 0.5)
     assert branch.special("end")[0].value == pytest.approx(0.5)
     assert {point.branch for point in branch} == {0}
@@ -30,9 +30,9 @@ def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
 
 
 def test_branch_ends_with_a_reason_where_ipopt_fails_too(wheel, monkeypatch):
-    step = Segment.step
-    monkeypatch.setattr(Segment, "step", lambda self, s, length: None if s.value > 0.42 else step(self, s, length))
-    monkeypatch.setattr("gaitopt.branches.change.DISTANCES_RESCUE", ())
+    step = Curve.step
+    monkeypatch.setattr(Curve, "step", lambda self, s, length: None if s.value > 0.42 else step(self, s, length))
+    monkeypatch.setattr("gaitopt.branches.continuation.RESCUES", ())
     branch = continuation(wheel, "friction", 0.5)
     assert "IPOPT" in branch.special("end")[0].reason
     assert branch.special("end")[0].status == "guess"

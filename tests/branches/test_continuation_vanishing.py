@@ -6,7 +6,7 @@ from functools import cache
 import pytest
 
 import gaitopt as go
-from gaitopt.branches.curve import stride
+from gaitopt.branches.monitors import stride
 from gaitopt.gait.branch import TERMINAL
 
 

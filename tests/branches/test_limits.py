@@ -2,10 +2,9 @@
 
 import pytest
 
-from gaitopt.branches.request import Limits, Request
+from gaitopt.branches.request import Request
 
-REQUEST = Request(parameter="friction", to=(0.8,), max_points=10, max_seconds=5.0)
-LIMITS = Limits(request=REQUEST, lower=0.2, upper=0.8)
+REQUEST = Request(parameter="friction", to=(0.8,), lower=0.2, upper=0.8, max_points=10, max_seconds=5.0)
 
 
 @pytest.mark.parametrize(
@@ -13,16 +12,16 @@ LIMITS = Limits(request=REQUEST, lower=0.2, upper=0.8)
     [(0.7, 0.9, 0.8), (0.7, 0.8, 0.8), (0.3, 0.1, 0.2), (0.3, 0.7, None), (0.8, 0.7, None), (0.8, 0.9, None)],
 )
 def test_a_bound_is_crossed_from_inside_only(before, after, bound):
-    assert LIMITS.crossed(before, after) == bound
+    assert REQUEST.crossed(before, after) == bound
 
 
 def test_a_walk_that_was_cut_short_at_a_bound_has_reached_it():
-    assert LIMITS.reached(0.8) == "reached friction = 0.8"
-    assert LIMITS.reached(0.2) == "reached friction = 0.2"
-    assert LIMITS.reached(0.5) is None
+    assert REQUEST.reached(0.8) == "reached friction = 0.8"
+    assert REQUEST.reached(0.2) == "reached friction = 0.2"
+    assert REQUEST.reached(0.5) is None
 
 
 def test_points_and_time_are_bounded_each():
-    assert LIMITS.exhausted(9, 4.9) is None
-    assert LIMITS.exhausted(10, 0.0) == "paused at the limit of 10 points"
-    assert LIMITS.exhausted(0, 5.1) == "paused at the limit of 5 s"
+    assert REQUEST.exhausted(9, 4.9) is None
+    assert REQUEST.exhausted(10, 0.0) == "paused at the limit of 10 points"
+    assert REQUEST.exhausted(0, 5.1) == "paused at the limit of 5 s"

@@ -11,8 +11,8 @@ import pytest
 from named import named
 
 import gaitopt as go
-from gaitopt.branches import walk as continuer
-from gaitopt.branches.family import follow_family, resumable
+from gaitopt.branches import continuation as continuer
+from gaitopt.branches.continuation import follow_family, resumable
 from gaitopt.branches.request import Request
 from gaitopt.errors import StorageError
 from gaitopt.verification.verify import confirm
@@ -148,6 +148,8 @@ def test_a_point_that_the_simulator_refutes_is_solved_again_before_the_branch_en
     assert records[0].gait.verification["passed"]
     assert sum(records[0].gait.shooting.intervals) == 2 * first
     assert records[-1].bound
+    _, (end,) = branch(lambda gait: True)
+    assert (end.type, end.branch, end.gait.verification["passed"]) == ("end", 0, False)
     seen, records = branch(lambda gait: gait.dynamics.parameter("friction") < 0.99)
     assert seen.count(True) == 2
     assert records[-1].type == "end"

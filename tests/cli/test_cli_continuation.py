@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt.branches import walk as continuer
-from gaitopt.branches.walk import Continuer
+from gaitopt.branches import continuation as continuer
+from gaitopt.branches.continuation import Continuation
 from gaitopt.errors import StorageError
 from gaitopt.store.folder import BRANCH_FILE, seal
 from gaitopt.store.lines import LineWriter, read_lines
@@ -86,7 +86,7 @@ def test_a_limit_of_points_or_time_only_pauses_a_branch(run, limit):
 
 def test_finished_branch_is_not_computed_again(run, monkeypatch):
     _, first, _ = run(*COMMAND, "--json")
-    monkeypatch.setattr(Continuer, "records", lambda *_, **__: pytest.fail("walked again"))
+    monkeypatch.setattr(Continuation, "__iter__", lambda *_, **__: pytest.fail("walked again"))
     _, second, _ = run(*COMMAND, "--json")
     assert first == second
 

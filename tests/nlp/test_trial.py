@@ -7,9 +7,9 @@ import pytest
 from named import named
 from numpy.typing import NDArray
 
+from gaitopt.branches.curve import Curve, Metric
 from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.gait.gait import Gait
-from gaitopt.nlp.arclength import Curve
 from gaitopt.nlp.assembly import solution_of
 from gaitopt.nlp.following import Family
 from gaitopt.nlp.newton import polish, refine
@@ -36,8 +36,8 @@ def transcription(free: tuple[str, ...] = ()) -> tuple[MultipleShooting, NDArray
 @pytest.mark.parametrize("far", FAR)
 def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
     equations, w = transcription(("friction",))
-    section = gait().system.section(equations.layout.cycle.impact)
-    curve = Curve(equations, gait().p, np.ones(section.size + equations.n_phases + 1))
+    metric = Metric(state=np.ones(gait().system.n_z), period=1.0, span=1.0)
+    curve = Curve(gait().problem, "friction", equations, gait().p, metric)
     point = curve.start(w, np.append(np.zeros(w.size - 1), 1.0))
     assert point is not None
     assert curve.step(point, far) is None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from casadi import SX, Function, jacobian, vertcat
 
-from gaitopt.nlp.arclength import RESIDUAL, Curve, CurvePoint
+from gaitopt.branches.curve import RESIDUAL, Curve, CurvePoint, Metric
 from gaitopt.nlp.shooting import NaturalUnits
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
 
@@ -41,7 +41,8 @@ def planar(equation: str) -> Planar:
 
 
 def curve_of(equation: str, scales: tuple[float, float]) -> Curve:
-    return Curve(planar(equation), np.zeros(1), np.array(scales))
+    problem, (x, v) = SimpleNamespace(replace=lambda _: None), scales
+    return Curve(problem, "v", planar(equation), np.zeros(1), Metric(state=np.array([x]), period=1.0, span=v))
 
 
 def walked(curve: Curve, start: CurvePoint, length: float, count: int) -> list[CurvePoint]:
@@ -55,7 +56,7 @@ def walked(curve: Curve, start: CurvePoint, length: float, count: int) -> list[C
 
 def test_a_circle_is_walked_round_through_both_of_its_folds() -> None:
     curve = curve_of("circle", (1.0, 1.0))
-    start = curve.start(np.array([0.9, 0.3]), np.array([0.0, 1.0]))
+    start = curve.nearest(np.array([0.9, 0.3]), np.array([0.0, 1.0]))
     points = walked(curve, start, 0.05, 130)
     w = np.array([point.at.w for point in points])
     assert np.abs(np.linalg.norm(w, axis=1) - 1).max() < RESIDUAL
@@ -66,7 +67,7 @@ def test_a_circle_is_walked_round_through_both_of_its_folds() -> None:
 
 def test_the_tangent_has_unit_length_and_lies_in_the_kernel() -> None:
     curve = curve_of("cubic", (2.0, 0.5))
-    for point in walked(curve, curve.start(np.array([1.4, 1.4**3 - 1.4]), np.array([0.0, -1.0])), 0.05, 40):
+    for point in walked(curve, curve.nearest(np.array([1.4, 1.4**3 - 1.4]), np.array([0.0, -1.0])), 0.05, 40):
         assert np.linalg.norm(curve.coordinates(point.tangent)) == pytest.approx(1, abs=1e-14)
         assert np.abs(point.at.jacobian @ point.tangent).max() < 1e-12
 
@@ -74,7 +75,7 @@ def test_the_tangent_has_unit_length_and_lies_in_the_kernel() -> None:
 @pytest.mark.parametrize(("scale", "length", "count"), [(0.3, 0.01, 450), (1.0, 0.01, 150), (10.0, 0.01, 80)])
 def test_scales_do_not_decide_where_a_fold_is(scale: float, length: float, count: int) -> None:
     curve = curve_of("cubic", (1.0, scale))
-    start = curve.start(np.array([1.2, 1.2**3 - 1.2]), np.array([0.0, -1.0]))
+    start = curve.nearest(np.array([1.2, 1.2**3 - 1.2]), np.array([0.0, -1.0]))
     points = walked(curve, start, length, count)
     turn = next(k for k, point in enumerate(points) if point.tangent[-1] > 0)
     assert points[turn].at.w[0] < 1 / np.sqrt(3) < points[turn - 1].at.w[0]
@@ -83,6 +84,6 @@ def test_scales_do_not_decide_where_a_fold_is(scale: float, length: float, count
 
 def test_there_is_no_point_past_the_last_parameter() -> None:
     curve = curve_of("circle", (1.0, 1.0))
-    start = curve.start(np.array([0.6, 0.8]), np.array([0.0, 1.0]))
+    start = curve.nearest(np.array([0.6, 0.8]), np.array([0.0, 1.0]))
     assert curve.at_parameter(start, 0.9).at.w == pytest.approx([np.sqrt(0.19), 0.9], abs=1e-12)
     assert curve.at_parameter(start, 1.1) is None

@@ -1,0 +1,547 @@
+"""Following a family of gaits along a parameter, through folds and through changes of the mode sequence.
+
+Each step predicts the next gait along the curve, corrects it by Newton's method, and looks at everything that is
+watched. Where something changes its sign, the zero is located and becomes a special point. Where a mode sequence ends,
+the walk goes on with one that the physics allows; where Newton's method fails however short the step is, IPOPT looks
+for a gait a little further on.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from gaitopt.branches.change import NEARBY, find_change, halved_cycle
+from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, resumed_point
+from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
+from gaitopt.branches.request import FOLLOWS, Request, check_request, with_friction
+from gaitopt.branches.switching import beginnings, first_point, started
+from gaitopt.callbacks import Stop
+from gaitopt.errors import ProblemError, SolveError, StorageError
+from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint, WalkState
+from gaitopt.gait.gait import Gait
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.margins import MARGINS
+from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.solve import solve_gait
+from gaitopt.store.gaits import special_point
+from gaitopt.verification.verify import Claim, confirm
+
+FIRST_LENGTH = 0.005
+"""Arclength of the first step; the range of the parameter has length one."""
+LARGEST_LENGTH = 0.025
+"""At least forty points for the range of the parameter."""
+SMALLEST_LENGTH = 1e-9
+GROWTH = 2.0
+FEW_ITERATIONS, MANY_ITERATIONS = 5, 8
+"""Newton iterations up to which a step length grows, and beyond which it shrinks."""
+STRAIGHT = 0.98
+"""Cosine of the largest angle between the tangents of neighbours."""
+ASIDE = 0.2
+"""Largest distance of a gait from its prediction along the tangent, in step lengths."""
+BESIDE = 1e-3
+"""Arclength from a branch point at which tangents are taken: far enough for rounding, near enough for curvature to be
+negligible."""
+RESCUES = (1e-4, 1e-3, 1e-2)
+"""Distances from the last point at which IPOPT is tried, relative to the span of the parameter."""
+VANISHED = 1e-4
+"""Stride of a gait that is lost together with its step; where a mode sequence alone is lost, strides are long."""
+FADING = 1e-2
+"""Stride below which a gait that the simulator does not confirm may be about to vanish."""
+VANISHING = "the gait vanishes: its strides shrink to nothing, both feet come down in the same place"
+HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
+
+Stored = Mapping[str, Any]
+
+
+def follow_family(
+    start: Gait | SpecialPoint, request: Request, *, done: Sequence[Stored] = (), should_stop: Stop = None
+) -> Iterator[BranchPoint | SpecialPoint]:
+    """The points and special points of a family, one by one, as ``gaitopt.continuation`` describes them.
+
+    A gait is followed towards each target. From a special point all its other branches are followed, with the targets
+    as bounds. Branches that begin on the way come after these.
+
+    Parameters
+    ----------
+    done : JSON records of an unfinished family, see ``resumable``.
+    """
+    stated = start if isinstance(start, Gait) else start.gait
+    if stated is None:
+        raise SolveError(f"there is no gait at the special point {start!r}")
+    gait = with_friction(stated, request.parameter)
+    check_request(gait, request)
+    value = gait.dynamics.parameter(request.parameter)
+    numbers = count(1 + max((n for record in done for n in (record["branch"], *record.get("next", ()))), default=-1))
+    new_walk = partial(Continuation, gait, numbers=numbers, should_stop=should_stop)
+    walks = list[Continuation]()
+    if isinstance(start, SpecialPoint):
+        metric = Metric.of(gait, max(abs(to - value) for to in request.to))
+        bounded = request.towards(request.to, gait)
+        for point in beginnings(replace(start, gait=gait), request.parameter, metric):
+            walks.append(new_walk(bounded, metric, partial(_given, point)))
+    else:
+        for to in request.to:
+            metric = Metric.of(gait, abs(to - value))
+            begin = partial(first_point, gait, request.parameter, metric, float(np.sign(to - value)))
+            walks.append(new_walk(request.towards((to,), gait), metric, begin))
+    stored, begun_later = _records_by_walk(done)
+    unnumbered = (first for first in stored if first not in begun_later)
+    for walk in walks:  # the list grows on the way
+        records = stored.get(next(unnumbered, -1) if walk.number is None else walk.number, [])
+        walk.resume(records)
+        walks += [branch for record in records for branch in walk.restored_branches(record)]
+        if records and records[-1].get("type") in TERMINAL:
+            continue
+        for record in walk:
+            if isinstance(record, SpecialPoint):
+                record, branches = walk.other_branches(record)
+                walks += branches
+            yield record
+        if should_stop is not None and should_stop():
+            return
+
+
+def resumable(records: Sequence[Stored], request: Request) -> list[Stored]:
+    """The records from which an unfinished family goes on.
+
+    Special points after the last point of a walk are located again. The end of a walk that was paused at a limit is
+    left out if ``request`` allows more.
+    """
+    again = set[int]()
+    for walk in _records_by_walk(records)[0].values():
+        points = sum(record["record"] == "point" for record in walk)
+        for record in reversed(walk):
+            closed = record.get("type") in TERMINAL and not (record.get("open") and request.exhausted(points) is None)
+            if record["record"] == "point" or closed:
+                break
+            again.add(id(record))
+    return [record for record in records if id(record) not in again]
+
+
+class Continuation:
+    """One walk along a family: iterating yields its points and special points in order.
+
+    Parameters
+    ----------
+    gait : the gait from which the family began; its parameters are those of the family.
+    request : with both bounds set.
+    metric : scales of arclength.
+    begin : finds the first point.
+    numbers : of the branches to come.
+    number : of the first branch, if it has one already.
+    should_stop : polled before every step; True ends the walk without a special point.
+
+    Attributes
+    ----------
+    point : the last point.
+    branch, index : number of its branch, and of the point on it.
+    length : arclength of the next step.
+    count : number of points so far.
+    """
+
+    point: CurvePoint
+    branch: int
+
+    def __init__(
+        self,
+        gait: Gait,
+        request: Request,
+        metric: Metric,
+        begin: Callable[[], CurvePoint],
+        *,
+        numbers: Iterator[int],
+        number: int | None = None,
+        should_stop: Stop = None,
+    ) -> None:
+        self.gait, self.request, self.metric, self.number = gait, request, metric, number
+        self.index, self.length, self.count = 0, FIRST_LENGTH, 0
+        self._begin, self._numbers, self._should_stop = begin, numbers, should_stop
+        self._stored: list[Stored] = []
+
+    def resume(self, records: Sequence[Stored]) -> None:
+        """Go on after the stored records of this walk, if there are any, as if it had not been interrupted."""
+        self._stored = [record for record in records if record["record"] == "point"]
+        self.count = len(self._stored)
+        self.metric = next((_stored_metric(record) for record in records if record.get("walk")), self.metric)
+
+    def __iter__(self) -> Iterator[BranchPoint | SpecialPoint]:
+        if self._stored:
+            last = self._stored[-1]
+            self.point = _restored_point(self.gait, self.request.parameter, self.metric, self._stored)
+            self.branch, self.index, self.length = last["branch"], last["index"], last["length"]
+            records: Iterator[BranchPoint | SpecialPoint] = iter(())
+        else:
+            self.point = self._begin()
+            self.branch = next(self._numbers) if self.number is None else self.number
+            records = self._emitted()
+        began = time.monotonic()
+        while True:
+            for record in records:
+                yield record
+                if isinstance(record, SpecialPoint) and record.type in TERMINAL:
+                    return
+            if self._should_stop is not None and self._should_stop():
+                return
+            reached = self.request.reached(self.point.value) if self.index else None
+            reason = reached or self.request.exhausted(self.count, time.monotonic() - began)
+            if reason is not None:
+                end = self._special("end", self.point, reason=reason)
+                yield replace(end, bound=reached is not None, open=reached is None)
+                return
+            records = self._advance()
+
+    def other_branches(self, special: SpecialPoint) -> tuple[SpecialPoint, list["Continuation"]]:
+        """A special point with the numbers of its other branches, if they are to be followed, and the walks on them."""
+        kind = FOLLOWS.get(special.type, "")
+        if not self.request.follow.get(kind, 0):
+            return special, []
+        try:
+            points = self._beginnings(special.to_record())
+        except (ProblemError, SolveError) as error:
+            expected = not special.next  # at a change of modes there is mostly just the branch that goes on
+            return (replace(special, reason=str(error)) if expected else special), []
+        walks = [self._branch(kind, next(self._numbers), partial(_given, point)) for point in points]
+        numbers = tuple(walk.number for walk in walks if walk.number is not None)
+        return replace(special, next=special.next + numbers), walks
+
+    def restored_branches(self, record: Stored) -> list["Continuation"]:
+        """The walks along the other branches of a stored special point."""
+        kind = FOLLOWS.get(record.get("type", ""))
+        if kind is None:
+            return []
+        first = 1 if "to" in record else 0  # at a change of modes this walk itself goes on with the first
+
+        def begin(index: int) -> CurvePoint:
+            return self._beginnings(record)[index]
+
+        return [
+            self._branch(kind, number, partial(begin, index)) for index, number in enumerate(record["next"][first:])
+        ]
+
+    def _beginnings(self, record: Stored) -> list[CurvePoint]:
+        """The first gaits of the other branches through a special point, as far as they are within the bounds.
+
+        They are found from its record, so that a resumed walk finds the same.
+        """
+        parameter, (lower, upper) = self.request.parameter, self.request.bounds
+        points = beginnings(special_point(self.gait, parameter, record), parameter, self.metric)
+        return [point for point in points if lower < point.value < upper]
+
+    def _branch(self, kind: str, number: int, begin: Callable[[], CurvePoint]) -> "Continuation":
+        follow = {**self.request.follow, kind: self.request.follow[kind] - 1}
+        request = replace(self.request, follow=follow)
+        return Continuation(
+            self.gait,
+            request,
+            self.metric,
+            begin,
+            numbers=self._numbers,
+            number=number,
+            should_stop=self._should_stop,
+        )
+
+    def _advance(self) -> Iterator[BranchPoint | SpecialPoint]:
+        """One step along the family, with everything that happens on it."""
+        here, step = self.point, self._step()
+        if step is None:
+            if stride(here.gait) < VANISHED:
+                yield self._special("vanishing", here, "guess", VANISHING)
+                return
+            rescued = _rescued(here)
+            if rescued is None:
+                yield self._special("end", here, "guess", "neither Newton's method nor IPOPT finds a gait further on")
+                return
+            self.point, self.index, self.length = rescued, self.index + 1, FIRST_LENGTH
+            yield from self._emitted()
+            return
+        length, point, event = step
+        if event is not None:
+            point, length = event[0].point, event[0].length
+        bound = self.request.crossed(here.value, point.value)
+        if bound is not None:
+            at_bound = here.curve.at_parameter(here, bound)
+            point, event = (point if at_bound is None else at_bound), None
+        for special in self._bifurcations(point, length):
+            yield special
+            if special.type in TERMINAL:
+                return
+        if event is not None:
+            yield from self._changed(*event)
+            return
+        self._move(point)
+        yield from self._emitted()
+
+    def _step(self) -> tuple[float, CurvePoint, tuple[Location, MonitorKey] | None] | None:
+        """Arclength and gait of the next step, and the first zero of a monitor on the way.
+
+        The step is halved until Newton's method converges near the prediction, the curve is straight, and the zero can
+        be located. None if no step is short enough.
+        """
+        here, curve = self.point, self.point.curve
+        y, tangent = curve.coordinates(here.at.w), curve.coordinates(here.tangent)
+        while self.length > SMALLEST_LENGTH:
+            length = self.length
+            try:
+                point = curve.step(here, length)
+            except ProblemError:  # the parameter has left the range that the problem allows
+                bound = self.request.crossed(here.value, here.value + length * float(here.tangent[-1]))
+                point = None if bound is None else curve.at_parameter(here, bound)
+            if point is not None:
+                turn = tangent @ curve.coordinates(point.tangent)
+                missed = np.linalg.norm(curve.coordinates(point.at.w) - y - length * tangent)
+                point = point if turn > STRAIGHT and missed < ASIDE * length else None
+            if point is not None and not curve.in_order(point):  # a switch has passed a breakpoint of the control
+                reordered = curve.reordered(point)
+                if reordered is not None and not reordered.lost(here):
+                    return length, reordered, None
+            elif point is not None:
+                zeros = [
+                    (curve.locate(here, point, length, partial(CurvePoint.monitor, key=key)), key)
+                    for key in point.lost(here)
+                ]
+                event = min(zeros, key=lambda zero: zero[0].length, default=None)
+                if event is None or event[0].status == "converged":
+                    if point.iterations > MANY_ITERATIONS:
+                        self.length = length / 2
+                    else:
+                        growth = GROWTH if point.iterations <= FEW_ITERATIONS else 1.0
+                        self.length = min(growth * length, LARGEST_LENGTH)
+                    return length, point, event
+            self.length /= 2
+        return None
+
+    def _bifurcations(self, point: CurvePoint, length: float) -> Iterator[SpecialPoint]:
+        """Folds, losses of stability and the caller's events between the last point and ``point``, in order."""
+        here, curve, events = self.point, self.point.curve, self.request.events
+
+        def located(kind: str, test: str, function: Callable[[CurvePoint], float]) -> tuple[Location, str, str]:
+            return curve.locate(here, point, length, function), kind, test
+
+        zeros = [
+            located(kind, test, partial(_test, name=test))
+            for kind, test in bifurcations_between(here.tests, point.tests).items()
+        ]
+        for name, function in events.items():
+            if function(here.gait) * function(point.gait) < 0:
+                zeros.append(located(name, "", partial(_event, function=function)))
+        for location, kind, test in sorted(zeros, key=lambda zero: zero[0].length):
+            gait = location.point.gait
+            if kind not in events and not (is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED):
+                continue
+            special = self._special(kind, location.point, location.status)
+            special = replace(special, gait=gait.verified(confirm(gait).to_record()))
+            if kind == "branch_point":  # where the tangent of its gait is undetermined: the mean of both sides
+                sides = [curve.step(here, location.length + side * BESIDE) for side in (-1, 1)]
+                tangents = [curve.entries(side.tangent) for side in sides if side is not None]
+                special = replace(special, tangent=np.mean(tangents, axis=0) if len(tangents) == 2 else None)
+            half = halved_cycle(gait) if kind == "branch_point" and test == "slope" else None
+            if half is not None:  # a doubled family turns back at its origin: its halves follow in the other order
+                special = replace(special, type="end", reason=HALVED, before=gait.problem.cycle, after=half)
+            yield special
+
+    def _changed(self, event: Location, key: MonitorKey) -> Iterator[BranchPoint | SpecialPoint]:
+        """The end of a mode sequence: a special point, and the branch that goes on from it if there is one."""
+        if stride(event.point.gait) < VANISHED:
+            yield self._special("vanishing", event.point, event.status, VANISHING)
+            return
+        margin = MARGINS.get(key.kind)
+        if margin is not None and (margin.ending or key.kind == "touchdown"):
+            kind = margin.ending if margin.ending in TERMINAL else "end"
+            yield self._special(kind, event.point, event.status, margin.lost)
+            return
+        change = find_change(event, key)
+        if change.point is None:
+            yield self._special("end", event.point, event.status, change.reason)
+            return
+        number = next(self._numbers)
+        before, after = event.point.curve.cycle, change.point.curve.cycle
+        kind = "mode_change" if before.impacts == after.impacts else "impact_change"
+        special = self._special(kind, event.point, event.status, change.reason)
+        if change.at is not None:
+            tangent = change.at.curve.entries(change.at.tangent)
+            special = replace(special, value=change.at.value, gait=change.at.gait, tangent=tangent)
+        yield replace(special, before=before, after=after, next=(number,))
+        self.point, self.branch, self.index = change.point, number, 0
+        self.length = min(FIRST_LENGTH, change.length)
+        yield from self._emitted()
+
+    def _move(self, point: CurvePoint) -> None:
+        remeshed = point.curve.remeshed(point)
+        self.point = point if remeshed is None else remeshed
+        self.index += 1
+
+    def _emitted(self) -> Iterator[BranchPoint | SpecialPoint]:
+        """The present point, confirmed by the simulator when it is its turn; the end of the family if that fails."""
+        gait, every = self.point.gait, self.request.verify_every
+        if every and self.count % every == 0:
+            check = confirm(gait)
+            gait = gait.verified(check.to_record())
+            if not check.passed and (finer := self.point.curve.bisected(self.point)) is not None:
+                self.point = finer
+                check = confirm(finer.gait)
+                gait = finer.gait.verified(check.to_record())
+            if not check.passed:
+                yield self._unconfirmed(gait, next(claim for claim in check.claims if not claim.passed))
+                return
+        self.count += 1
+        yield BranchPoint(
+            branch=self.branch,
+            index=self.index,
+            value=self.point.value,
+            gait=gait,
+            tangent=self.point.curve.coordinates(self.point.tangent),
+            length=self.length,
+            walk=self.point.curve.walk_state(self.point),
+        )
+
+    def _unconfirmed(self, gait: Gait, worst: Claim) -> SpecialPoint:
+        """The end of a family at a gait that the simulator refutes, unless the gait vanishes just ahead.
+
+        Close to the point where strides vanish no simulation resolves the step.
+        """
+        reason = f"the simulator disagrees: {worst.name} {worst.figure:.3g}, {worst.note}"
+        end = replace(self._special("end", self.point, "guess", reason), gait=gait)
+        before = last = self.point
+        while stride(last.gait) < FADING:
+            step = self._step()
+            if step is None:
+                break
+            _, point, event = step
+            if event is not None:
+                location, _ = event
+                vanished = stride(location.point.gait) < VANISHED
+                return self._special("vanishing", location.point, location.status, VANISHING) if vanished else end
+            if self.request.crossed(self.point.value, point.value) is not None:
+                return end
+            before, last = last, point
+            self._move(point)
+        first, second = stride(before.gait), stride(last.gait)
+        if second > VANISHED:
+            return end
+        value = last.value  # extrapolated to where the stride is zero
+        if second < first:
+            value += (last.value - before.value) * second / (first - second)
+        return replace(self._special("vanishing", last, "guess", VANISHING), value=value)
+
+    def _special(self, kind: str, point: CurvePoint, status: str = "converged", reason: str = "") -> SpecialPoint:
+        return SpecialPoint(
+            branch=self.branch,
+            type=kind,
+            value=point.value,
+            status=status,
+            reason=reason,
+            gait=point.gait,
+            tangent=point.curve.entries(point.tangent),
+        )
+
+
+def _given(point: CurvePoint) -> CurvePoint:
+    return point
+
+
+def _test(point: CurvePoint, name: str) -> float:
+    return point.tests[name]
+
+
+def _event(point: CurvePoint, function: Callable[[Gait], float]) -> float:
+    return float(function(point.gait))
+
+
+def _rescued(point: CurvePoint) -> CurvePoint | None:
+    """A gait with the same modes past a point at which Newton's method fails, if IPOPT finds one close by."""
+    curve, system = point.curve, point.gait.system
+    ahead = float(np.sign(point.tangent[-1])) or 1.0
+    for distance in RESCUES:
+        value = point.value + ahead * distance * curve.metric.span
+        try:
+            state = dict(zip(system.state_names, point.gait.state, strict=True))
+            problem = curve.problem.with_modes(curve.cycle, state)
+            gait = solve_gait(problem.replace({curve.parameter: value}), system)
+        except ProblemError:  # beyond the range that the problem allows
+            return None
+        if not gait.steps or curve.metric.distance(gait.state, point.gait.state) > NEARBY:
+            continue
+        durations = [duration for _, duration in gait.phases]
+        rolled = roll_out(gait.dynamics, curve.cycle, gait.state, durations)
+        further, w = curve_through(curve.problem, gait.dynamics, curve.parameter, curve.metric, rolled)
+        forward = np.zeros(w.size)
+        forward[-1] = ahead
+        rescued = further.start(w, forward)
+        if rescued is not None and all(monitor.value > 0 for monitor in rescued.monitors.values()):
+            return rescued
+    return None
+
+
+def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[Stored]) -> CurvePoint:
+    """The last of the stored points of a walk, as the walk left it.
+
+    A record of an earlier version does not hold what the walk needs; its gait is then solved again.
+
+    Parameters
+    ----------
+    gait : the first gait of the family.
+    points : records of all points of the walk.
+
+    Raises
+    ------
+    StorageError
+        If the record does not hold a point from which a walk can go on.
+    """
+    record = points[-1]
+    try:
+        if not record["length"] > 0:
+            raise ValueError(f"length {record['length']} is not positive")
+        value, steps = record["value"], record.get("steps", (record,))
+        states = np.array([[step["state"][name] for name in gait.system.state_names] for step in steps])
+        cycle = Cycle.from_record(record)
+        problem = gait.problem.replace({parameter: value}).with_modes(cycle, steps[0]["state"])
+        if record.get("walk"):
+            needed = points[-1 - WalkState.from_record(record["walk"]).earlier :]
+            known = [WalkState.from_record(point["walk"]) for point in needed if point.get("walk")]
+            if known[-1].unknowns[-1] != value:
+                raise ValueError(f"value {value} is not the last of walk.unknowns, {known[-1].unknowns[-1]}")
+            return resumed_point(problem, gait.dynamics, parameter, known, int(record["solver"]["iterations"]))
+        dynamics = gait.dynamics.at({parameter: value})
+        durations = np.array([phase["duration"] for phase in record["phases"]])
+        rolled = roll_out(dynamics, problem.cycle, states, durations)
+        curve, w = curve_through(problem, dynamics, parameter, metric, rolled, record.get("intervals", ()))
+        return started(curve, w, curve.direction(np.array(record["tangent"])))
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise _unusable(record, error) from error
+
+
+def _stored_metric(record: Stored) -> Metric:
+    """The scales of arclength on the walk of a stored point.
+
+    Raises
+    ------
+    StorageError
+        If the record does not hold a point from which a walk can go on.
+    """
+    try:
+        return Metric.from_array(WalkState.from_record(record["walk"]).metric)
+    except ValueError as error:
+        raise _unusable(record, error) from error
+
+
+def _unusable(record: Stored, error: Exception) -> StorageError:
+    words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
+    return StorageError(f"the walk cannot go on from point {record.get('index')} of branch {record['branch']}: {words}")
+
+
+def _records_by_walk(records: Sequence[Stored]) -> tuple[dict[int, list[Stored]], set[int]]:
+    """The records of each walk by the number of its first branch, and those numbers that special points have given."""
+    first, walks, given = dict[int, int](), dict[int, list[Stored]](), set[int]()
+    for record in records:
+        walk = first.setdefault(record["branch"], record["branch"])
+        walks.setdefault(walk, []).append(record)
+        following = list(record.get("next", ()))
+        if following and "to" in record:  # the walk itself goes on with the first
+            first[following.pop(0)] = walk
+        given.update(following)
+    return walks, given
