@@ -31,7 +31,7 @@ from gaitopt.model.walker import Walker
 from gaitopt.nlp.interval import integrate_to
 from gaitopt.nlp.solve import free_parameters, solve_gait
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.schema import ConstantTorqueSpec, Curve, CurveReference, PDSpec
+from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, CurveSpec, PDSpec
 
 FLOW_PERIODS = 2
 """A reference that flows on is known for so many of its own periods past its end; no step takes that long."""
@@ -200,7 +200,7 @@ def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start
     )
 
 
-def _fitted_points(problem: Problem, curve: Curve, start: Gait) -> dict[str, tuple[float, ...]]:
+def _fitted_points(problem: Problem, curve: CurveSpec, start: Gait) -> dict[str, tuple[float, ...]]:
     """Control points within their bound of the curves that come closest to the start's joint angles."""
     phases = np.linspace(0, 1, FITTED_POINTS)
     angles, _ = gait_reference(start, BeyondEnd.HOLD)(phases * start.period)

@@ -28,8 +28,8 @@ from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError
-from gaitopt.gait.branch import Attractor, Branch, BranchPoint, SpecialPoint, collected
-from gaitopt.gait.gait import Gait
+from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
+from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.problem.problem import Problem
 from gaitopt.runs import multistart as starts_run
 from gaitopt.runs.basin import Basin, BasinPlan, check_basin, walk_basin

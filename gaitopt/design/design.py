@@ -18,7 +18,7 @@ from gaitopt.design.exact import RADIUS, SMALL, ExactProblem, freed_sizes
 from gaitopt.design.smoothed import SmoothedProblem, conflicts
 from gaitopt.design.sqp import optimise
 from gaitopt.gait import curves
-from gaitopt.gait.gait import Cause, Gait, Status, in_words
+from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
@@ -168,7 +168,7 @@ class _Design:
             start = exact.evaluate(refined.transcription, refined.w, self._dynamics.p)
             if start is None:
                 lost = rejection_reason(refined)
-                message = in_words(lost) or "the gait is lost on a finer mesh"
+                message = describe_causes(lost) or "the gait is lost on a finer mesh"
                 return self._failed(Status.NOT_CONVERGED, message, {}, lost)
             freed, levels = np.split(start.u, [len(self._free)])
             sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
@@ -185,7 +185,7 @@ class _Design:
             return self._failed(Status.INTERRUPTED, "interrupted", solver)
         causes = rejection_reason(refined)
         if causes or optimum.shortcoming:
-            message = in_words(causes) or str(optimum.shortcoming)
+            message = describe_causes(causes) or str(optimum.shortcoming)
             return self._failed(Status.NOT_CONVERGED, message, solver, causes)
         gait = assemble_gait(self._problem, refined, errors=refined.errors, message="", solver=solver)
         return replace(gait, message=_message(gait))

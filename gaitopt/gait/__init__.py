@@ -1,1 +1,10 @@
-"""Results as data: gaits, trajectories, branches, their scalars and their records."""
+"""Results as data: gaits, trajectories, branches, their scalars and their records.
+
+curves      smooth curves by their values at Chebyshev points: integrals, extrema, roots
+trajectory  arcs of one mode, impacts, steps, simulated trajectories and their endings
+measures    the scalars of steps as numbers
+gait        ``Gait``: status, cycle of steps, multipliers, scalars, causes of failure
+branch      ``Branch``: points, special points, cascades of period doublings
+records     types of all records, and the identities that their numbers satisfy
+frames      tables as pandas data frames and xarray datasets
+"""

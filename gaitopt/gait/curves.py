@@ -4,6 +4,7 @@ Values at the points are exact up to rounding wherever they come from, so that i
 quantity along a smooth arc are known to the same digits as the arc's states.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +18,11 @@ NEWTON_STEPS = 4
 """Quadratic convergence from a grid of this density reaches rounding in three steps; one to spare."""
 RESOLVED = 1e-12
 """Last Chebyshev coefficients (see ``tail``) of an arc that is resolved: the rounding of its states."""
+SHORT_ARC = 1e-4
+"""Arcs shorter than this part of the step are skipped: their curves are rounding errors."""
+CLEAR = 1e-3
+"""Part of its largest value above which a margin has risen. Next to a phase of almost no duration the value from which
+it starts is not exactly zero."""
 
 
 @lru_cache(maxsize=32)
@@ -171,6 +177,37 @@ def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
     return float(s[best]), float(heights[best])
 
 
+def derivative(c: Array) -> Array:
+    """Chebyshev coefficients of the derivative, one fewer than those ``c`` of the curve."""
+    return np.asarray(_differentiation(c.size) @ c)
+
+
+def lowest_after_rise(times: Sequence[Array], values: Sequence[Array]) -> tuple[float, float]:
+    """Value and time of the lowest interior minimum of a margin after it has risen; below zero it falls early.
+
+    Parameters
+    ----------
+    times : of each arc of a step, at its Chebyshev points [s].
+    values : of the margin there, in natural units.
+
+    Returns
+    -------
+    lowest, time : infinity and the end of the step where there is no such minimum.
+    """
+    lowest, at, risen = np.inf, float(times[-1][-1]), False
+    level = CLEAR * max(float(margin.max()) for margin in values)
+    for arc, margin in zip(times, values, strict=True):
+        if arc[-1] - arc[0] < SHORT_ARC * abs(times[-1][-1]):
+            continue
+        c = coefficients(margin)
+        for s in minima(margin):
+            value = float(evaluate(c, s))
+            if value < lowest and (risen or (margin[points(margin.size) < s] > level).any()):
+                lowest, at = value, float(arc[0] + (s + 1) / 2 * (arc[-1] - arc[0]))
+        risen = risen or bool((margin[:-1] > level).any())
+    return lowest, at
+
+
 def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) -> Array:
     """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is put back on its edge."""
     both = np.column_stack([c, np.append(derivative(c), 0.0)[: c.size]])  # a constant has no fewer than one
@@ -180,8 +217,3 @@ def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) ->
         value, rate = evaluate(both, s).T
         s = s - np.divide(value, rate, out=np.zeros_like(s), where=rate != 0)
     return np.minimum(np.maximum(s, lower), upper)
-
-
-def derivative(c: Array) -> Array:
-    """Chebyshev coefficients of the derivative, one fewer than those ``c`` of the curve."""
-    return np.asarray(_differentiation(c.size) @ c)

@@ -1,10 +1,9 @@
-"""A gait: a periodic cycle of steps solved by the NLP, with everything that is known of it.
+"""A gait: a periodic cycle of steps with its multipliers and scalars, or the reason why there is none.
 
-Why there is no gait: one violated condition, in words and in numbers.
+    P(xi) = xi,        multipliers: eigenvalues of DP at xi
 
-Floquet multipliers: eigenvalues of the return map's derivative at a periodic gait.
-
-A motion of a problem's walker, and its table: time, mode, state, contact force and torques along its steps.
+``Gait`` is the result of the solver, ``Attractor`` a gait as the simulator finds it. The table of a motion has a row
+per sample: time, mode, state, contact force and torques.
 """
 
 from abc import abstractmethod
@@ -19,8 +18,9 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError
+from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import observe
-from gaitopt.gait.trajectory import Arc, Step, data_frame, sample_set
+from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
@@ -63,7 +63,7 @@ class Cause:
         return {"what": self.what, "phase": phase, **numbers, "words": self.words}
 
 
-def in_words(causes: tuple[Cause, ...] | list[Cause]) -> str:
+def describe_causes(causes: tuple[Cause, ...] | list[Cause]) -> str:
     """All of them as one line."""
     return "; ".join(cause.words for cause in causes)
 
@@ -365,6 +365,32 @@ class Gait(WalkerMotion):
             "step_length": step.final_impact.step_length,
             "state": self._state_record(state),
         }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attractor(ReadOnlyArrays):
+    """A gait that states settle on.
+
+    Attributes
+    ----------
+    problem : whose walker walks.
+    state : ndarray, shape (k,) - section coordinates.
+    period : steps per cycle.
+    phases, impact : modes of the step that leads there.
+    count : how many states of the grid settle on it.
+    """
+
+    problem: Problem
+    state: Array
+    period: int
+    phases: tuple[Mode, ...]
+    impact: Mode
+    count: int
+
+    def __str__(self) -> str:
+        sticks = [mode.sticks for mode in self.phases]
+        kind = "sticking" if all(sticks) and self.impact.sticks else "stick-slip" if any(sticks) else "slipping"
+        return f"{kind}{'' if self.period == 1 else f', period {self.period}'}"
 
 
 def _phase_records(phases: Iterable[tuple[Mode, float]]) -> list[dict[str, Any]]:

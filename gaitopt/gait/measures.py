@@ -64,18 +64,18 @@ def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
     several steps it is the smallest of these.
     """
-    motion = _Motion(dynamics, steps)
+    cycle = _Measured(dynamics, steps)
     extrema = {
-        "peak_torque": motion.peak_torque,
-        "foot_clearance": motion.foot_clearance,
-        "required_friction": motion.required_friction,
-        "impulse_ratio": motion.impulse_ratio,
-        "min_normal_force": motion.min_normal_force,
+        "peak_torque": cycle.peak_torque,
+        "foot_clearance": cycle.foot_clearance,
+        "required_friction": cycle.required_friction,
+        "impulse_ratio": cycle.impulse_ratio,
+        "min_normal_force": cycle.min_normal_force,
     }
     values: dict[str, float | None] = {}
     for name in MEASURES:
         formula = SCALARS[name].formula
-        value = extrema[name]() if formula is None else formula(motion)
+        value = extrema[name]() if formula is None else formula(cycle)
         values[name] = None if value is None or np.isnan(value) else value
     return values
 
@@ -94,7 +94,7 @@ def friction_ratio(force: Array) -> Array:
     return np.asarray(full[:, 0] / full[:, 1])
 
 
-class _Motion:
+class _Measured:
     """``Quantities`` of complete steps as numbers, and the extrema of their curves."""
 
     def __init__(self, dynamics: Dynamics, steps: Sequence[Step]) -> None:

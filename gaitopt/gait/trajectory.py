@@ -1,95 +1,22 @@
-"""Motion as data: arcs of one mode, steps that end with an impact, and trajectories of many steps.
+"""Motion as data: arcs of one mode, steps that end with an impact, and trajectories of many steps."""
 
-Tables of results as pandas data frames and xarray datasets, with units and origin as attributes.
-
-Both packages are imported when they are needed: ``pip install 'gaitopt[frames]'``.
-
-Where a margin that has risen falls again before its phase ends: a foot that lands early, a stop that locks early.
-
-The feet are level at the start of every step, so that a margin may only fall once it has been clearly positive.
-"""
-
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib import import_module
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Tabulated
-from gaitopt.gait import curves
+from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.model.modes import Mode
 from gaitopt.problem.scalars import state_unit
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-
-Units = Mapping[str, str]
-
-
-def data_frame(header: Sequence[str], rows: Iterable[Sequence[Any]], units: Units, **attributes: Any) -> "DataFrame":
-    """Rows under a header; None becomes NaN, and ``attrs["units"]`` has the units of the columns that have one.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If pandas is not installed.
-    """
-    frame = _package("pandas").DataFrame.from_records([tuple(row) for row in rows], columns=list(header))
-    frame.attrs = {"units": {name: unit for name, unit in units.items() if unit and name in header}, **attributes}
-    return frame.infer_objects()
-
-
-def data_set(
-    variables: Mapping[str, tuple[Sequence[str], Any]],
-    coordinates: Mapping[str, tuple[Sequence[str], Any]],
-    units: Units,
-    **attributes: Any,
-) -> "Dataset":
-    """Arrays by name with the names of their dimensions; each has its unit as an attribute.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If xarray is not installed.
-    """
-
-    def with_unit(name: str, dims: Sequence[str], values: Any) -> tuple[Sequence[str], Any, dict[str, str]]:
-        return dims, np.asarray(values), {"units": units[name]} if units.get(name) else {}
-
-    arrays = {name: with_unit(name, *value) for name, value in variables.items()}
-    places = {name: with_unit(name, *value) for name, value in coordinates.items()}
-    return _package("xarray").Dataset(arrays, places, attributes)
-
-
-def sample_set(header: Sequence[str], rows: Iterable[Sequence[Any]], units: Units, **attributes: Any) -> "Dataset":
-    """A table as a dataset over ``sample``, with its column ``t`` as a coordinate."""
-    variables = {name: (("sample",), values) for name, values in columns_of(header, rows).items()}
-    return data_set(variables, {"t": variables.pop("t")}, units, **attributes)
-
-
-def columns_of(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, Any]:
-    """The columns of a table by name: floats with NaN for None, or words."""
-    table = list(zip(*rows, strict=True))
-    return {name: _array(column) for name, column in zip(header, table, strict=True)}
-
-
-def _array(column: Sequence[Any]) -> Any:
-    if any(isinstance(value, str) for value in column):
-        return np.array(["" if value is None else value for value in column])
-    return np.array([np.nan if value is None else value for value in column])
-
-
-def _package(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(f"{name} is not installed; pip install 'gaitopt[frames]'") from error
 
 
 class Ending(StrEnum):
@@ -275,36 +202,3 @@ class Trajectory(Tabulated, ReadOnlyArrays):
                 for t, state in zip(arc.times.tolist(), arc.states.tolist(), strict=True):
                     yield (began + t, number, str(arc.mode), *state)
             began += step.period
-
-
-SHORT = 1e-4
-"""Arcs shorter than this part of the step are left out: what happens in them is rounding."""
-CLEAR = 1e-3
-"""Part of its largest value above which a margin has risen: next to a phase of no duration, or of less, the value that
-it starts from is not exactly zero."""
-
-
-def lowest_after_rise(times: Sequence[Array], values: Sequence[Array]) -> tuple[float, float]:
-    """Value and time of the lowest interior minimum of a margin after it has risen; below zero it falls early.
-
-    Parameters
-    ----------
-    times : of each arc of a step, at its Chebyshev points [s].
-    values : of the margin there, in natural units.
-
-    Returns
-    -------
-    lowest, time : infinity and the end of the step where there is no such minimum.
-    """
-    lowest, at, risen = np.inf, float(times[-1][-1]), False
-    level = CLEAR * max(float(margin.max()) for margin in values)
-    for arc, margin in zip(times, values, strict=True):
-        if arc[-1] - arc[0] < SHORT * abs(times[-1][-1]):
-            continue
-        c = curves.coefficients(margin)
-        for s in curves.minima(margin):
-            value = float(curves.evaluate(c, s))
-            if value < lowest and (risen or (margin[curves.points(margin.size) < s] > level).any()):
-                lowest, at = value, float(arc[0] + (s + 1) / 2 * (arc[-1] - arc[0]))
-        risen = risen or bool((margin[:-1] > level).any())
-    return lowest, at

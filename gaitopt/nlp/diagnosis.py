@@ -7,8 +7,8 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
+from gaitopt.gait.curves import lowest_after_rise
 from gaitopt.gait.gait import Cause
-from gaitopt.gait.trajectory import lowest_after_rise
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.margins import PUSH, ending_margin, margin, margin_names, margin_scales

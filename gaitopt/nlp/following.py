@@ -29,7 +29,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.gait.gait import Cause, Gait, Status, in_words
+from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.iteration import iterate, overflow_allowed
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait, solution_of, solved_gait
@@ -136,7 +136,7 @@ def follow(start: Gait, problem: Problem, *, progress: Progress | None = None, s
         problem=problem,
         dynamics=goal,
         status=Status.INFEASIBLE,
-        message=f"the family of the file's own gait ends near {place}: {in_words(causes)}",
+        message=f"the family of the file's own gait ends near {place}: {describe_causes(causes)}",
         causes=causes,
         solver={**solver, "followed": here.s},
     )
@@ -275,7 +275,7 @@ class Family:
             if end.converged:
                 refined = refine(polish(self._transcription, end.w, p))
                 causes = rejection_reason(refined)
-                status, message = (Status.NOT_CONVERGED, in_words(causes)) if causes else (status, message)
+                status, message = (Status.NOT_CONVERGED, describe_causes(causes)) if causes else (status, message)
         solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
         if refined is None or status is not Status.CONVERGED:
             return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)

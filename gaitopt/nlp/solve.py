@@ -16,7 +16,7 @@ from casadi import sum1, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.gait.gait import Cause, Gait, Status, in_words
+from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.iteration import overflow_allowed
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
@@ -98,7 +98,7 @@ def solve_gait(
         problem=problem,
         dynamics=dynamics,
         status=solution.status,
-        message=f"{solution.words}: {in_words(causes)}" if causes else solution.words,
+        message=f"{solution.words}: {describe_causes(causes)}" if causes else solution.words,
         solver=_solver(solution, began),
         causes=causes,
     )
@@ -174,7 +174,7 @@ def _gait(problem: Problem, solution: Solution, began: float) -> Gait:
         problem=problem,
         dynamics=Dynamics(solution.transcription.system, solution.p),
         status=Status.NOT_CONVERGED,
-        message=in_words(causes),
+        message=describe_causes(causes),
         solver=solver,
         causes=causes,
     )

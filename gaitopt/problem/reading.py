@@ -32,8 +32,8 @@ from gaitopt.problem.schema import (
     AngleRangeSection,
     ConstantTorqueSpec,
     ControlSpec,
-    Curve,
     CurveReference,
+    CurveSpec,
     CycleSection,
     FreeSection,
     FrictionCoefficients,
@@ -65,10 +65,10 @@ SAME_STATE = 1e-5  # relative: a state written with six digits may be off by hal
 
 def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> dict[str, Any]:
     """The fields of a problem that its own data determine; they are meaningful only if no fault was added."""
-    return _Reader(data, walkers, faults).fields()
+    return _StatementReader(data, walkers, faults).fields()
 
 
-class _Reader:
+class _StatementReader:
     """Reads the sections of one problem, and collects its unknowns ``free`` and all faults on the way."""
 
     def __init__(self, data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> None:
@@ -179,8 +179,8 @@ class _Reader:
         reference, path = data["reference"], ("control", "reference")
         read: GaitReference | CurveReference | None
         if isinstance(reference, Mapping) and "curve" in reference:
-            curve = read_section(Curve, reference["curve"], (*path, "curve"), self._faults)
-            stand_in = curve or Curve.model_construct(degree=1, start="")
+            curve = read_section(CurveSpec, reference["curve"], (*path, "curve"), self._faults)
+            stand_in = curve or CurveSpec.model_construct(degree=1, start="")
             read = read_section(CurveReference, {**reference, "curve": stand_in}, path, self._faults)
         else:
             read = read_section(GaitReference, reference, path, self._faults)
@@ -231,7 +231,7 @@ class _Reader:
         return Free(lower=lower, upper=upper, guess=guess)
 
 
-def _point_faults(curve: Curve, walker: type[Walker]) -> Iterator[Fault]:
+def _point_faults(curve: CurveSpec, walker: type[Walker]) -> Iterator[Fault]:
     """Whether the control points are those of the walker's tracked joints, as many as the degree takes, in bounds."""
     if curve.points is None:
         return

@@ -208,7 +208,7 @@ class GaitReference(Section):
     ]
 
 
-class Curve(Section):
+class CurveSpec(Section):
     """A smooth curve per tracked joint whose coefficients are unknowns."""
 
     degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
@@ -239,7 +239,7 @@ class Curve(Section):
 class CurveReference(Section):
     """A reference that is to be designed."""
 
-    curve: Curve
+    curve: CurveSpec
     beyond_end: Annotated[
         Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
         Field(
@@ -352,7 +352,7 @@ def _walker(name: str, walker: type[Walker]) -> dict[str, Any]:
 
 def _controls(walkers: Any) -> list[dict[str, Any]]:
     reference = {"oneOf": [_section(GaitReference), _section(CurveReference)]}
-    reference["oneOf"][1]["properties"]["curve"] = _section(Curve)
+    reference["oneOf"][1]["properties"]["curve"] = _section(CurveSpec)
     gains = _section(PDSpec, may_be_free=("kp", "kd"))
     gains["properties"]["reference"] = reference
     torques = [torques_section(walker) for walker in walkers if walker.actuators]

@@ -135,7 +135,7 @@ def parse_source(text: str, name: str) -> Source:
 def _parse(text: str, name: str) -> Source:
     """The same, kept, as the parser takes ten milliseconds for a file; its data must not be changed."""
     yaml = YAML(typ="safe", pure=True)
-    reader = _Reader(yaml, name)
+    reader = _DocumentReader(yaml, name)
     try:
         data = reader.read(yaml.parse(text))
     except MarkedYAMLError as error:
@@ -168,7 +168,7 @@ def parse_value(text: str) -> object:
     return source.data
 
 
-class _Reader:
+class _DocumentReader:
     """Builds data and marks from the event stream of one text."""
 
     def __init__(self, yaml: YAML, name: str) -> None:

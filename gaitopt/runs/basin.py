@@ -18,10 +18,9 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import SolveError, StorageError
-from gaitopt.gait.branch import Attractor
-from gaitopt.gait.gait import Gait
+from gaitopt.gait.frames import data_set
+from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.gait.records import BasinRecord, differing
-from gaitopt.gait.trajectory import data_set
 from gaitopt.model.modes import CONTACTS
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit

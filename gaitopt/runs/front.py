@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, overload
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Status
 from gaitopt.gait.records import FrontRecord
-from gaitopt.gait.trajectory import data_frame
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of

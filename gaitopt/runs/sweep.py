@@ -15,9 +15,9 @@ import numpy as np
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
+from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Status
 from gaitopt.gait.records import SweepRecord, differing
-from gaitopt.gait.trajectory import columns_of, data_frame, data_set
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of

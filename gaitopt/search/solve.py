@@ -12,8 +12,7 @@ from functools import lru_cache
 
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait.branch import Attractor
-from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.gait import Attractor, Gait, Status
 from gaitopt.nlp.following import follow
 from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem

@@ -4,7 +4,7 @@ import pytest
 
 from gaitopt import solve
 from gaitopt.errors import ProblemError
-from gaitopt.gait.gait import Cause, in_words
+from gaitopt.gait.gait import Cause, describe_causes
 from gaitopt.problem.problem import load_problem
 
 STICK_NEEDS = 0.17491849133
@@ -75,7 +75,7 @@ def test_an_ankle_that_brakes_needs_more_friction_at_the_impact():
 def test_other_causes_are_named_for_what_they_are(name, overrides, what):
     gait = solve(load_problem(name).replace(overrides))
     assert gait.causes[0].what == what
-    assert in_words(gait.causes) in gait.message
+    assert describe_causes(gait.causes) in gait.message
 
 
 @pytest.mark.parametrize("beyond_end", ["hold", "off"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitopt.gait import curves
-from gaitopt.gait.trajectory import lowest_after_rise
+from gaitopt.gait.curves import lowest_after_rise
 
 
 def arcs(function, *ends: float):
