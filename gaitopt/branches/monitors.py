@@ -42,8 +42,9 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
+from gaitopt.gait.curves import SHORT_ARC, lowest_after_rise
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.trajectory import SHORT, Arc, lowest_after_rise
+from gaitopt.gait.trajectory import Arc
 from gaitopt.model.margins import ending_margin, margin, margin_names, margin_scales, margin_unit
 from gaitopt.model.modes import Mode
 
@@ -137,9 +138,9 @@ def _phase_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKe
     for phase, whole in enumerate(arcs):
         duration = sum(arc.duration for arc in whole)
         yield MonitorKey("duration", phase), MonitorValue(duration / period)
-        if duration < SHORT * period:
+        if duration < SHORT_ARC * period:
             continue
-        group = [arc for arc in whole if arc.duration > SHORT * period]
+        group = [arc for arc in whole if arc.duration > SHORT_ARC * period]
         margins = [along[id(arc)] for arc in group]
         for row, kind in enumerate(margin_names(modes[phase])):
             if kind != "upright" and not margin(kind).rises:
