@@ -40,7 +40,7 @@ from gaitopt.search.explain import Explanation
 from gaitopt.search.explain import explain as explain_problem
 from gaitopt.search.find import STARTS, Gaits, SearchPlan, in_memory, opened, search
 from gaitopt.search.solve import solve as solve_any
-from gaitopt.store.folder import run_folder
+from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Workers, make_workers
 
 if TYPE_CHECKING:
@@ -381,4 +381,4 @@ def _grid(over: Over) -> Grid:
 
 
 def _folder(problem: Problem, output: str | Path | None) -> Path:
-    return run_folder(problem) if output is None else Path(output)
+    return Run.of(problem, output).folder

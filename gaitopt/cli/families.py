@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from gaitopt.gait.branch import SpecialPoint
     from gaitopt.gait.gait import Gait
     from gaitopt.problem.problem import Problem
-    from gaitopt.runs.restore import BranchRun
+    from gaitopt.runs.branch import BranchRun
 
 
 Record = Mapping[str, Any]
@@ -97,8 +97,7 @@ def continue_(
     What is found is kept at once; the same command resumes a walk that was interrupted.
     """
     from gaitopt.branches.request import Request, check_request
-    from gaitopt.runs.restore import BranchRun
-    from gaitopt.store.folder import writing
+    from gaitopt.runs.branch import BranchRun
 
     request = Request(
         parameter=param,
@@ -119,7 +118,7 @@ def continue_(
         return NOT_A_GAIT
     check_request(gait, request)
     run = BranchRun(problem=gait.problem, request=request, start_type=start.type if start else "", output=output)
-    with writing(run.folder, run.problem):
+    with run.run.writing(run.problem):
         refuted = _walk(run, start or gait, terminal)
     return NOT_VERIFIED if refuted else 0
 
@@ -211,20 +210,20 @@ def front(
     from gaitopt.runs.front import check_front, design_front, front_file, front_record
     from gaitopt.show.catalogue import front_figures
     from gaitopt.show.tables import print_front
-    from gaitopt.store.folder import adding, check_folder, run_folder, writing
+    from gaitopt.store.run import Run
 
     axes, loaded = grid(over).axes, load(problem, changes, terminal)
     if len(axes) != 1:
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
-    folder = output or run_folder(loaded)
-    check_folder(folder, loaded)
-    check_front(loaded, axes[0], folder)
-    path = folder / front_file(axes[0].key)
-    with writing(folder, loaded):
+    run = Run.of(loaded, output)
+    run.check(loaded)
+    check_front(loaded, axes[0], run.folder)
+    with run.writing(loaded):
         with terminal.working("designs") as (progress, interrupted):
-            designs = design_front(loaded, axes[0], folder, progress=progress, should_stop=interrupted)
-        with adding(folder, folder) as figures:
-            figures += save_figures(front_figures(designs), folder)
+            designs = design_front(loaded, axes[0], run.folder, progress=progress, should_stop=interrupted)
+        with run.adding(run.place) as figures:
+            figures += save_figures(front_figures(designs), run.place)
+    path = run.path(front_file(axes[0].key))
     terminal.show(
         {**front_record(designs, axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
         print_front,
@@ -266,24 +265,24 @@ def sweep(
     from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, check_sweep, run_sweep, sweep_record
     from gaitopt.show.catalogue import sweep_figures
     from gaitopt.show.tables import print_sweep
-    from gaitopt.store.folder import adding, check_folder, run_folder, writing
+    from gaitopt.store.run import Run
     from gaitopt.workers.jobs import make_workers
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
     points, loaded = grid(over), load(problem, changes, terminal)
-    folder = output or run_folder(loaded)
-    check_folder(folder, loaded)
-    plan = SweepPlan(problem=loaded, grid=points, warm=warm, folder=folder, from_guess=from_guess)
+    run = Run.of(loaded, output)
+    run.check(loaded)
+    plan = SweepPlan(problem=loaded, grid=points, warm=warm, folder=run.folder, from_guess=from_guess)
     check_sweep(plan)
     jobs_at = make_workers(workers, scheduler)
-    with writing(folder, loaded):
+    with run.writing(loaded):
         with terminal.working("jobs") as (progress, interrupted):
             swept = run_sweep(plan, jobs_at, progress=progress, should_stop=interrupted)
-        record = sweep_record(swept) | {"table": str(plan.place / TABLE_FILE), "run": str(plan.place)}
+        record = sweep_record(swept) | {"table": str(plan.run.path(TABLE_FILE)), "run": str(plan.run.place)}
         if len(points.axes) <= 2:
-            with adding(folder, plan.place) as figures:
-                figures += save_figures(sweep_figures(swept), plan.place, [what])
+            with run.adding(plan.run.place) as figures:
+                figures += save_figures(sweep_figures(swept), plan.run.place, [what])
             record["figures"] = [str(path) for path in figures]
     terminal.show(record, print_sweep, "table")
     return 0
@@ -312,7 +311,7 @@ def basin(
     from gaitopt.show.catalogue import basin_figures
     from gaitopt.show.tables import print_basin
     from gaitopt.simulation.engine import INSTALL, Engine, choose_engine, is_installed
-    from gaitopt.store.folder import adding, writing
+    from gaitopt.store.run import Run
     from gaitopt.workers.jobs import make_workers
 
     points = grid(over)
@@ -323,13 +322,13 @@ def basin(
     check_basin(plan)
     if engine == Engine.AUTO and not is_installed():
         terminal.say(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")
-    with writing(folder, plan.problem):
+    with Run(folder).writing(plan.problem):
         with terminal.working("tiles") as (progress, interrupted):
             result = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
-        record = {**result.to_record(), "run": str(plan.place)}
+        record = {**result.to_record(), "run": str(plan.run.place)}
         if len(points.axes) <= 2:
-            with adding(folder, plan.place) as figures:
-                figures += save_figures(basin_figures(result), plan.place)
+            with Run(folder).adding(plan.run.place) as figures:
+                figures += save_figures(basin_figures(result), plan.run.place)
             record["figures"] = [str(path) for path in figures]
     terminal.show(record, print_basin, "run")
     return 0
@@ -340,12 +339,10 @@ def _start(
 ) -> "tuple[Gait | Problem, Path]":
     """The gait that the grid lies around, or the problem with its guess where there is none; and the run folder."""
     from gaitopt.api.stored import save
-    from gaitopt.store.folder import begin_run
 
     gait, folder, fresh = gait_of(run, changes, output, terminal)
     if gait.converged and fresh:
         save(gait, folder)
     elif fresh:
         terminal.say(f"{gait.problem.name} is {gait.status}; the grid lies around its guess")
-        begin_run(folder, gait.problem)
     return (gait if gait.converged else gait.problem), folder

@@ -93,7 +93,7 @@ def solve(
     With --starts the distinct solutions are listed and the best one is kept; what each start has found stays in the
     run folder, so that the same command resumes where it stopped.
     """
-    from gaitopt.store.folder import run_folder, writing
+    from gaitopt.store.run import Run
     from gaitopt.workers.jobs import make_workers
 
     if ATTRACTOR in problem:
@@ -105,9 +105,10 @@ def solve(
     loaded = load(problem, changes, terminal)
     loaded = loaded.from_guess() if from_guess else loaded
     loaded = _started(loaded, start, terminal) if start else loaded
-    folder = output or run_folder(loaded)
+    run = Run.of(loaded, output)
+    folder = run.folder
     jobs_at = make_workers(workers, scheduler)
-    with writing(folder, loaded):
+    with run.writing(loaded):
         if starts == 1:
             return _report_solved(solve_verified(loaded, terminal), folder, terminal)
         optima = _optima(loaded, starts, seed, spread, folder, jobs_at, terminal)
@@ -141,16 +142,16 @@ def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int
     """Solve the gait of RUN@attractor.K, verify it and store it."""
     from gaitopt.runs.basin import stored_attractor
     from gaitopt.search.solve import solve_attractor
-    from gaitopt.store.folder import run_folder, writing
+    from gaitopt.store.run import Run
 
     run, _, index = place.rpartition(ATTRACTOR)
     attractor = stored_attractor(Path(run), index)
     with terminal.solving(place) as (progress, interrupted):
         gait = solve_attractor(attractor, progress=progress, should_stop=interrupted)
     gait = verified(gait, terminal)
-    folder = output or run_folder(gait.problem)
-    with writing(folder, gait.problem):
-        return _report_solved(gait, folder, terminal)
+    gait_run = Run.of(gait.problem, output)
+    with gait_run.writing(gait.problem):
+        return _report_solved(gait, gait_run.folder, terminal)
 
 
 def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
@@ -215,13 +216,13 @@ def simulate(
     from gaitopt.problem.problem import Problem
     from gaitopt.runs.grid import check_room
     from gaitopt.show.tables import print_walk
-    from gaitopt.store.folder import check_folder
+    from gaitopt.store.run import Run
     from gaitopt.verification.walk import simulate as simulate_walk
 
     start = stored_gait(run, changes)[0] if is_folder(run) else load(run, changes)
     begin = values.state(state)
     if output is not None:
-        check_folder(output, start.problem if isinstance(start, Gait) else start)
+        Run(output).check(start.problem if isinstance(start, Gait) else start)
     disk = 0 if output is None else STEP_BYTES_DISK
     check_room(steps, output or Path(), disk=disk, memory=STEP_BYTES_MEMORY, what="steps")
     terminal.say(f"walking {steps} step{'s' if steps > 1 else ''}")
@@ -239,13 +240,13 @@ def simulate(
 
 def _compared(walk: "Walk") -> "Walk":
     """The walk of a problem beside its gait, where the store has one."""
-    from gaitopt.store.folder import is_complete, run_folder
+    from gaitopt.store.run import GAIT_FILES, Run
     from gaitopt.verification.walk import section_states
 
-    folder = run_folder(walk.problem)
-    if not is_complete(folder):
+    run = Run.of(walk.problem)
+    if not run.holds(*GAIT_FILES):
         return walk
-    return replace(walk, gait_states=section_states(stored_gait(str(folder), None)[0]))
+    return replace(walk, gait_states=section_states(stored_gait(str(run.folder), None)[0]))
 
 
 OptimumOption = Annotated[
@@ -313,20 +314,20 @@ def find(
     Walks from many start states and a program with open modes propose gaits; each is solved, verified and listed once,
     stable ones first. What is done is kept; the same command resumes where it stopped.
     """
-    from gaitopt.runs.restore import find_durably
+    from gaitopt.runs.jobs import find_durably
     from gaitopt.search.find import SearchPlan, opened
     from gaitopt.show.tables import print_gaits
-    from gaitopt.store.folder import run_folder
+    from gaitopt.store.run import Run
     from gaitopt.workers.jobs import make_workers
 
     loaded = opened(load(problem, changes))
     loaded = loaded if steps is None else loaded.replace({"gait.steps": steps})
-    folder = output or run_folder(loaded)
+    run = Run.of(loaded, output)
     plan = SearchPlan(problem=loaded, starts=starts, seed=seed, within=ranges(within))
     parts_at = make_workers(workers, scheduler)
     with terminal.working("parts of the search") as (progress, interrupted):
-        gaits = find_durably(plan, folder, parts_at, progress=progress, should_stop=interrupted)
-    terminal.show({**gaits.to_record(), "run": str(folder)}, print_gaits, "run")
+        gaits = find_durably(plan, run, parts_at, progress=progress, should_stop=interrupted)
+    terminal.show({**gaits.to_record(), "run": str(run.folder)}, print_gaits, "run")
     return 0 if gaits else NOT_A_GAIT
 
 

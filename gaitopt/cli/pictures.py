@@ -64,7 +64,7 @@ def plot(
     is given as RUN: any scalar of the result. Of a front: front.
     """
     from gaitopt.show.catalogue import gait_figures
-    from gaitopt.store.folder import adding, check_writable
+    from gaitopt.store.run import Run, check_writable
 
     if output is not None:
         check_writable(output / FIGURES)
@@ -83,7 +83,7 @@ def plot(
             raise typer.BadParameter(f"--what roads and animation show one gait, not {len(gaits)}")
         folder, place = folders[0], output or (folders[0] / FIGURES if alone else Path(COMPARISON))
         figures = [gait_figures(gaits)]
-    with adding(folder, place) as written:
+    with Run(folder).adding(place) as written:
         for drawn in figures:
             written += save_figures(drawn, place, what, formats or DEFAULT_FORMATS)
     terminal.print_paths(written)
@@ -105,10 +105,10 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
     The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
     otherwise.
     """
-    from gaitopt.runs.restore import kind_of, restore_walk
+    from gaitopt.runs.results import kind_of, restore_walk
     from gaitopt.show.pages import branch_report, comparison_report, walk_report
     from gaitopt.store.files import write_whole
-    from gaitopt.store.folder import adding, check_writable
+    from gaitopt.store.run import Run, check_writable
 
     if output is not None and (not output.name or output.is_dir()):
         raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
@@ -125,7 +125,7 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
             return NOT_A_GAIT
         page, folder = comparison_report(gaits), folders[0]
     path = output or (folder / REPORT if len(runs) == 1 else Path(COMPARISON_REPORT))
-    with adding(folder, path.parent) as written:
+    with Run(folder).adding(path.parent) as written:
         write_whole(path, page)
         written.append(path)
     terminal.print_paths([path])
@@ -152,7 +152,7 @@ def reproduce(
     from gaitopt.paper.gaits import Archive
     from gaitopt.paper.reproduction import check_names
     from gaitopt.paper.reproduction import reproduce as write
-    from gaitopt.store.folder import RESULTS
+    from gaitopt.store.run import RESULTS
     from gaitopt.workers.jobs import Workers
 
     check_names(paper, only or ())

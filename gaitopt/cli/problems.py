@@ -31,11 +31,12 @@ def list_problems(terminal: Terminal) -> int:
 def _stored_record(problem: "Problem") -> "Mapping[str, Any]":
     """The gait in the problem's default run folder; empty where there is none."""
     from gaitopt.errors import StorageError
-    from gaitopt.store.folder import GAIT_FILE, find_run, read_object
+    from gaitopt.store.run import GAIT_FILE, Run
 
     try:
-        folder = find_run(problem)
-        return {} if folder is None else read_object(folder, GAIT_FILE)
+        run = Run.of(problem)
+        run.check(problem)
+        return run.read_object(GAIT_FILE) if run.path(GAIT_FILE).is_file() else {}
     except StorageError:  # not ours to report while listing problems
         return {}
 

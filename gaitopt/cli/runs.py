@@ -65,8 +65,8 @@ def is_folder(run: str) -> bool:
 
 def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
     """The gait in a run folder, and the folder; with ``--set`` that is an error, as a run is what it is."""
-    from gaitopt.runs.restore import refuse_other_results, restore_gait
-    from gaitopt.store.folder import GAIT_FILE
+    from gaitopt.runs.results import refuse_other_results, restore_gait
+    from gaitopt.store.run import GAIT_FILE
 
     if changes:
         raise typer.BadParameter(f"--set changes a problem, but {run} is a finished run; give its problem instead")
@@ -78,14 +78,15 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
 
 def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> "tuple[Gait, Path, bool]":
     """A gait, its run folder, and whether it was solved just now (and is verified, but not stored)."""
-    from gaitopt.store.folder import check_folder, is_complete, run_folder
+    from gaitopt.store.run import GAIT_FILES, Run
 
     if is_folder(run):
         return (*stored_gait(run, changes), False)
     problem = load(run, changes, terminal)
-    folder = output or run_folder(problem)
-    check_folder(folder, problem)
-    if is_complete(folder):
+    stored = Run.of(problem, output)
+    folder = stored.folder
+    stored.check(problem)
+    if stored.holds(*GAIT_FILES):
         terminal.say(f"taken from {folder}")
         return (*stored_gait(str(folder), None), False)
     return solve_verified(problem, terminal), folder, True
@@ -98,7 +99,7 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
     same figures to the last byte when it is repeated.
     """
     from gaitopt.api.stored import save
-    from gaitopt.runs.restore import restore_gait
+    from gaitopt.runs.results import restore_gait
 
     gaits, folders = list["Gait"](), list[Path]()
     for run in runs:
@@ -168,12 +169,12 @@ SPECIAL = "@special."
 
 def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
     """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error."""
-    from gaitopt.runs import restore as restore_branch
-    from gaitopt.runs.restore import kind_of
+    from gaitopt.runs import branch
+    from gaitopt.runs.results import kind_of
 
     if kind_of(Path(run)) != "branch":
         raise StorageError(f"{label}{run} holds no branch; `gaitopt continue` writes one")
-    return restore_branch.stored_branch(Path(run))
+    return branch.stored_branch(Path(run))
 
 
 def special_records(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
@@ -221,7 +222,7 @@ def save_figures(
 def stored_figures(run: str) -> "list[Figures]":
     """The figures of a run folder that holds a branch, a walk or fronts, and no gait; none of any other."""
     from gaitopt.runs.front import read_fronts
-    from gaitopt.runs.restore import kind_of, restore_walk
+    from gaitopt.runs.results import kind_of, restore_walk
     from gaitopt.show.catalogue import branch_figures, front_figures, walk_figures
 
     kind = kind_of(Path(run))
@@ -234,7 +235,7 @@ def stored_figures(run: str) -> "list[Figures]":
 
 def map_in(run: str) -> str | None:
     """Whether ``run`` is the folder of a ``basin`` or of a ``sweep``, by the word that its name begins with."""
-    from gaitopt.store.folder import MANIFEST_FILE
+    from gaitopt.store.run import MANIFEST_FILE
 
     folder = Path(run)
     kind = folder.name.partition("-")[0]

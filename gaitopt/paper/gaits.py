@@ -38,9 +38,10 @@ from gaitopt.gait.curves import integral
 from gaitopt.gait.gait import Gait
 from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.problem.problem import Problem, load_problem
-from gaitopt.runs.restore import BranchRun, restore_gait
+from gaitopt.runs.branch import BranchRun
+from gaitopt.runs.results import restore_gait
 from gaitopt.search.solve import solve
-from gaitopt.store.folder import RESULTS, find_run, run_folder, writing
+from gaitopt.store.run import GAIT_FILE, RESULTS, Run
 from gaitopt.verification.verify import verify
 from gaitopt.workers.jobs import Job, Workers, key_of, run_jobs
 
@@ -79,13 +80,20 @@ class Archive:
             If its run folder is broken or taken, or cannot be written.
         """
         if problem.digest not in self._gaits:
-            folder = find_run(problem, self.results)
-            self._gaits[problem.digest] = self._solved(problem) if folder is None else restore_gait(folder)
+            run = self._gait_run(problem)
+            stored = run.path(GAIT_FILE).is_file()
+            self._gaits[problem.digest] = restore_gait(run.folder) if stored else self._solved(problem)
         return self._gaits[problem.digest]
 
     def has_gait(self, problem: Problem) -> bool:
         """Whether that gait is kept."""
-        return problem.digest in self._gaits or find_run(problem, self.results) is not None
+        return problem.digest in self._gaits or self._gait_run(problem).path(GAIT_FILE).is_file()
+
+    def _gait_run(self, problem: Problem) -> Run:
+        """The run folder of a problem's gait, which may not exist yet."""
+        run = Run.of(problem, results=self.results)
+        run.check(problem)
+        return run
 
     def family(self, problem: Problem, parameter: str, to: Sequence[float]) -> Records:
         """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``."""
@@ -115,7 +123,7 @@ class Archive:
         if not verification.passed:
             raise SolveError(f"{problem.name}: the forward simulation refutes the gait; see gaitopt verify")
         gait = gait.verified(verification.to_record())
-        save(gait, run_folder(problem, self.results))
+        save(gait, Run.of(problem, results=self.results).folder)
         return gait
 
     def _continue(self, run: BranchRun) -> None:
@@ -123,7 +131,7 @@ class Archive:
         gait = self.gait(run.problem)
         targets = " and ".join(f"{value:g}" for value in run.request.to)
         self.narrate(f"continuing {run.problem.name}{_changes(run.problem)} in {run.request.parameter} to {targets}")
-        with writing(run.folder, run.problem):
+        with run.run.writing(run.problem):
             _, to_come = run.walk(gait, should_stop=self.should_stop)
             deque(to_come, maxlen=0)
 

@@ -7,7 +7,10 @@ A basin in its folder: tiles of states, and where every state of the grid goes.
 A basin on disk: tiles of states, stored as they finish, so that a run that was killed resumes where it stopped.
 """
 
+import zipfile
+import zlib
 from dataclasses import asdict, dataclass, fields, replace
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -25,23 +28,13 @@ from gaitopt.model.modes import CONTACTS
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.grid import Grid, check_room
+from gaitopt.runs.jobs import KeptJobs
 from gaitopt.simulation.batch import ENDINGS, phase_names
 from gaitopt.simulation.engine import Engine, choose_engine
-from gaitopt.store.files import damaged, json_file, make_folder, validated
-from gaitopt.store.folder import (
-    MANIFEST_FILE,
-    begin_run,
-    read_manifest,
-    read_object,
-    read_problem,
-    read_sealed,
-    seal,
-    write_files,
-    writing,
-)
-from gaitopt.store.lines import TILE_FILE, has_tile, read_tile, write_tile
+from gaitopt.store.files import damaged, json_file, read_bytes, validated, write_whole
+from gaitopt.store.run import Run
 from gaitopt.verification.return_map import StepMap, section_states, step_map
-from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -178,7 +171,9 @@ Labels = NDArray[np.int32]
 
 STATE_BYTES_MEMORY = 16
 """Of the labels and step counts that are held of the whole grid at once."""
-BASIN_FILE = "basin.json"
+BASIN_FILE, TILE_FILE = "basin.json", "tile-{:06d}.npz"
+BROKEN = (OSError, ValueError, KeyError, EOFError, NotImplementedError, TypeError, zipfile.BadZipFile, zlib.error)
+"""Raised by NumPy and zipfile on damaged archives."""
 NUMBER = "number"
 """Key of a tile's own number in its file."""
 
@@ -250,12 +245,12 @@ class Basin(Plotted, ReadOnlyArrays):
 
 def read_basin(place: Path) -> Basin:
     """The basin in its own folder, which lies in the run folder of its problem."""
-    run, own = place.resolve().parent, place.resolve().name
-    record = read_object(run, f"{own}/{BASIN_FILE}")
+    run = Run.at(place)
+    record = run.read_object(BASIN_FILE)
     stored = validated(BasinRecord, record, place / BASIN_FILE)
     grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
     check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
-    basin = assembled(place, read_problem(run), grid, stored["base"])
+    basin = assembled(run, run.problem(), grid, stored["base"])
     key = differing(record, basin.to_record())
     if key:
         raise damaged(place / BASIN_FILE, f"{key}: is not what its tiles give")
@@ -271,13 +266,13 @@ def stored_attractor(place: Path, index: str) -> Attractor:
     return attractors[int(index)]
 
 
-def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
+def assembled(run: Run, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
     """The whole basin from its tiles, one after the other."""
     gaits = list[Attractor]()
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:
-        outcomes = _tile_outcomes(place, tile, grid.size - done)
+        outcomes = _read_tile(run, tile, grid.size - done)
         rows = slice(done, done + len(outcomes.steps))
         labels[rows], endings[rows], steps[rows] = claim(outcomes, gaits, problem), outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
@@ -287,17 +282,21 @@ def assembled(place: Path, problem: Problem, grid: Grid, base: dict[str, float])
     )  # fmt: skip
 
 
-def _tile_outcomes(place: Path, tile: int, most: int) -> Outcomes:
-    """The outcomes of one tile, of no more than ``most`` states."""
-    arrays = read_tile(place, tile)
-    run, own = place.resolve().parent, place.resolve().name
+def _read_tile(run: Run, tile: int, most: int) -> Outcomes:
+    """The outcomes of one tile, of no more than ``most`` states; one of a finished basin is as it was written."""
     name = TILE_FILE.format(tile)
-    if f"{own}/{name}" in read_manifest(run).files:
-        read_sealed(run, f"{own}/{name}")
+    path = run.path(name)
+    try:
+        with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as archive:
+            arrays = dict(archive)
+    except BROKEN as error:
+        raise StorageError(f"{path} is broken ({error}): delete it, and its states are walked again") from error
+    if run.holds(name):
+        run.read(name)  # checks it against the manifest
     number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Outcomes)}
     counts = {len(np.atleast_1d(array)) for array in arrays.values()}
     if number != tile or arrays.keys() != names or len(counts) != 1 or not 0 < min(counts) <= most:
-        raise StorageError(f"{place / name} is not tile {tile}: delete it, and its states are walked again")
+        raise StorageError(f"{path} is not tile {tile}: delete it, and its states are walked again")
     return Outcomes(**arrays)
 
 
@@ -360,9 +359,9 @@ class BasinPlan:
         return TILE if self.chosen_engine is Engine.HEYOKA else min(TILE, SCIPY_TILE)
 
     @property
-    def place(self) -> Path:
-        """The basin's own folder."""
-        return self.folder / f"basin-{self.key}"
+    def run(self) -> Run:
+        """The part of the run with the basin's tiles and figures."""
+        return Run(self.folder, f"basin-{self.key}")
 
     @property
     def tiles(self) -> range:
@@ -378,35 +377,33 @@ def check_basin(plan: BasinPlan) -> None:
 
 
 def walk_basin(plan: BasinPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Basin:
-    """Walk what is not yet on disk, and say where every state goes; a tile that kills its workers is a SolveError."""
-    with writing(plan.folder, plan.problem):
-        if not (plan.folder / MANIFEST_FILE).exists():
-            begin_run(plan.folder, plan.problem)
-        make_folder(plan.place, parents=False)
-        _walk_tiles(plan, workers, progress, should_stop)
-        basin = assembled(plan.place, plan.problem, plan.grid, plan.base)
-        own = plan.place.name
-        seal(plan.folder, *(f"{own}/{TILE_FILE.format(tile)}" for tile in plan.tiles))
-        write_files(plan.folder, {f"{own}/{BASIN_FILE}": json_file(basin.to_record())})
+    """Walk the states of the tiles that are not on disk yet, and find out where every state goes.
+
+    Raises
+    ------
+    SolveError
+        If a tile was given up because it kills its workers; the others are kept.
+    """
+    run, fixed = plan.run, replace(plan, engine=plan.chosen_engine)  # a worker might choose another engine
+    tiles = {f"{plan.key}-{tile}": tile for tile in plan.tiles}
+    names = [TILE_FILE.format(tile) for tile in plan.tiles]
+
+    def keep(key: str, outcomes: Outcomes) -> None:
+        arrays, packed = {f.name: getattr(outcomes, f.name) for f in fields(outcomes)}, BytesIO()
+        np.savez_compressed(packed, **{NUMBER: tiles[key], **arrays})
+        write_whole(run.path(names[tiles[key]]), packed.getvalue())
+
+    with run.begun(plan.problem):
+        stored = dict.fromkeys(key for key, tile in tiles.items() if run.path(names[tile]).is_file())
+        jobs = [Job(key=key, argument=(fixed, tile)) for key, tile in tiles.items()]
+        kept = KeptJobs(stored, keep, workers, progress, should_stop)
+        for tile, result in enumerate(kept.complete(walk_tile, jobs, len(jobs))):
+            if isinstance(result, FailedJob):
+                raise SolveError(f"tile {tile} of the basin was given up: {result.reason}; the others are kept")
+        basin = assembled(run, plan.problem, plan.grid, plan.base)
+        run.seal(*names)
+        run.write({BASIN_FILE: json_file(basin.to_record())})
     return basin
-
-
-def _walk_tiles(plan: BasinPlan, workers: Workers, progress: Counted, should_stop: Stop) -> None:
-    """Walk the tiles that are not on disk, each written as soon as it is finished."""
-    missing = [tile for tile in plan.tiles if not has_tile(plan.place, tile)]
-    done, total = len(plan.tiles) - len(missing), len(plan.tiles)
-    fixed = replace(plan, engine=plan.chosen_engine)  # a worker might choose another one
-    jobs = [Job(key=f"{plan.key}-{tile}", argument=(fixed, tile)) for tile in missing]
-    for key, outcomes in run_jobs(walk_tile, jobs, workers, should_stop=should_stop):
-        tile = int(key.rpartition("-")[2])
-        if isinstance(outcomes, FailedJob):
-            raise SolveError(f"tile {tile} of the basin was given up: {outcomes.reason}; the others are kept")
-        write_tile(plan.place, tile, {NUMBER: tile, **{f.name: getattr(outcomes, f.name) for f in fields(outcomes)}})
-        done += 1
-        if progress is not None:
-            progress(done, total)
-    if done < total:
-        raise KeyboardInterrupt
 
 
 def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop = None) -> Outcomes:

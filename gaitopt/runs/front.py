@@ -4,7 +4,7 @@ The chain is walked in both directions, because a design is a local optimum and 
 gaits for the same number the better one is kept. Its Pareto front are the points that no other one beats in both aims.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -21,8 +21,8 @@ from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.jobs import problem_job, solve_all
 from gaitopt.store.files import damaged, json_text, validated
-from gaitopt.store.folder import begin_run, read_object, read_problem, write_files, writing
-from gaitopt.workers.jobs import Workers
+from gaitopt.store.run import Run
+from gaitopt.workers.jobs import Job, Workers
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -108,12 +108,25 @@ def design_front(
     """Designs for every value of an axis of a problem, kept in its run folder; see ``check_front`` for its errors."""
     check_front(problem, axis, folder)
     problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
-    with writing(folder, problem):
-        begin_run(folder, problem)
-        best = _walk(problems, folder, progress, should_stop)
+    walk, run = [*problems, *reversed(problems)], Run(folder)
+    best = dict[float, Record]()
+
+    def chain(results: Mapping[str, Any]) -> Iterator[Job]:
+        """Each design starts from the best gait of its neighbour, or from the guess where there is none."""
+        neighbour: str | None = None
+        for value in walk:
+            job = problem_job(problems[value], neighbour)
+            yield job
+            gait = results[job.key]
+            best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
+            neighbour = best[value]["job"] if best[value]["status"] == Status.CONVERGED else neighbour
+
+    with run.begun(problem):
+        here = Workers(count=1)  # a chain: each design needs the one before
+        solve_all(run, problem, chain, len(walk), here, progress=progress, should_stop=should_stop)
         points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems)
         front = Front(problem=problem, key=axis.key, points=tuple(points))
-        write_files(folder, {front_file(axis.key): json_text(front_record(front, axis)) + "\n"})
+        run.write({front_file(axis.key): json_text(front_record(front, axis)) + "\n"})
     return front
 
 
@@ -129,9 +142,10 @@ def front_record(front: Front, axis: Axis) -> Record:
 
 def read_fronts(folder: Path) -> list[Front]:
     """The fronts in a run folder."""
-    problem, fronts = read_problem(folder), list[Front]()
+    run, fronts = Run(folder), list[Front]()
+    problem = run.problem()
     for path in sorted(folder.glob(front_file("*"))):
-        record = read_object(folder, path.name)
+        record = run.read_object(path.name)
         validated(FrontRecord, record, path, states=problem.walker.state_names())
         points = [FrontPoint(value=r["value"], gait=r, pareto=r["pareto"]) for r in record["points"]]
         front = Front(problem=problem, key=record["over"].partition("=")[0], points=tuple(points))
@@ -155,22 +169,6 @@ def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
     check_jobs_fit(2 * axis.count, folder)
     for value in axis.numbers(problem)[:: max(axis.count - 1, 1)]:
         at_point(problem, {axis.key: value})
-
-
-def _walk(problems: dict[float, Problem], folder: Path, progress: Counted, should_stop: Stop) -> dict[float, Record]:
-    """The better gait of both directions for every value."""
-    best: dict[float, Record] = {}
-    neighbour: Record | None = None
-    for done, value in enumerate([*problems, *reversed(problems)], start=1):
-        # from the neighbour's gait, or from the guess where there is none or it leads nowhere
-        job = problem_job(problems[value], None if neighbour is None else neighbour["job"])
-        known = {} if neighbour is None else {neighbour["job"]: neighbour}
-        gait = solve_all([job], folder, Workers(count=1), known=known, should_stop=should_stop)[job.key]
-        best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
-        neighbour = best[value] if best[value]["status"] == Status.CONVERGED else neighbour
-        if progress is not None:
-            progress(done, 2 * len(problems))
-    return best
 
 
 def _objective(gait: Record) -> float:

@@ -1,84 +1,138 @@
-"""Jobs whose results are kept in a file of a run folder, one line each, so that no job is ever done twice.
+"""Jobs whose results a run folder keeps: the one mechanism of sweeps, fronts, basins, many starts and searches.
 
-A result is on the disk before the next one is taken in.
+A job has a key, an argument and perhaps a parent, from whose result it starts. A result is on the disk before the next
+one is accepted, so that no job is ever done twice: the same call resumes where it stopped. Jobs are drawn one by one as
+workers become free; a later one may depend on the results of earlier ones.
 
-Problems solved and verified, each once: the results are in one file that all sweeps and starts of a problem share.
-
-A job is named by the hash of its resolved problem.
+A problem is a job whose key is the hash of what it resolves to. All sweeps, fronts and starts of a problem share the
+file of solved problems.
 """
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait.gait import Status
-from gaitopt.gait.records import JobRecord
+from gaitopt.gait.records import JobRecord, PartRecord
 from gaitopt.problem.problem import Problem
+from gaitopt.search.find import Gaits, Part, SearchPlan, Task, search
 from gaitopt.search.solve import solve
 from gaitopt.store.files import validated
-from gaitopt.store.folder import growing, stored_lines
+from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
+
+Keep = Callable[[str, Any], Any]
+SET_ASIDE = "set_aside"
+"""Status of a job that has no result."""
+
+
+class KeptJobs:
+    """Jobs of one kind with their results.
+
+    Parameters
+    ----------
+    results : those that are on the disk, by key; new ones are added.
+    keep : stores a new result by its key, and returns what is to be held of it in memory.
+    progress : called with the number of jobs done and their total.
+    should_stop : polled before every job.
+    """
+
+    def __init__(
+        self, results: dict[str, Any], keep: Keep, workers: Workers, progress: Counted = None, should_stop: Stop = None
+    ) -> None:
+        self.results = results
+        self._keep, self._workers, self._progress, self._should_stop = keep, workers, progress, should_stop
+
+    def complete(self, task: Callable[..., Any], jobs: Iterable[Job], total: int) -> list[Any]:
+        """Do the jobs that have no result yet.
+
+        Parameters
+        ----------
+        task : see ``run_jobs``.
+        jobs : drawn one by one; where there is one process, a job is drawn after the results of those before it.
+        total : their number.
+
+        Returns
+        -------
+        results : in the order of the jobs; a ``FailedJob`` is not stored, and tried again by the next call.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If ``should_stop`` returned True; finished jobs are kept.
+        """
+        keys, drawn, done = list[str](), set[str](), 0
+
+        def missing() -> Iterator[Job]:
+            nonlocal done
+            for job in jobs:
+                if self._should_stop is not None and self._should_stop():
+                    return
+                keys.append(job.key)
+                if job.key in self.results or job.key in drawn:
+                    done += 1
+                else:
+                    drawn.add(job.key)
+                    yield job
+
+        for key, result in run_jobs(task, missing(), self._workers, self.results, should_stop=self._should_stop):
+            self.results[key] = result if isinstance(result, FailedJob) else self._keep(key, result)
+            done += 1
+            if self._progress is not None:
+                self._progress(done, total)
+        if done < total:
+            raise KeyboardInterrupt
+        return [self.results[key] for key in keys]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResultFile:
-    """A file of results: its name, the entry of a line that holds the key of its job, and what a line must have."""
+    """A file with one result per line: its name, the entry with the key of the job, and the type of a line."""
 
     name: str
     key: str
     model: Any
 
 
-def kept_results(
-    task: Callable[..., Any],
-    jobs: list[Job],
-    workers: Workers,
-    folder: Path,
+SOLVED = ResultFile(name="jobs.jsonl", key="job", model=JobRecord)
+SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
+"""A part that an earlier version has stored under another key is searched again."""
+
+
+@contextmanager
+def jobs_in(
+    run: Run,
     file: ResultFile,
+    workers: Workers,
     *,
-    known: Mapping[str, Any] | None = None,
+    states: Sequence[str] | None = None,
     progress: Counted = None,
     should_stop: Stop = None,
-    states: Sequence[str] | None = None,
-) -> dict[str, Any]:
-    """Results of all jobs by their keys, those that the folder holds included; a ``FailedJob`` is not kept.
+) -> Iterator[KeptJobs]:
+    """The jobs of a file in a run folder that the caller has locked; ``states`` are names that every state must have.
 
-    Parameters
-    ----------
-    folder : of the run, held for writing by the caller.
-    known : results of parents that are not among the jobs.
-    states : names that every state of a result must have.
-    progress : called with the number of jobs done and their total.
+    Raises
+    ------
+    StorageError
+        If a line of the file is not of its type; the message names it.
     """
-    by_key, results = {job.key: job for job in jobs}, dict[str, Any]()
-    for number, record in enumerate(stored_lines(folder, file.name), start=1):
-        validated(file.model, record, folder / file.name, number, states=states)
-        if record[file.key] in by_key:
+    with run.appending(file.name) as log:
+        results = dict[str, Any]()
+        for number, record in enumerate(log.records, start=1):
+            validated(file.model, record, run.path(file.name), number, states=states)
             results[record[file.key]] = record
-    missing = [job for key, job in by_key.items() if key not in results]
-    with growing(folder, file.name) as log:
-        done = {**(known or {}), **results}
-        for key, result in run_jobs(task, missing, workers, done=done, should_stop=should_stop):
-            results[key] = result if isinstance(result, FailedJob) else {file.key: key, **result}
-            if not isinstance(result, FailedJob):
-                log.append(results[key])
-            if progress is not None:
-                progress(len(results), len(by_key))
-    if len(results) < len(by_key):
-        raise KeyboardInterrupt
-    return results
 
+        def keep(key: str, result: Mapping[str, Any]) -> dict[str, Any]:
+            record = {file.key: key, **result}
+            log.append(record)
+            return record
 
-SET_ASIDE = "set_aside"
-"""Status of a job that has no result."""
-
-
-JOBS = ResultFile(name="jobs.jsonl", key="job", model=JobRecord)
+        yield KeptJobs(results, keep, workers, progress, should_stop)
 
 
 def problem_job(problem: Problem, parent: str | None = None) -> Job:
@@ -88,28 +142,32 @@ def problem_job(problem: Problem, parent: str | None = None) -> Job:
 
 
 def solve_all(
-    jobs: list[Job],
-    folder: Path,
+    run: Run,
+    problem: Problem,
+    jobs: Callable[[Mapping[str, Any]], Iterable[Job]],
+    total: int,
     workers: Workers,
     *,
-    known: Mapping[str, Any] | None = None,
     progress: Counted = None,
     should_stop: Stop = None,
-) -> dict[str, dict[str, Any]]:
-    """Records of the gaits of all jobs by their keys; arguments and errors are those of ``kept_results``.
+) -> list[dict[str, Any]]:
+    """Solve and verify problems; records of their gaits in the order of the jobs, kept in the run of ``problem``.
 
     Parameters
     ----------
-    jobs : with a ``Problem`` as argument; the gait of the parent is the guess that is tried first.
+    jobs : gives the jobs of ``problem_job``, from the results of earlier ones by key.
+    total : their number.
     """
-    states = jobs[0].argument.walker.state_names() if jobs else None
-    results = kept_results(
-        solve_job, jobs, workers, folder, JOBS, known=known, progress=progress, should_stop=should_stop, states=states
-    )
-    return {
-        key: {"status": SET_ASIDE, "message": result.reason} if isinstance(result, FailedJob) else result
-        for key, result in results.items()
-    }
+    names = problem.walker.state_names()
+    with (
+        run.begun(problem),
+        jobs_in(run, SOLVED, workers, states=names, progress=progress, should_stop=should_stop) as kept,
+    ):
+        results = kept.complete(solve_job, jobs(kept.results), total)
+    return [
+        {"status": SET_ASIDE, "message": result.reason} if isinstance(result, FailedJob) else result
+        for result in results
+    ]
 
 
 def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Stop = None) -> dict[str, Any]:
@@ -130,3 +188,19 @@ def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None, shou
             gait = gait.verified(verify(gait).to_record())
             break
     return {**gait.to_record(), "start": start}
+
+
+def find_durably(
+    plan: SearchPlan, run: Run, workers: Workers, *, progress: Counted = None, should_stop: Stop = None
+) -> Gaits:
+    """The search of a plan, whose parts are kept in a run of its problem."""
+    names = plan.problem.walker.state_names()
+    with (
+        run.begun(plan.problem),
+        jobs_in(run, SEARCHED, workers, states=names, progress=progress, should_stop=should_stop) as kept,
+    ):
+
+        def complete(task: Task, jobs: list[Job]) -> list[Part]:
+            return kept.complete(task, jobs, len(jobs))
+
+        return search(plan, complete, should_stop=should_stop)

@@ -4,7 +4,9 @@ A start changes every section coordinate of the guess, the guess of every freed 
 curve at random. The starts depend on the seed alone, not on how many processes work on them.
 """
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,9 @@ from gaitopt.problem.problem import Problem
 from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.jobs import problem_job, solve_all
 from gaitopt.search.find import grouped
-from gaitopt.store.folder import begin_run, writing
+from gaitopt.store.run import Run
 from gaitopt.systems import build_system
-from gaitopt.workers.jobs import Workers
+from gaitopt.workers.jobs import Job, Workers
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
 """Relative differences of the objective, and of state and freed values, within which two starts have found the same
@@ -86,29 +88,29 @@ def multistart(
     progress: Counted = None,
     should_stop: Stop = None,
 ) -> list[Optimum]:
-    """As ``gaitopt.multistart``; ``folder`` keeps the results of all starts, on all cores if not said otherwise."""
+    """As ``gaitopt.multistart``; ``folder`` keeps the results of all starts, on all cores by default."""
     check_jobs_fit(starts, folder)
-    problems = [problem, *sampled(problem, starts - 1, seed=seed, spread=spread, should_stop=should_stop)]
-    jobs = [problem_job(p) for p in problems]
-    with writing(folder, problem):
-        begin_run(folder, problem)
-        solved = solve_all(jobs, folder, workers or Workers(), progress=progress, should_stop=should_stop)
-    records = [solved[job.key] for job in jobs]
+
+    def jobs(_: Mapping[str, Any]) -> Iterator[Job]:
+        return map(problem_job, sampled(problem, starts, seed=seed, spread=spread))
+
+    records = solve_all(
+        Run(folder), problem, jobs, starts, workers or Workers(), progress=progress, should_stop=should_stop
+    )
     converged = [k for k, record in enumerate(records) if record["status"] == Status.CONVERGED]
-    groups = grouped(converged, lambda first, second: _same(records[first], records[second]))
-    optima = [Optimum(record=records[g[0]], problem=problems[g[0]], starts=tuple(g)) for g in groups]
+    groups = {group[0]: group for group in grouped(converged, lambda a, b: _same(records[a], records[b]))}
+    guessed = enumerate(islice(sampled(problem, starts, seed=seed, spread=spread), max(groups, default=-1) + 1))
+    optima = [Optimum(record=records[k], problem=start, starts=tuple(groups[k])) for k, start in guessed if k in groups]
     return sorted(optima, key=_rank)
 
 
-def sampled(problem: Problem, count: int, *, seed: int, spread: float, should_stop: Stop = None) -> list[Problem]:
-    """The problem with ``count`` other guesses; a KeyboardInterrupt where ``should_stop`` says so."""
+def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> Iterator[Problem]:
+    """The problem, and then ``count - 1`` times the same with another guess; made one by one as they are drawn."""
+    yield problem
     control = build_system(problem).control
     curves = control.points if isinstance(control, BezierTracking) else {}
     names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
-    problems = []
-    for number in range(1, count + 1):
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
+    for number in range(1, count):
         rng = np.random.default_rng([seed, number])
         changes: dict[str, object] = {
             f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names
@@ -120,8 +122,7 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float, should_st
             row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
             within = control.unknowns[f"reference.{name}.0"]
             changes[f"control.reference.curve.points.{name}"] = np.clip(row, *within).tolist()
-        problems.append(problem.replace(changes))
-    return problems
+        yield problem.replace(changes)
 
 
 def _rank(optimum: Optimum) -> tuple[bool, float, bool, float]:

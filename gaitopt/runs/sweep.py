@@ -29,12 +29,11 @@ from gaitopt.store.files import (
     csv_text,
     damaged,
     json_file,
-    make_folder,
     parse_cell,
     parsed,
     validated,
 )
-from gaitopt.store.folder import begin_run, read_object, read_problem, read_sealed, write_files, writing
+from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Job, Workers, key_of
 
 if TYPE_CHECKING:
@@ -96,17 +95,16 @@ class Sweep(Plotted):
 
 def read_sweep(place: Path) -> Sweep:
     """Status and scalars of every point of the sweep in its own folder."""
-    run, own = place.resolve().parent, place.resolve().name
-    path = place / TABLE_FILE
-    record = read_object(run, f"{own}/{SWEEP_FILE}")
+    run, path = Run.at(place), place / TABLE_FILE
+    record = run.read_object(SWEEP_FILE)
     grid = validated(Grid, {"axes": validated(SweepRecord, record, place / SWEEP_FILE)["over"]}, place / SWEEP_FILE)
-    rows = parsed(_parse_rows, read_sealed(run, f"{own}/{TABLE_FILE}"), path)
+    rows = parsed(_parse_rows, run.read(TABLE_FILE)[0], path)
     if len(rows) != grid.size:
         raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was left alone")
     points = grid.points(np.arange(grid.size)).tolist()
     keys = [axis.key for axis in grid.axes]
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
-    swept = Sweep(problem=read_problem(run), grid=grid, records=records)
+    swept = Sweep(problem=run.problem(), grid=grid, records=records)
     told = {key: value for key, value in sweep_record(swept).items() if key != "set_aside"}  # its reasons are here only
     key = differing(record, told)
     if key:
@@ -183,7 +181,7 @@ class SweepPlan:
     grid : over dotted keys of parameters.
     warm : whether a job starts from the gait of its neighbour towards the grid's first point; otherwise, and where that
         fails, the result at a point is that of ``solve``.
-    folder : of the problem's run.
+    folder : the run folder of the problem.
     from_guess : whether every point is solved from the problem's guess instead.
     """
 
@@ -205,10 +203,10 @@ class SweepPlan:
         return jobs
 
     @cached_property
-    def place(self) -> Path:
-        """Folder of the sweep's table and figures."""
+    def run(self) -> Run:
+        """The part of the run with the sweep's table and figures."""
         way = [self.warm, *(["from_guess"] if self.from_guess else [])]
-        return self.folder / f"sweep-{key_of([*map(str, self.grid.axes), *way])[:8]}"
+        return Run(self.folder, f"sweep-{key_of([*map(str, self.grid.axes), *way])[:8]}")
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""
@@ -237,14 +235,15 @@ def check_sweep(sweep: SweepPlan) -> None:
 
 
 def run_sweep(sweep: SweepPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Sweep:
-    """Solve and verify what is not on disk yet."""
-    with writing(sweep.folder, sweep.problem):
-        begin_run(sweep.folder, sweep.problem)
-        solved = solve_all(sweep.jobs, sweep.folder, workers, progress=progress, should_stop=should_stop)
-        records = [{**solved[job.key], "at": sweep.point(k)} for k, job in enumerate(sweep.jobs)]
-        swept = Sweep(problem=sweep.problem, grid=sweep.grid, records=records)
-        make_folder(sweep.place, parents=False)
-        table, record = csv_text(sweep_table(sweep.grid, records)), json_file(sweep_record(swept))
-        own = sweep.place.name
-        write_files(sweep.folder, {f"{own}/{TABLE_FILE}": table, f"{own}/{SWEEP_FILE}": record})
+    """Solve and verify the points that are not on disk yet."""
+    problem, run = sweep.problem, sweep.run
+    with run.begun(problem):
+        solved = solve_all(
+            Run(sweep.folder), problem, lambda _: sweep.jobs, len(sweep.jobs), workers,
+            progress=progress, should_stop=should_stop,
+        )  # fmt: skip
+        records = [{**record, "at": sweep.point(k)} for k, record in enumerate(solved)]
+        swept = Sweep(problem=problem, grid=sweep.grid, records=records)
+        table = csv_text(sweep_table(sweep.grid, records))
+        run.write({TABLE_FILE: table, SWEEP_FILE: json_file(sweep_record(swept))})
     return swept

@@ -38,7 +38,7 @@ from gaitopt.show.motion import (
 )
 from gaitopt.show.style import MODE_WORDS, drawn, label, pack, parameter_of, symbol
 from gaitopt.show.walker import film
-from gaitopt.store.folder import new_manifest
+from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
 
@@ -94,7 +94,7 @@ def numbers(record: Record) -> dict[str, Any]:
 
 def provenance(problem: Problem, solver: Mapping[str, float]) -> dict[str, Any]:
     """What the foot of a page says: the problem verbatim, its hash, and the versions of everything that solved it."""
-    known = new_manifest(problem.name, problem.digest)
+    known = Manifest.of(problem)
     return {
         "name": problem.name,
         "text": problem.text,

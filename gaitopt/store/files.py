@@ -29,6 +29,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from functools import lru_cache
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -244,6 +245,8 @@ def _plain(value: Any) -> Any:
 
 Parsed = TypeVar("Parsed")
 
+ATTEMPTS = 3
+"""At a folder whose parents another process may be removing."""
 TEMPORARY_SUFFIX = ".tmp"
 TEMPORARY_NAME = re.compile(r"\..+\.(?P<pid>\d+)-[0-9a-f]{16}\.tmp")
 """Of the temporary file of a process; those of killed processes are leftovers."""
@@ -283,21 +286,28 @@ def write_all(descriptor: int, content: bytes) -> None:
         rest = rest[os.write(descriptor, rest) :]
 
 
-def make_folder(folder: Path, *, parents: bool = True) -> None:
-    """Make ``folder`` and its parents, durably; one that exists is left alone.
+def make_folder(folder: Path, *, parents: bool = True) -> list[Path]:
+    """Make ``folder`` and its parents, durably; returns those that did not exist, the deepest first.
 
     Raises
     ------
     StorageError
-        If it cannot be made, or without ``parents`` if its parent is not there.
+        If it cannot be made, or without ``parents`` if its parent does not exist.
     """
-    try:
-        if folder.is_dir():
-            return
-        folder.mkdir(parents=parents, exist_ok=True)
-        sync_folder(folder.parent)
-    except (OSError, ValueError) as error:
-        raise StorageError(f"cannot make the folder {folder}: {reason(error)}; nothing was written") from error
+    for attempt in range(ATTEMPTS):
+        try:
+            missing = list(takewhile(lambda path: not path.is_dir(), (folder, *folder.parents)))
+            for path in reversed(missing if parents else missing[:1]):
+                path.mkdir(exist_ok=True)
+                sync_folder(path.parent)
+        except FileNotFoundError as error:  # another process has just removed a parent in which nothing was written
+            if not parents or attempt == ATTEMPTS - 1:
+                raise StorageError(f"cannot make the folder {folder}: {reason(error)}; nothing was written") from error
+        except (OSError, ValueError) as error:
+            raise StorageError(f"cannot make the folder {folder}: {reason(error)}; nothing was written") from error
+        else:
+            break
+    return missing
 
 
 def entries(folder: Path) -> list[Path]:

@@ -2,24 +2,18 @@
 
 Every line ends with a checksum that is chained to the one before it, crc_k = CRC-32(line_k, crc_(k-1)), so that a line
 that was altered, removed, added or moved is noticed.
-
-Parts of a large result, each a file of arrays that appears whole; what is there after a crash need not be redone.
 """
 
 import hashlib
 import os
 import re
-import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
-
-import numpy as np
 
 from gaitopt.errors import StorageError
 from gaitopt.store.files import (
@@ -28,11 +22,9 @@ from gaitopt.store.files import (
     json_text,
     parse_object,
     parsed,
-    read_bytes,
     reason,
     sync_folder,
     write_all,
-    write_whole,
 )
 
 LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}\n')
@@ -61,16 +53,22 @@ class LineWriter:
     """Appends records to a JSON-lines file, as a context manager; only the holder of the folder's lock may do so.
 
     A file that exists is continued; a torn last line in it is cut off first.
+
+    Attributes
+    ----------
+    records : those that the file held when it was opened.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, known: FileSum | None = None) -> None:
+        self._path, self._known = path, known
+        self.records = list[dict[str, Any]]()
         self._file = -1
         self._end = self._crc = 0
 
     def __enter__(self) -> Self:
-        if self._path.exists():
-            for line in _whole_lines(self._path):
+        if self._known is not None or self._path.exists():
+            for line in _whole_lines(self._path, self._known):
+                self.records.append(line.record)
                 self._end, self._crc = line.end, line.crc
         try:
             self._file = os.open(self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT | OWN_FILE, 0o666)
@@ -159,30 +157,3 @@ def _sealed_line(record: Mapping[str, Any], before: int) -> tuple[str, int]:
     body = json_text(record)
     crc = zlib.crc32(body.encode(), before)
     return f'{body[:-1]}, "crc": "{crc:08x}"}}\n', crc
-
-
-TILE_FILE = "tile-{:06d}.npz"
-BROKEN = (OSError, ValueError, KeyError, EOFError, NotImplementedError, TypeError, zipfile.BadZipFile, zlib.error)
-"""What NumPy and zipfile raise on damaged archives."""
-
-
-def write_tile(folder: Path, number: int, arrays: Mapping[str, Any]) -> None:
-    """Write the arrays of one tile."""
-    packed = BytesIO()
-    np.savez_compressed(packed, **arrays)
-    write_whole(folder / TILE_FILE.format(number), packed.getvalue())
-
-
-def has_tile(folder: Path, number: int) -> bool:
-    """Whether a tile is there; if so, it is whole."""
-    return (folder / TILE_FILE.format(number)).is_file()
-
-
-def read_tile(folder: Path, number: int) -> dict[str, Any]:
-    """Read the arrays of one tile."""
-    path = folder / TILE_FILE.format(number)
-    try:
-        with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as arrays:
-            return dict(arrays)
-    except BROKEN as error:
-        raise StorageError(f"{path} is broken ({error}): delete it, and its states are walked again") from error

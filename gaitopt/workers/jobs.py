@@ -1,16 +1,18 @@
-"""Many independent jobs on Dask: processes of this machine, or the workers of a cluster.
+"""Many independent jobs in this process, in several processes of this machine, or on the workers of a Dask cluster.
 
-Every job has a key and is submitted once. A result lies with the scheduler before its job counts as finished, and is
-handed over from there, so that the caller can keep each at once. A worker that dies costs the job it was
-at and no other; a job that takes three workers with it is set aside.
+Every job has a key and is submitted once. A worker leaves its result with the scheduler before the job counts as
+finished; the caller receives it from there and can store it at once. If a worker dies, only its current job is
+repeated; a job on which three workers have died is given up.
 """
 
 import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain, islice
 from queue import Empty, Queue
 from typing import Any
 
@@ -20,9 +22,9 @@ from gaitopt.errors import ProblemError
 MOST_WORKERS = 1024
 """Processes of one machine; each takes some 100 MB."""
 AHEAD = 4
-"""Jobs submitted per worker beyond the one at hand, so that no worker waits for us."""
+"""Jobs submitted per worker beyond the current one, so that no worker waits for this process."""
 PATIENCE = 0.1
-"""Time between two looks at whether to stop [s]."""
+"""Time between two calls of ``should_stop`` [s]."""
 RECOUNT = 1.0
 """Time after which the workers are counted again [s]."""
 
@@ -34,7 +36,7 @@ class Job:
     Attributes
     ----------
     key : its name, the same in every run.
-    argument : what it works on.
+    argument : first argument of the task.
     parent : key of the job whose result it starts from, or None.
     """
 
@@ -44,13 +46,13 @@ class Job:
 
 
 def key_of(identity: Any) -> str:
-    """A key out of all that a result depends on, which JSON can hold: its SHA-256."""
+    """A key made of everything that a result depends on: the SHA-256 of its JSON."""
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailedJob:
-    """In place of a result: why a job has none."""
+    """In place of a result: the reason why a job was given up."""
 
     reason: str
 
@@ -74,7 +76,7 @@ class Workers:
 
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
-    """So many processes of this machine (None: one per core), or those of a scheduler."""
+    """``count`` processes of this machine (None: one per core), or the workers of a scheduler."""
     if scheduler is not None:
         from gaitopt.workers.cluster import check_address
 
@@ -84,10 +86,10 @@ def make_workers(count: int | None, scheduler: str | None) -> Workers:
 
 def run_jobs(
     task: Callable[..., Any],
-    jobs: list[Job],
+    jobs: Iterable[Job],
     workers: Workers,
+    results: Mapping[str, Any] | None = None,
     *,
-    done: Mapping[str, Any] | None = None,
     should_stop: Stop = None,
 ) -> Iterator[tuple[str, Any]]:
     """Run ``task(argument, result of the parent)`` for every job; keys and results as they finish.
@@ -96,9 +98,10 @@ def run_jobs(
     ----------
     task : a function of a module that the workers can import; in this very process, where Ctrl-C may be swallowed by
         compiled code, it is given ``should_stop`` as a third argument.
-    jobs : in the order in which they are started, parents before their children.
-    workers : where.
-    done : results of parents that are not among the jobs.
+    jobs : in the order in which they are started, parents before their children; drawn as there is room for them.
+    workers : where they run.
+    results : of parents, by key. They are looked up when a child starts: where parents are among the jobs, the caller
+        adds their results as it receives them.
     should_stop : polled; when true, jobs that are not finished are dropped.
 
     Raises
@@ -106,40 +109,36 @@ def run_jobs(
     UnknownNameError
         If the scheduler does not answer.
     """
+    known, jobs = {} if results is None else results, iter(jobs)
     if workers.scheduler is None and workers.count == 1:
-        yield from _run_here(task, jobs, dict(done or {}), should_stop)
-    elif jobs:
-        from gaitopt.workers.cluster import connected  # asyncio and more, for nothing where there is one process
+        for job in jobs:
+            if should_stop is not None and should_stop():
+                return
+            polled = () if should_stop is None else (should_stop,)
+            yield job.key, task(job.argument, _result_of(job.parent, known), *polled)
+        return
+    first = list(islice(jobs, workers.count))
+    if first:
+        from gaitopt.workers.cluster import connected  # takes long to import, and is not needed for one process
 
-        with connected(min(workers.count, len(jobs)), workers.scheduler) as client:
-            yield from _Run(client, task, jobs, dict(done or {})).results(should_stop)
+        with connected(len(first), workers.scheduler) as client:
+            yield from _Run(client, task, chain(first, jobs), known).results(should_stop)
 
 
-def _run_here(
-    task: Callable[..., Any], jobs: list[Job], results: dict[str, Any], should_stop: Stop
-) -> Iterator[tuple[str, Any]]:
-    parents = {job.parent for job in jobs}
-    for job in jobs:
-        if should_stop is not None and should_stop():
-            return
-        polled = () if should_stop is None else (should_stop,)
-        result = task(job.argument, results.get(job.parent or ""), *polled)
-        if job.key in parents:  # no other result need be held
-            results[job.key] = result
-        yield job.key, result
+def _result_of(parent: str | None, results: Mapping[str, Any]) -> Any:
+    """The result from which a job starts; None where there is none."""
+    result = None if parent is None else results.get(parent)
+    return None if isinstance(result, FailedJob) else result
 
 
 class _Run:
-    """Jobs on their way; those that wait for a parent are not submitted before it has finished."""
+    """Submitted jobs, and those that wait for their parents."""
 
-    def __init__(self, client: Any, task: Callable[..., Any], jobs: list[Job], done: dict[str, Any]) -> None:
-        self._client, self._task, self._parents = client, task, done
-        keys = {job.key for job in jobs}
-        self._ready = [job for job in reversed(jobs) if job.parent not in keys]
+    def __init__(self, client: Any, task: Callable[..., Any], jobs: Iterator[Job], results: Mapping[str, Any]) -> None:
+        self._client, self._task, self._jobs, self._results = client, task, jobs, results
+        self._ready = deque[Job]()
         self._children: dict[str, list[Job]] = {}
-        for job in reversed(jobs):
-            if job.parent in keys:
-                self._children.setdefault(job.parent or "", []).append(job)
+        self._unfinished = set[str]()
         self._finished: Queue[tuple[str, Any]] = Queue()
         self._running: dict[str, Any] = {}
         self._threads, self._counted = 0, -RECOUNT
@@ -154,25 +153,30 @@ class _Run:
                 continue
             result = self._result(future)
             del self._running[key]
-            children = self._children.pop(key, [])
-            if children and not isinstance(result, FailedJob):  # no other result need be held
-                self._parents[key] = result
-            self._ready += children
-            self._submit()
             yield key, result
+            self._unfinished.discard(key)
+            self._ready += self._children.pop(key, [])
+            self._submit()
         self._client.cancel(list(self._running.values()), force=True)
 
     def _submit(self) -> None:
-        while self._ready and len(self._running) < self._room():
-            job = self._ready.pop()
-            parent = self._parents.get(job.parent) if job.parent else None
+        """Submit jobs while there is room; children of unfinished jobs wait."""
+        while len(self._running) < self._room():
+            job = self._ready.popleft() if self._ready else next(self._jobs, None)
+            if job is None:
+                return
+            self._unfinished.add(job.key)
+            if job.parent in self._unfinished:
+                self._children.setdefault(job.parent or "", []).append(job)
+                continue
             key = f"gaitopt-{job.key}"
+            parent = _result_of(job.parent, self._results)
             future = self._client.submit(perform, self._task, key, job.argument, parent, key=key, pure=False)
             self._running[job.key] = future
             future.add_done_callback(lambda future, key=job.key: self._finished.put((key, future)))
 
     def _room(self) -> int:
-        """How many jobs may be on their way; workers of a cluster come and go."""
+        """How many jobs may be submitted; workers of a cluster come and go."""
         if time.monotonic() > self._counted + RECOUNT:
             self._threads, self._counted = sum(self._client.nthreads().values()), time.monotonic()
         return max(self._threads * (1 + AHEAD), 1)
@@ -185,7 +189,7 @@ class _Run:
 
         error = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):
-            return FailedJob(reason=f"it took {ALLOWED_DEATHS + 1} workers with it")
+            return FailedJob(reason=f"{ALLOWED_DEATHS + 1} workers died on it")
         if error is not None:
             return FailedJob(reason=f"{type(error).__name__}: {error}")
         kept = self._client.get_metadata([future.key], default=None)

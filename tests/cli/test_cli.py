@@ -13,7 +13,7 @@ import pytest
 from gaitopt import cli
 from gaitopt.api import progress as cli_progress
 from gaitopt.search import solve as solving
-from gaitopt.store.folder import seal
+from gaitopt.store.run import Run
 from gaitopt.verification import verify as verification
 from gaitopt.verification.verify import Claim, Verification
 
@@ -137,7 +137,7 @@ def test_a_spoiled_run_does_not_pass_verification(run):
     code, out, err = run("verify", str(path.parent), "--json")
     assert (code, out) == (6, "")
     assert "trajectory.csv:2: altered since it was written" in err
-    seal(path.parent, path.name)
+    Run(path.parent).seal(path.name)
     code, out, err = run("verify", str(path.parent), "--json")
     assert (code, out) == (6, "")
     assert "gait.json" in err
@@ -147,7 +147,7 @@ def test_a_run_that_lost_its_arcs_is_broken(run):
     _, out, _ = run("solve", PROBLEM, "--json")
     path = Path(json.loads(out)["run"]) / "trajectory.csv"
     path.write_text(path.read_text().splitlines()[0] + "\n")
-    seal(path.parent, path.name)
+    Run(path.parent).seal(path.name)
     code, out, err = run("verify", str(path.parent))
     assert code == 6
     assert "does not hold a gait" in err
@@ -157,7 +157,7 @@ def test_a_resolved_problem_that_was_edited_is_broken(run):
     _, out, _ = run("solve", PROBLEM, "--json")
     path = Path(json.loads(out)["run"]) / "resolved.json"
     path.write_text(path.read_text().replace('"friction": 1.0', '"friction": 2.0'))
-    seal(path.parent, path.name)
+    Run(path.parent).seal(path.name)
     code, _, err = run("verify", str(path.parent))
     assert code == 6
     assert "hash" in err

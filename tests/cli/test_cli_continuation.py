@@ -10,8 +10,9 @@ import pytest
 from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import Continuation
 from gaitopt.errors import StorageError
-from gaitopt.store.folder import BRANCH_FILE, seal
+from gaitopt.runs.branch import BRANCH_FILE
 from gaitopt.store.lines import LineWriter, read_lines
+from gaitopt.store.run import Run
 from gaitopt.verification.verify import Verification, confirm
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
@@ -63,7 +64,7 @@ def test_an_interrupted_branch_resumes_and_is_the_same(run, kept):
     path = Path("branch") / BRANCH_FILE
     lines = path.read_text().splitlines(keepends=True)
     path.write_text(lines[0])
-    seal(Path("branch"), BRANCH_FILE)  # what the manifest counts of a walk that was killed
+    Run(Path("branch")).seal(BRANCH_FILE)  # what the manifest counts of a walk that was killed
     path.write_text("".join(lines[:kept]) + lines[kept][: len(lines[kept]) // 2])
     code, _, _ = run(*COMMAND)
     assert code == 0

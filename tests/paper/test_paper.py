@@ -29,7 +29,7 @@ from gaitopt.paper.gaits import (
 )
 from gaitopt.paper.reproduction import parts, reproduce
 from gaitopt.paper.table import EXPLANATIONS, NUMBERS, SENTENCES, Reason, markdown, record, row
-from gaitopt.store.folder import run_folder
+from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Workers
 
 COMMITTED = Path(__file__).parents[2] / "results" / "gamus-or-2013"
@@ -200,7 +200,7 @@ def test_the_page_about_the_reproduction_counts_what_the_table_holds():
 
 
 def test_a_foreign_folder_in_the_place_of_a_run_is_named_and_left_alone(tmp_path):
-    folder = run_folder(problem_of("wheel"), tmp_path)
+    folder = Run.of(problem_of("wheel"), results=tmp_path).folder
     folder.mkdir()
     (folder / "letter.txt").write_text("mine")
     with pytest.raises(StorageError, match=folder.name):

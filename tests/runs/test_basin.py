@@ -35,7 +35,7 @@ from gaitopt.simulation.batch import ENDINGS
 from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.store.folder import begin_run
+from gaitopt.store.run import Run
 from gaitopt.verification.return_map import Returns, step_map
 from gaitopt.workers.jobs import Workers
 
@@ -124,14 +124,14 @@ def test_basin_without_heyoka_says_what_is_faster(tmp_path, monkeypatch, capsys)
 def test_tile_that_is_broken_is_named(gait, tmp_path):
     plan = plan_in(tmp_path, gait, grid=Grid((Axis(key="dtheta1", lower=0.7, upper=0.72, count=3),)))
     walk_basin(plan, HERE)
-    (tile,) = plan.place.glob("tile-*.npz")
+    (tile,) = plan.run.place.glob("tile-*.npz")
     tile.write_bytes(b"not an archive")
     with pytest.raises(StorageError, match=r"tile-000000.npz is broken .* delete it"):
         walk_basin(plan, HERE)
 
 
 def test_tiles_of_another_basin_are_not_used(gait, tmp_path):
-    assert plan_in(tmp_path, gait).place != plan_in(tmp_path, gait, max_steps=10).place
+    assert plan_in(tmp_path, gait).run != plan_in(tmp_path, gait, max_steps=10).run
 
 
 class Map:
@@ -244,8 +244,8 @@ def test_basin_over_one_coordinate_is_a_strip_in_the_colour_of_each_state(basin)
 
 def test_basin_is_the_same_when_it_is_read_again(gait, basin, tmp_path):
     plan = plan_in(tmp_path, gait)
-    begin_run(tmp_path, gait.problem)
-    walk_basin(plan, HERE)
-    again = read_basin(plan.place)
+    with Run(tmp_path).begun(gait.problem):
+        walk_basin(plan, HERE)
+    again = read_basin(plan.run.place)
     assert again.to_record() == basin.to_record()
     np.testing.assert_array_equal(again.labels, basin.labels)

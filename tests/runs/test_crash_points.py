@@ -16,7 +16,7 @@ from crash_points import KILLED, CrashPoint
 from gaitopt.cli.main import main
 from gaitopt.problem.problem import load_problem
 from gaitopt.store.files import Table
-from gaitopt.store.folder import growing, read_run, stored_lines, write_run
+from gaitopt.store.run import Run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="a process is forked for every crash point")
 
@@ -71,15 +71,16 @@ def forked(kind, n, work):
 def write_everything():
     """What the commands do to a disk, without the mathematics."""
     problem = load_problem(WHEEL)
-    write_run(Path("run"), problem=problem, record=GAIT, table=TABLE)
-    known = {record["job"] for record in stored_lines(Path("run"), "jobs.jsonl")}
-    with growing(Path("run"), "jobs.jsonl") as lines:
-        for job in {0, 1} - known:
+    run = Run(Path("run"))
+    run.write_result(problem, GAIT, TABLE)
+    with run.appending("jobs.jsonl") as lines:
+        for job in {0, 1} - {record["job"] for record in lines.records}:
             lines.append({"job": job, "period": 1 / 3})
 
 
 def everything():
-    return *read_run(Path("run")), list(stored_lines(Path("run"), "jobs.jsonl")), sorted(Path("run").iterdir())
+    run = Run(Path("run"))
+    return *run.read_result(), list(run.lines("jobs.jsonl")), sorted(Path("run").iterdir())
 
 
 @pytest.mark.parametrize(
@@ -169,4 +170,4 @@ def test_a_run_that_was_killed_is_solved_by_the_same_command():
     assert subprocess.run(program, check=False, capture_output=True).returncode == KILLED
     assert main([*COMMANDS["solve"], "--quiet"]) == 0
     assert not list(Path().rglob("*.tmp"))
-    assert np.isfinite(read_run(Path("run"))[0]["period"])
+    assert np.isfinite(Run(Path("run")).read_result()[0]["period"])

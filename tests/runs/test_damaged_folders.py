@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt.cli.main import main
-from gaitopt.store.folder import read_manifest, seal
+from gaitopt.store.run import Run
 
 WHEEL = "rimless-wheel-slip"
 SWEEP = ("sweep", WHEEL, "--over", "friction=0.40:0.42:2", "--workers", "1", "-o", "run")
@@ -133,7 +133,7 @@ def damage(name, kind, chance):
 def sealed(path):
     """Enter the damaged file into the manifest, as if it had been written so."""
     folder = Path(*path.parts[:1])
-    seal(folder, path.relative_to(folder).as_posix())
+    Run(folder).seal(path.relative_to(folder).as_posix())
 
 
 def check_left_alone(run, path, command):
@@ -199,7 +199,7 @@ def test_checksums_are_of_every_file_that_is_read(copy):
     for name in READERS:
         path = Path(*placed([name]))
         if path.name != "manifest.json":
-            assert path.relative_to(path.parts[0]).as_posix() in read_manifest(Path(path.parts[0])).files
+            assert path.relative_to(path.parts[0]).as_posix() in Run(Path(path.parts[0])).manifest().files
 
 
 def test_manifest_that_lost_a_file_says_unfinished(copy, run):

@@ -6,8 +6,8 @@ import pytest
 
 from gaitopt.errors import StorageError
 from gaitopt.problem.problem import load_problem
-from gaitopt.runs.jobs import ResultFile, kept_results
-from gaitopt.store.folder import begin_run, growing, writing
+from gaitopt.runs.jobs import ResultFile, jobs_in
+from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Job, Workers
 
 HERE = Workers(count=1)
@@ -24,40 +24,60 @@ JOBS = [Job(key=str(number), argument=number) for number in range(4)]
 
 
 @pytest.fixture
-def folder(tmp_path):
-    problem = load_problem("rimless-wheel-stick")
-    with writing(tmp_path, problem):
-        begin_run(tmp_path, problem)
-        yield tmp_path
+def kept_run(tmp_path):
+    run = Run(tmp_path)
+    with run.begun(load_problem("rimless-wheel-stick")):
+        yield run
 
 
-def squares(folder, done, **arguments):
+def squares(kept_run, done, jobs=JOBS, **arguments):
     def square(number, parent=None, should_stop=None):
         done.append(number)
         return {"square": number**2}
 
-    return kept_results(square, JOBS, HERE, folder, FILE, **arguments)
+    with jobs_in(kept_run, FILE, HERE, **arguments) as kept:
+        return kept.complete(square, jobs(kept.results) if callable(jobs) else jobs, len(JOBS))
 
 
-def test_a_stopped_call_resumes_where_it_stopped(folder):
+def test_a_stopped_call_resumes_where_it_stopped(kept_run):
     done = []
     with pytest.raises(KeyboardInterrupt):
-        squares(folder, done, should_stop=lambda: len(done) == 3)
+        squares(kept_run, done, should_stop=lambda: len(done) == 3)
     reported = []
-    results = squares(folder, done, progress=lambda k, n: reported.append((k, n)))
+    results = squares(kept_run, done, progress=lambda k, n: reported.append((k, n)))
     assert done == [0, 1, 2, 3]
     assert reported == [(4, 4)]
-    assert {key: result["square"] for key, result in results.items()} == {"0": 0, "1": 1, "2": 4, "3": 9}
+    assert [(result["name"], result["square"]) for result in results] == [("0", 0), ("1", 1), ("2", 4), ("3", 9)]
 
 
-def test_results_of_other_jobs_in_the_file_are_left_out(folder):
-    with growing(folder, FILE.name) as log:
+def test_results_of_other_jobs_in_the_file_are_left_out(kept_run):
+    with kept_run.appending(FILE.name) as log:
         log.append({"name": "of another sweep", "square": 100})
-    assert squares(folder, []).keys() == {"0", "1", "2", "3"}
+    assert [result["name"] for result in squares(kept_run, [])] == ["0", "1", "2", "3"]
 
 
-def test_a_line_that_is_no_result_is_named(folder):
-    with growing(folder, FILE.name) as log:
+def test_a_line_that_is_no_result_is_named(kept_run):
+    with kept_run.appending(FILE.name) as log:
         log.append({"name": "0", "square": "four"})
     with pytest.raises(StorageError, match=r"squares.jsonl:1 square"):
-        squares(folder, [])
+        squares(kept_run, [])
+
+
+def test_a_job_is_made_when_it_is_drawn_and_may_depend_on_earlier_results(kept_run):
+    done = []
+
+    def chain(results):
+        for job in JOBS:
+            assert len(done) == len(results) == int(job.key)
+            yield job
+
+    squares(kept_run, done, chain)
+    assert done == [0, 1, 2, 3]
+    assert squares(kept_run, done, lambda results: iter(JOBS)) == squares(kept_run, done)
+    assert done == [0, 1, 2, 3]
+
+
+def test_a_job_that_occurs_twice_is_done_once(kept_run):
+    done = []
+    assert [result["square"] for result in squares(kept_run, done, [*JOBS[:3], JOBS[0]])] == [0, 1, 4, 0]
+    assert done == [0, 1, 2]

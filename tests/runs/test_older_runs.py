@@ -8,12 +8,12 @@ import pytest
 import gaitopt as go
 from gaitopt.cli.runs import stored_figures
 from gaitopt.errors import StorageError
-from gaitopt.runs import restore as find_run
-from gaitopt.runs.jobs import stored_lines
-from gaitopt.runs.restore import PARTS, find_durably
+from gaitopt.runs import jobs as kept
+from gaitopt.runs.branch import BRANCH_FILE
+from gaitopt.runs.jobs import SEARCHED, find_durably
 from gaitopt.search.find import SearchPlan, opened
-from gaitopt.store.folder import BRANCH_FILE, begin_run, write_files
 from gaitopt.store.lines import lines_text
+from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Workers
 
 WALK = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.95", "-o", "branch", "--quiet")
@@ -21,7 +21,8 @@ WALK = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.95"
 
 def rewritten(folder: Path, file: str, change) -> None:
     """Every line of a file of records as ``change`` makes it, with the checksums of a finished run."""
-    write_files(folder, {file: lines_text([change(line) for line in stored_lines(folder, file)])})
+    run = Run(folder)
+    run.write({file: lines_text([change(line) for line in run.lines(file)])})
 
 
 @pytest.mark.usefixtures("empty_folder")
@@ -64,26 +65,27 @@ def plan(monkeypatch):
     def search(plan, run, should_stop):
         return run(part, [plan.job(plan.problem, "simulation", number) for number in range(2)])
 
-    monkeypatch.setattr(find_run, "search", search)
+    monkeypatch.setattr(kept, "search", search)
     return SearchPlan(problem=opened(go.load_problem("rimless-wheel-stick")))
 
 
 def find(plan, folder):
     """How many parts are searched now."""
     done = []
-    find_durably(plan, folder, Workers(count=1), progress=lambda count, total: done.append(count))
+    find_durably(plan, Run(folder), Workers(count=1), progress=lambda count, total: done.append(count))
     return len(done)
 
 
 def test_parts_of_a_search_under_other_keys_are_searched_again(plan, tmp_path):
     assert find(plan, tmp_path / "run") == 2
-    rewritten(tmp_path / "run", PARTS.name, lambda line: line | {PARTS.key: f"older-{line[PARTS.key]}"})
+    rewritten(tmp_path / "run", SEARCHED.name, lambda line: line | {SEARCHED.key: f"older-{line[SEARCHED.key]}"})
     assert find(plan, tmp_path / "run") == 2
     assert find(plan, tmp_path / "run") == 0
 
 
 def test_parts_of_another_form_are_refused_with_file_line_and_entry(plan, tmp_path):
-    begin_run(tmp_path / "run", plan.problem)
-    write_files(tmp_path / "run", {PARTS.name: lines_text([{"part": "0", "method": "simulation", "gaits": []}])})
+    run = Run(tmp_path / "run")
+    with run.begun(plan.problem):
+        run.write({SEARCHED.name: lines_text([{"part": "0", "method": "simulation", "gaits": []}])})
     with pytest.raises(StorageError, match=r"find\.jsonl:1 starts: Field required; .* left alone"):
         find(plan, tmp_path / "run")

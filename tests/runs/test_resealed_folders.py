@@ -11,9 +11,9 @@ import pytest
 from gaitopt import load_run
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError
-from gaitopt.runs.restore import stored_branch
-from gaitopt.store.folder import seal, write_files
+from gaitopt.runs.branch import stored_branch
 from gaitopt.store.lines import lines_text
+from gaitopt.store.run import Run
 
 WHEEL, DESIGN = "rimless-wheel-slip", "compass-torque-efficient"
 SWEEP = ("sweep", WHEEL, "--over", "friction=0.40:0.42:2", "--workers", "1", "-o", "run")
@@ -112,11 +112,11 @@ def rewrite(file, line, record, records):
     name = file.relative_to(folder).as_posix()
     if records is None:
         file.write_text(json.dumps(record) + "\n")
-        seal(folder, name)
+        Run(folder).seal(name)
         return
     bodies = [{key: value for key, value in own.items() if key != "crc"} for own in records]
     bodies[line - 1] = record
-    write_files(folder, {name: lines_text(bodies)})
+    Run(folder).write({name: lines_text(bodies)})
 
 
 def shown(result):

@@ -16,11 +16,11 @@ from gaitopt.runs import jobs as kept
 from gaitopt.runs import jobs as study
 from gaitopt.runs.front import design_front
 from gaitopt.runs.grid import Axis, Grid, check_room
-from gaitopt.runs.jobs import JOBS
+from gaitopt.runs.jobs import SOLVED
 from gaitopt.runs.multistart import multistart
 from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, check_sweep, run_sweep, sweep_record
-from gaitopt.store.folder import seal
 from gaitopt.store.lines import read_lines
+from gaitopt.store.run import Run
 from gaitopt.workers.jobs import FailedJob, Workers
 
 HERE = Workers(count=1)
@@ -34,7 +34,7 @@ def wheel_sweep(folder, *axes, warm=False):
 
 
 def table(sweep):
-    with (sweep.place / TABLE_FILE).open(encoding="utf-8") as file:
+    with (sweep.run.path(TABLE_FILE)).open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
@@ -55,7 +55,7 @@ def test_unknown_key_and_parent_folder_are_answered_with_what_to_give(tmp_path, 
     run_sweep(sweep, HERE)
     code, _, err = run("plot", str(tmp_path))
     assert code == 6
-    assert f"give the folder of its basin or sweep: {sweep.place}" in err
+    assert f"give the folder of its basin or sweep: {sweep.run.place}" in err
     with pytest.raises(UnknownNameError, match=r"did you mean walker\.slope"):
         check_sweep(wheel_sweep(tmp_path, Axis(key="slope", lower=0.1, upper=0.2, count=2)))
 
@@ -93,13 +93,13 @@ def test_a_killed_sweep_resumes_where_it_stopped(tmp_path, monkeypatch):
     done = []
     with pytest.raises(KeyboardInterrupt):
         run_sweep(sweep, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
-    jobs = tmp_path / JOBS.name
+    jobs = tmp_path / SOLVED.name
     with jobs.open("a", encoding="utf-8") as file:
         file.write('{"job": "torn')  # killed in the middle of a line
     whole = run_sweep(wheel_sweep(tmp_path), HERE).records
     assert len(list(read_lines(jobs))) == 3
     afresh = run_sweep(wheel_sweep(tmp_path / "afresh"), HERE).records
-    assert (sweep.place / TABLE_FILE).read_text() == (tmp_path / "afresh" / sweep.place.name / TABLE_FILE).read_text()
+    assert (sweep.run.path(TABLE_FILE)).read_text() == (tmp_path / "afresh" / sweep.run.part / TABLE_FILE).read_text()
     assert [r["state"] for r in whole] == [r["state"] for r in afresh]
 
 
@@ -254,6 +254,6 @@ def test_finished_sweep_is_drawn_again_from_its_folder_unless_it_is_broken(tmp_p
     (tmp_path / record["table"]).write_text("\n".join(lines[:-1]) + "\n")
     assert main(["plot", record["run"]]) == 6
     assert "table.csv:5: altered since it was written" in capsys.readouterr().err
-    seal(Path(record["run"]).parent, "/".join(Path(record["table"]).parts[-2:]))
+    Run.at(Path(record["run"])).seal(TABLE_FILE)
     assert main(["plot", record["run"]]) == 6
     assert "has 3 rows for 4 points" in capsys.readouterr().err

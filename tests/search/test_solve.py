@@ -10,7 +10,7 @@ from gaitopt import Gait, load_problem, solve, sweep
 from gaitopt.api.stored import save
 from gaitopt.problem.problem import Problem, parse_problem, restore_problem
 from gaitopt.runs.jobs import problem_job, solve_job
-from gaitopt.runs.restore import restore_gait
+from gaitopt.runs.results import restore_gait
 from gaitopt.workers.jobs import Workers, run_jobs
 
 CHANGED = {

@@ -5,10 +5,9 @@ import pytest
 from named import named
 
 from gaitopt import simulate, verify
-from gaitopt.gait.gait import trajectory_header, trajectory_rows
-from gaitopt.runs.restore import restore_gait
-from gaitopt.store.files import Table
-from gaitopt.store.folder import write_run
+from gaitopt.gait.gait import trajectory_rows
+from gaitopt.runs.results import restore_gait, write_result
+from gaitopt.store.run import Run
 
 
 @pytest.fixture(scope="module", params=["compass-passive-a", "compass-pd-impact-slip"])
@@ -18,10 +17,9 @@ def gait(request):
 
 @pytest.fixture(scope="module")
 def restored(gait, tmp_path_factory):
-    rows = trajectory_rows(gait.dynamics, gait.steps)
-    table = Table(header=trajectory_header(gait.system), rows=rows)
     folder = tmp_path_factory.mktemp("results") / "run"
-    return restore_gait(write_run(folder, problem=gait.problem, record=gait.to_record(), table=table))
+    write_result(gait, Run(folder))
+    return restore_gait(folder)
 
 
 def test_arcs_come_back_to_the_last_digit(gait, restored):

@@ -14,7 +14,7 @@ from gaitopt.errors import StorageError
 from gaitopt.problem.problem import load_problem
 from gaitopt.store import files as lock
 from gaitopt.store.files import LOCK_FILE, only_writer
-from gaitopt.store.folder import begin_run, read_manifest, writing
+from gaitopt.store.run import Run
 
 WHEEL = "rimless-wheel-slip"
 HOLDER = """
@@ -74,18 +74,24 @@ def test_the_same_process_may_hold_a_folder_twice_over(tmp_path):
 
 
 def test_a_folder_in_which_nothing_was_written_goes(tmp_path):
-    with writing(tmp_path / "run", load_problem(WHEEL)):
+    with Run(tmp_path / "run").writing(load_problem(WHEEL)):
         assert (tmp_path / "run").is_dir()
     assert not (tmp_path / "run").exists()
 
 
+def test_the_parents_of_a_folder_in_which_nothing_was_written_go_too_unless_they_were_there(tmp_path):
+    with Run(tmp_path / "results" / "deep" / "run").writing(load_problem(WHEEL)):
+        (tmp_path / "results" / "other").mkdir()
+    assert [path.name for path in tmp_path.rglob("*")] == ["results", "other"]
+
+
 def test_a_folder_that_was_deleted_meanwhile_is_not_written_again(tmp_path):
     folder, problem = tmp_path / "run", load_problem(WHEEL)
-    with writing(folder, problem):
+    with Run(folder).writing(problem):
         shutil.rmtree(folder)
-        with pytest.raises(StorageError, match="was deleted or replaced"):
-            begin_run(folder, problem)
-    assert list(folder.iterdir()) == []
+        with pytest.raises(StorageError, match="was deleted or replaced"), Run(folder).begun(problem):
+            pass
+    assert not folder.exists()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
@@ -113,7 +119,7 @@ def test_of_several_problems_for_one_folder_one_wins(tmp_path, count):
     assert sorted(codes) == [0] + (count - 1) * [6], words
     assert all("being written by" in said or "holds another problem" in said for said in words if said)
     winner = load_problem(WHEEL).replace({"friction": float(f"0.4{codes.index(0)}")})
-    assert read_manifest(tmp_path / "run").hash == winner.digest
+    assert Run(tmp_path / "run").manifest().hash == winner.digest
 
 
 @pytest.mark.skipif(os.name != "posix", reason="an open file cannot be deleted elsewhere")
@@ -160,7 +166,8 @@ def test_a_reader_beside_a_writer_waits_for_it(tmp_path):
 
 def test_a_reader_names_the_writer_that_takes_long(tmp_path, monkeypatch):
     monkeypatch.setattr(lock, "PATIENCE", 0.1)
-    begin_run(tmp_path / "run", load_problem(WHEEL))
+    with Run(tmp_path / "run").begun(load_problem(WHEEL)):
+        pass
     holder = hold(tmp_path / "run")
     try:
         with pytest.raises(StorageError, match=rf"is being written by process {holder.pid} .*: wait until it has fin"):

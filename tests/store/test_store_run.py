@@ -12,19 +12,7 @@ import pytest
 
 from gaitopt.errors import StorageError
 from gaitopt.store.files import Table
-from gaitopt.store.folder import (
-    check_folder,
-    find_run,
-    growing,
-    read_manifest,
-    read_object,
-    read_problem,
-    read_run,
-    run_folder,
-    seal,
-    stored_lines,
-    write_run,
-)
+from gaitopt.store.run import GAIT_FILES, Run
 
 GAIT = {"problem": "walk", "status": "converged", "period": 1 / 3, "required_friction": None}
 TRAJECTORY = Table(header=("t", "mode", "theta"), rows=((0.0, "stick", -0.1), (1 / 3, "stick", 0.1)))
@@ -47,14 +35,20 @@ class SomeProblem:
         return hashlib.sha256(json.dumps(self.resolved()).encode()).hexdigest()
 
 
+def written(folder, problem=None, record=GAIT):
+    """A run folder with a gait."""
+    Run(folder).write_result(problem or SomeProblem(), record, TRAJECTORY)
+    return folder
+
+
 @pytest.fixture
 def folder(tmp_path):
-    return write_run(tmp_path / "run", problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
+    return written(tmp_path / "run")
 
 
 def reader(name):
     """What reads a file of a run."""
-    return read_problem if name in ("problem.yaml", "resolved.json") else read_run
+    return Run.problem if name in ("problem.yaml", "resolved.json") else Run.read_result
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -63,10 +57,10 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_a_run_is_read_back_as_it_was_written(folder):
     assert sorted(contents(folder)) == FILES
-    assert read_run(folder) == (GAIT, TRAJECTORY)
+    assert Run(folder).read_result() == (GAIT, TRAJECTORY)
     assert (folder / "problem.yaml").read_bytes().decode() == SomeProblem().text
-    assert read_object(folder, "resolved.json") == SomeProblem().resolved()
-    assert read_manifest(folder).hash == SomeProblem().digest
+    assert Run(folder).read_object("resolved.json") == SomeProblem().resolved()
+    assert Run(folder).manifest().hash == SomeProblem().digest
 
 
 def test_the_manifest_names_versions_and_platform_but_no_host(folder):
@@ -78,29 +72,29 @@ def test_the_manifest_names_versions_and_platform_but_no_host(folder):
 
 
 def test_the_same_problem_replaces_its_run(folder):
-    write_run(folder, problem=SomeProblem(), record=GAIT | {"period": 2.0}, table=TRAJECTORY)
-    assert read_run(folder)[0]["period"] == 2.0
+    written(folder, record=GAIT | {"period": 2.0})
+    assert Run(folder).read_result()[0]["period"] == 2.0
     assert sorted(contents(folder)) == FILES
 
 
 def test_another_problem_is_refused_and_changes_nothing(folder):
     before = contents(folder)
     with pytest.raises(StorageError, match="holds another problem"):
-        write_run(folder, problem=SomeProblem(friction=0.3), record=GAIT, table=TRAJECTORY)
+        written(folder, SomeProblem(friction=0.3))
     assert contents(folder) == before
 
 
 def test_a_foreign_folder_is_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("precious")
     with pytest.raises(StorageError, match="not a run of gaitopt"):
-        write_run(tmp_path, problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
+        written(tmp_path)
     assert contents(tmp_path) == {"thesis.tex": b"precious"}
 
 
 def test_a_manifest_of_another_tool_is_foreign(tmp_path):
     (tmp_path / "manifest.json").write_text('{"format": "web app", "schema": 99}')
     with pytest.raises(StorageError, match="not the manifest of a gaitopt run"):
-        read_run(tmp_path)
+        Run(tmp_path).read_result()
 
 
 def test_a_newer_run_is_named_and_left_alone(folder):
@@ -108,9 +102,9 @@ def test_a_newer_run_is_named_and_left_alone(folder):
     (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 3, "hash": {"sha3": "0"}}))
     before = contents(folder)
     with pytest.raises(StorageError, match=r"newer gaitopt \(schema 3"):
-        read_run(folder)
+        Run(folder).read_result()
     with pytest.raises(StorageError, match="newer gaitopt"):
-        write_run(folder, problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
+        written(folder)
     assert contents(folder) == before
 
 
@@ -119,7 +113,7 @@ def test_a_run_without_checksums_is_refused(folder):
     del manifest["files"], manifest["checksum"]
     (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 1}))
     with pytest.raises(StorageError, match=r"older gaitopt, without checksums \(schema 1\)"):
-        read_run(folder)
+        Run(folder).read_result()
 
 
 @pytest.mark.parametrize(
@@ -138,7 +132,7 @@ def test_a_broken_manifest_is_named_and_left_alone(folder, text, words):
     (folder / "manifest.json").write_text(text)
     before = contents(folder)
     with pytest.raises(StorageError, match=rf"manifest\.json: .*{words}.*left alone"):
-        read_run(folder)
+        Run(folder).read_result()
     assert contents(folder) == before
 
 
@@ -146,7 +140,7 @@ def test_a_broken_manifest_is_named_and_left_alone(folder, text, words):
 @pytest.mark.parametrize("change", ["digit", "row", "swap", "torn", "empty", "bytes"])
 def test_an_altered_file_is_named_with_its_line_and_left_alone(folder, name, change):
     (folder / "problem.yaml").write_text("name: walk\nfriction: 0.2\nlast: 3\n")
-    seal(folder, "problem.yaml")
+    Run(folder).seal("problem.yaml")
     lines = (folder / name).read_bytes().splitlines(keepends=True)
     damaged, line = {
         "digit": ([*lines[:-1], lines[-1].replace(b"\n", b" \n")], len(lines)),
@@ -159,7 +153,7 @@ def test_an_altered_file_is_named_with_its_line_and_left_alone(folder, name, cha
     (folder / name).write_bytes(b"".join(damaged))
     before = contents(folder)
     with pytest.raises(StorageError, match=rf"{name}:{line}: altered since it was written .*left alone"):
-        reader(name)(folder)
+        reader(name)(Run(folder))
     assert contents(folder) == before
 
 
@@ -176,41 +170,41 @@ def test_an_altered_file_is_named_with_its_line_and_left_alone(folder, name, cha
 )
 def test_a_broken_file_that_has_its_checksum_is_named_all_the_same(folder, name, text, words):
     (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-    seal(folder, name)
+    Run(folder).seal(name)
     with pytest.raises(StorageError, match=rf"{name}.*{words}.*broken and was left alone"):
-        reader(name)(folder)
+        reader(name)(Run(folder))
 
 
 def test_rows_missing_from_the_end_of_finished_lines_are_noticed(folder):
-    with growing(folder, "jobs.jsonl") as lines:
+    with Run(folder).appending("jobs.jsonl") as lines:
         for k in range(3):
             lines.append({"job": k})
     text = (folder / "jobs.jsonl").read_bytes()
     (folder / "jobs.jsonl").write_bytes(b"".join(text.splitlines(keepends=True)[:-1]))
     with pytest.raises(StorageError, match=r"jobs\.jsonl:3: missing or cut off, 3 lines were written"):
-        list(stored_lines(folder, "jobs.jsonl"))
+        list(Run(folder).lines("jobs.jsonl"))
     (folder / "jobs.jsonl").write_bytes(text[:-5])  # no crash cuts a line that the manifest counts
     with pytest.raises(StorageError, match=r"jobs\.jsonl:3: missing or cut off"):
-        list(stored_lines(folder, "jobs.jsonl"))
+        list(Run(folder).lines("jobs.jsonl"))
     (folder / "jobs.jsonl").write_bytes(text + text[:5])  # but one that came after
-    assert len(list(stored_lines(folder, "jobs.jsonl"))) == 3
+    assert len(list(Run(folder).lines("jobs.jsonl"))) == 3
     (folder / "jobs.jsonl").unlink()
     with pytest.raises(StorageError, match=r"cannot read .*jobs\.jsonl"):
-        list(stored_lines(folder, "jobs.jsonl"))
+        list(Run(folder).lines("jobs.jsonl"))
 
 
 def test_lines_may_grow_after_they_were_finished(folder):
     for k in range(3):
-        with growing(folder, "jobs.jsonl") as lines:
+        with Run(folder).appending("jobs.jsonl") as lines:
             lines.append({"job": k})
-    assert [record["job"] for record in stored_lines(folder, "jobs.jsonl")] == [0, 1, 2]
+    assert [record["job"] for record in Run(folder).lines("jobs.jsonl")] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("name", ["problem.yaml", "resolved.json", "trajectory.csv"])
 def test_a_missing_file_is_named(folder, name):
     (folder / name).unlink()
     with pytest.raises(StorageError, match=rf"{name} is missing"):
-        reader(name)(folder)
+        reader(name)(Run(folder))
 
 
 def test_a_full_disk_names_the_file_and_what_was_kept(tmp_path, monkeypatch):
@@ -224,44 +218,45 @@ def test_a_full_disk_names_the_file_and_what_was_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "replace", full_at_trajectory)
     kept = r"trajectory\.csv: No space left on device; kept whole in .*: manifest.json, problem.yaml, resolved.json$"
     with pytest.raises(StorageError, match=kept) as caught:
-        write_run(tmp_path / "run", problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
+        written(tmp_path / "run")
     assert caught.value.exit_code == 6
     assert sorted(contents(tmp_path / "run")) == ["manifest.json", "problem.yaml", "resolved.json"]
 
 
 def test_leftovers_of_a_killed_writer_do_not_make_a_folder_foreign(tmp_path):
     (tmp_path / ".manifest.json.4711.tmp").write_text('{"for')
-    check_folder(tmp_path, SomeProblem())
+    Run(tmp_path).check(SomeProblem())
 
 
 @pytest.mark.parametrize(
     "name", ["../evil", "..", "/etc", "a/b\\c", "", ".hidden", "x" * 300, "ñandú läuft", "a\nb\0c"]
 )
 def test_no_name_leads_out_of_the_results(tmp_path, name):
-    folder = run_folder(SomeProblem(name=name), tmp_path)
+    run = Run.of(SomeProblem(name=name), results=tmp_path)
+    folder = run.folder
     assert folder.resolve().parent == tmp_path.resolve()
-    write_run(folder, problem=SomeProblem(name=name), record=GAIT, table=TRAJECTORY)
-    assert find_run(SomeProblem(name=name), tmp_path) == folder
+    written(folder, SomeProblem(name=name))
+    assert run.holds(*GAIT_FILES)
 
 
 def test_a_folder_is_named_after_problem_and_hash():
-    assert run_folder(SomeProblem()) == Path("results") / f"walk-{SomeProblem().digest[:8]}"
+    assert Run.of(SomeProblem()).folder == Path("results") / f"walk-{SomeProblem().digest[:8]}"
 
 
 def test_a_problem_without_a_run_has_none(tmp_path):
-    assert find_run(SomeProblem(), tmp_path / "results") is None
+    assert not Run.of(SomeProblem(), results=tmp_path / "results").holds(*GAIT_FILES)
 
 
 def test_a_file_in_place_of_the_folder_is_named(tmp_path):
     (tmp_path / "run").write_text("")
     with pytest.raises(StorageError, match="Not a directory; name another") as refused:
-        write_run(tmp_path / "run", problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
+        written(tmp_path / "run")
     assert refused.value.argument == "output"
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match="file"):
-        write_run(tmp_path / "file" / "deeper" / "run", problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
+        written(tmp_path / "file" / "deeper" / "run")
     with pytest.raises(StorageError, match="File name too long"):
-        write_run(tmp_path / ("x" * 300), problem=SomeProblem(), record=GAIT, table=TRAJECTORY)
+        written(tmp_path / ("x" * 300))

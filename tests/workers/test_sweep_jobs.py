@@ -16,7 +16,7 @@ from worker_tasks import refuse, work
 from gaitopt.errors import UnknownNameError
 from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
-from gaitopt.runs.jobs import JOBS
+from gaitopt.runs.jobs import SOLVED
 from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, run_sweep
 from gaitopt.store.lines import read_lines
 from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
@@ -88,7 +88,7 @@ def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
         return SweepPlan(problem=load_problem("rimless-wheel-slip"), grid=Grid((frictions,)), warm=False, folder=folder)
 
     def at_work():
-        lines = tmp_path / "killed" / JOBS.name
+        lines = tmp_path / "killed" / SOLVED.name
         children = psutil.Process().children() if lines.exists() and lines.read_text().count("\n") > 20 else []
         return {child.pid for child in children if any("spawn_main" in word for word in child.cmdline())}
 
@@ -98,8 +98,8 @@ def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
     with Killer(at_work, victims=1) as killer:
         run_sweep(killed, Workers(count=5))
     assert len(killer.killed) == 1
-    assert (killed.place / TABLE_FILE).read_text() == (undisturbed.place / TABLE_FILE).read_text()
-    keys = [record["job"] for record in read_lines(killed.folder / JOBS.name)]
+    assert (killed.run.path(TABLE_FILE)).read_text() == (undisturbed.run.path(TABLE_FILE)).read_text()
+    keys = [record["job"] for record in read_lines(killed.folder / SOLVED.name)]
     assert sorted(keys) == sorted({job.key for job in killed.jobs})
 
 
@@ -109,7 +109,7 @@ def test_interrupted_workers_end_soon_in_silence_and_what_is_finished_is_kept(tm
     sweep = subprocess.Popen(
         [sys.executable, "-m", "gaitopt", *command], start_new_session=True, stderr=subprocess.PIPE, text=True
     )
-    lines = tmp_path / JOBS.name
+    lines = tmp_path / SOLVED.name
     until = time.monotonic() + 60
     while not (lines.exists() and lines.read_text()) and time.monotonic() < until:
         time.sleep(0.05)
@@ -173,8 +173,10 @@ def test_job_that_raises_is_set_aside_with_the_error(tmp_path):
 def test_job_starts_from_the_result_of_its_parent(tmp_path, workers):
     diary = str(tmp_path / "diary")
     jobs = [Job(key=f"c{k}", argument=(k, diary, False), parent=f"c{k - 1}") for k in range(1, 5)]
-    results = dict(run_jobs(work, jobs, Workers(count=workers), done={"c0": 100}))
-    assert results == {"c1": 101, "c2": 105, "c3": 114, "c4": 130}
+    results = {"c0": 100}
+    for key, result in run_jobs(work, iter(jobs), Workers(count=workers), results):
+        results[key] = result
+    assert results == {"c0": 100, "c1": 101, "c2": 105, "c3": 114, "c4": 130}
 
 
 def test_stopped_jobs_keep_what_is_finished(tmp_path):

@@ -1,0 +1,170 @@
+"""What a run folder holds, and how it is written and read back: the one table of load_run, plot, report and solve.
+
+A gait or a walk is a record with a table of its motion beside it. Whatever the record repeats of the table must agree
+with it, so that a folder that was changed by hand is refused with file and key.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaitopt.errors import SolveError, StorageError
+from gaitopt.gait.branch import Branch
+from gaitopt.gait.gait import Gait, Status, trajectory_header, trajectory_rows
+from gaitopt.gait.measures import measure
+from gaitopt.gait.records import GaitRecord, WalkRecord, differing
+from gaitopt.gait.trajectory import Ending, Trajectory
+from gaitopt.model.modes import Mode
+from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
+from gaitopt.runs.branch import BRANCH_FILE, restore_branch
+from gaitopt.runs.front import Front, front_file, read_fronts
+from gaitopt.runs.sweep import SWEEP_FILE, Sweep, read_sweep
+from gaitopt.store.files import Table, damaged, validated, wait_for_writer
+from gaitopt.store.gaits import freed_values, gait_from_record, tabulated_steps
+from gaitopt.store.run import GAIT_FILE, GAIT_FILES, MANIFEST_FILE, WALK_FILE, WALK_FILES, Run
+from gaitopt.systems import problem_dynamics
+from gaitopt.verification.walk import Walk
+
+Result = Gait | Branch | Walk | Sweep | Basin | Front
+
+
+def restore_gait(folder: Path) -> Gait:
+    """The gait in a run folder.
+
+    Raises
+    ------
+    SolveError
+        If the run holds a failed attempt.
+    """
+    run = Run(folder)
+    (record, table), problem = run.read_result(), run.problem()
+    if record.get("status") in [status for status in Status if status is not Status.CONVERGED]:
+        raise SolveError(f"{folder} holds no gait: {record.get('status')}, {record.get('message')}")
+    path = folder / GAIT_FILE
+    validated(GaitRecord, record, path, states=problem.walker.state_names())
+    if problem.is_open:
+        problem = replace(problem.with_gait(record), origin=problem)
+    try:
+        dynamics = problem_dynamics(problem).at(freed_values(record))
+        periods = [float(step["period"]) for step in record.get("steps", (record,))]
+        starts = list(accumulate(periods[:-1], initial=0.0))
+        steps = tabulated_steps(dynamics, table, starts, problem.cycle.impacts)
+        gait = gait_from_record(problem, dynamics, record, steps, measure(dynamics, steps))
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise StorageError(f"{folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
+    _check_same(path, record, gait.to_record())
+    return gait
+
+
+def restore_walk(folder: Path) -> Walk:
+    """The walk that a run folder holds."""
+    run = Run(folder)
+    record, table = run.read_result(WALK_FILES)
+    problem = run.problem()
+    try:
+        validated(WalkRecord, record, folder / WALK_FILE, states=problem.walker.state_names())
+        dynamics = problem_dynamics(problem).at(record["parameters"])
+        system = dynamics.system
+        section = record["section"]
+        began = [float(point["time"]) for point in section]
+        impacts = [Mode(point["impact"]) for point in section[1:]]
+        start, *_ = (np.array([point["state"][name] for name in system.state_names]) for point in section)
+        gait = [[float(state[name]) for name in system.state_names] for state in record["gait_states"]]
+        ending, message = Ending(record["status"]), str(record["message"])
+        steps = tabulated_steps(dynamics, table, began, impacts) if table.rows else ()
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise StorageError(f"{folder}: walk.json or walk.csv does not hold a walk ({error!r})") from error
+    trajectory = Trajectory(names=system.state_names, start=start, steps=steps, ending=ending, message=message)
+    states = np.array(gait).reshape(-1, len(system.state_names))
+    walk = Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states)
+    _check_same(folder / WALK_FILE, record, walk.to_record())
+    return walk
+
+
+def _check_same(path: Path, record: Mapping[str, Any], restored: Mapping[str, Any]) -> None:
+    """Refuse a record that differs from what its table says."""
+    key = differing(record, restored)
+    if key:
+        raise damaged(path, f"{key}: is not what the table beside it gives")
+
+
+def _only_front(folder: Path) -> Front:
+    front, *others = read_fronts(folder)
+    if others:
+        raise StorageError(f"{folder} holds {len(others) + 1} fronts, but no gait; `gaitopt plot` draws them")
+    return front
+
+
+KINDS: Mapping[str, tuple[str, Callable[[Path], Result]]] = {
+    "branch": (BRANCH_FILE, restore_branch),
+    "gait": (GAIT_FILE, restore_gait),
+    "walk": (WALK_FILE, restore_walk),
+    "front": (front_file("*"), _only_front),
+    "sweep": (SWEEP_FILE, read_sweep),
+    "basin": (BASIN_FILE, read_basin),
+}
+"""By kind of result: the file by which it is known, and its reader. Of several kinds in one folder the first counts."""
+
+
+def kind_of(folder: Path) -> str:
+    """The kind of result in a folder, a key of ``KINDS``; empty where there is no such folder, or no result in it."""
+    try:
+        return next((kind for kind, (name, _) in KINDS.items() if any(folder.glob(name))), "")
+    except OSError:  # a text that is no name of a folder
+        return ""
+
+
+def read_result(folder: Path) -> Result:
+    """The result in a run folder, or in the folder of a sweep or basin.
+
+    Raises
+    ------
+    StorageError
+        If the folder is not a run, or is broken, unfinished or newer.
+    """
+    wait_for_writer(folder, lambda: bool(kind_of(folder)))
+    kind = kind_of(folder)
+    if kind:
+        return KINDS[kind][1](folder)
+    refuse_other_results(folder)
+    raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(name for name, _ in KINDS.values())})")
+
+
+def write_result(result: Gait | Walk, run: Run) -> None:
+    """Write a gait or a walk with its table into a run of its problem.
+
+    Raises
+    ------
+    SolveError
+        If the gait is a failed attempt.
+    """
+    if isinstance(result, Walk):
+        steps, files = result.trajectory.steps, WALK_FILES
+    else:
+        steps, files = result.steps, GAIT_FILES
+        if not steps:
+            raise SolveError(f"{result.problem.name} is {result.status}: only a gait is stored")
+    table = Table(header=trajectory_header(result.system), rows=trajectory_rows(result.dynamics, steps))
+    run.write_result(result.problem, result.to_record(), table, files)
+
+
+def refuse_other_results(folder: Path) -> None:
+    """Name the results in a run folder that has no gait.
+
+    Raises
+    ------
+    StorageError
+        If there are some; for basins and sweeps the message says which folder to give.
+    """
+    if not (folder / MANIFEST_FILE).is_file() or GAIT_FILE in Run(folder).manifest().files:
+        return
+    others = [f"a {kind}" for kind in ("branch", "walk", "front") if any(folder.glob(KINDS[kind][0]))]
+    if others:
+        raise StorageError(f"{folder} holds {' and '.join(others)}, but no gait")
+    places = sorted(str(file.parent) for name in (BASIN_FILE, SWEEP_FILE) for file in folder.glob(f"*/{name}"))
+    if places:
+        raise StorageError(f"{folder} holds no gait; give the folder of its basin or sweep: {' or '.join(places)}")

@@ -1,0 +1,409 @@
+"""A run folder: one problem, and the results that were computed for it.
+
+The manifest states format, schema, versions, platform, the hash of the problem, and the SHA-256 of every finished file.
+A file is written in three steps: its checksum leaves the manifest, the file is replaced, its new checksum enters. A
+file without a checksum is therefore unfinished. The manifest is written first, so that every folder knows its problem;
+the record of a gait is written last, so that a folder with a gait is complete. After a crash the same command completes
+the folder. One process at a time writes it.
+"""
+
+import hashlib
+import os
+import platform
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+from gaitopt.errors import GaitoptError, StorageError
+from gaitopt.problem.problem import Problem, restore_problem
+from gaitopt.problem.statement import digest_of
+from gaitopt.store.files import (
+    LOCK_FILE,
+    TEMPORARY_SUFFIX,
+    WRITER_FILE,
+    FileSum,
+    Table,
+    check_content,
+    clear_leftovers,
+    csv_text,
+    entries,
+    file_sum,
+    json_file,
+    json_text,
+    make_folder,
+    only_writer,
+    parse_csv,
+    parse_object,
+    parsed,
+    read_bytes,
+    reason,
+    validated,
+    wait_for_writer,
+    write_whole,
+    written_elsewhere,
+)
+from gaitopt.store.lines import LineWriter, read_lines
+
+RESULTS = Path("results")
+"""Folder of all runs, unless the user names another."""
+MANIFEST_FILE = "manifest.json"
+PROBLEM_FILE = "problem.yaml"
+RESOLVED_FILE = "resolved.json"
+GAIT_FILE, WALK_FILE = "gait.json", "walk.json"
+GAIT_FILES, WALK_FILES = (GAIT_FILE, "trajectory.csv"), (WALK_FILE, "walk.csv")
+"""Record and table of a gait, and of a simulated walk."""
+LONGEST_NAME = 60
+"""Characters of a problem's name in the name of its folder: with four bytes each they fit every file system."""
+FORMAT = "gaitopt run"
+SCHEMA = 2
+"""Raised whenever a reader of the previous schema would misread what is written; 2 has checksums."""
+CHECKSUM = "checksum"
+"""Key of the SHA-256 of the rest of the manifest."""
+PACKAGES = ("gaitopt", "casadi", "numpy", "scipy", "pydantic", "ruamel.yaml")
+"""Packages on which the numbers of a run depend."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manifest:
+    """The contents of ``manifest.json``.
+
+    Attributes
+    ----------
+    problem, hash : name of the problem, and hash of what it resolves to with its references.
+    versions, platform : of the packages and the machine that wrote the run; the host is not named.
+    files : checksums of the finished files by their paths within the folder.
+    """
+
+    problem: str
+    hash: str
+    versions: dict[str, str]
+    platform: dict[str, str]
+    files: dict[str, FileSum] = field(default_factory=dict)
+    format: str = FORMAT
+    schema: int = SCHEMA
+
+    @classmethod
+    def of(cls, problem: Problem, files: Mapping[str, FileSum] | None = None) -> Self:
+        """The manifest of a run of ``problem`` that is written now."""
+        machine = {"system": platform.system(), "machine": platform.machine()}
+        return cls(
+            problem=problem.name, hash=problem.digest, versions=_versions(), platform=machine, files=dict(files or {})
+        )
+
+    def to_record(self) -> dict[str, Any]:
+        """The manifest as a JSON object, with its own checksum."""
+        record = asdict(self)
+        return record | {CHECKSUM: _checksum(record)}
+
+
+def _checksum(record: dict[str, Any]) -> str:
+    return hashlib.sha256(json_text(record).encode()).hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _versions() -> dict[str, str]:
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run folder, which need not exist yet.
+
+    Reading raises a ``StorageError`` that names file and line if something is missing, unfinished or altered; it waits
+    for another process that is about to finish a file. Names of files are paths within the folder, or within ``part``.
+
+    Attributes
+    ----------
+    folder : of the run, with its manifest.
+    part : subfolder of a sweep or a basin, whose files the manifest of the run lists; empty for the run itself.
+    """
+
+    folder: Path
+    part: str = ""
+
+    @classmethod
+    def of(cls, problem: Problem, folder: str | Path | None = None, *, results: Path = RESULTS) -> Self:
+        """The run of a problem in ``results/NAME-HASH8``, or in ``folder``; no name leads out of ``results``."""
+        if folder is not None:
+            return cls(Path(folder))
+        name = re.sub(r"[^\w.-]+", "-", problem.name)[:LONGEST_NAME].strip(".-") or "problem"
+        return cls(results / f"{name}-{problem.digest[:8]}")
+
+    @classmethod
+    def at(cls, place: Path) -> Self:
+        """The run in a folder, or the part of a run whose subfolder it is."""
+        if (place / MANIFEST_FILE).is_file() or not (place / ".." / MANIFEST_FILE).is_file():
+            return cls(place)
+        return cls(place.resolve().parent, place.resolve().name)
+
+    @property
+    def place(self) -> Path:
+        """The folder of the run, or of its part."""
+        return self.folder / self.part
+
+    def path(self, name: str) -> Path:
+        """Where a file is."""
+        return self.place / name
+
+    def _key(self, name: str) -> str:
+        """The path of a file within the run folder, under which the manifest lists it."""
+        return f"{self.part}/{name}" if self.part else name
+
+    # writing
+
+    def check(self, problem: Problem) -> None:
+        """Refuse a folder that may not be written for this problem, before anything is computed or written.
+
+        Raises
+        ------
+        StorageError
+            If it holds another problem's run, anything that is not a run, a broken run, or a newer one.
+        """
+        names = [path.name for path in entries(self.folder)]
+        left = [n for n in names if n.startswith(".") and n.endswith(TEMPORARY_SUFFIX)]  # by a writer that was killed
+        if not set(names) - {LOCK_FILE, WRITER_FILE, *left}:
+            check_writable(self.folder)
+            return
+        manifest = self.manifest()
+        if manifest.hash != problem.digest:
+            raise StorageError(
+                f"{self.folder} holds another problem ({manifest.problem}, hash {manifest.hash[:8]}, not "
+                f"{problem.name}, hash {problem.digest[:8]}); it was left alone: delete it, or name another folder"
+            ).about("output")
+
+    @contextmanager
+    def writing(self, problem: Problem) -> Iterator[None]:
+        """Lock the folder for writing; it is made if necessary and removed if nothing was written. May be nested.
+
+        Raises
+        ------
+        StorageError
+            As ``check``, and if another process holds the folder.
+        """
+        self.check(problem)
+        made = make_folder(self.folder)
+        try:
+            with only_writer(self.folder):
+                self.check(problem)  # another process may have been first
+                yield
+        finally:
+            for folder in made:
+                with suppress(OSError):  # one that is not empty stays
+                    folder.rmdir()
+
+    @contextmanager
+    def begun(self, problem: Problem) -> Iterator[None]:
+        """Lock the folder as ``writing`` does, and write what every run has: manifest and problem."""
+        with self.writing(problem):
+            files = self.manifest().files if (self.folder / MANIFEST_FILE).exists() else {}
+            self._write_manifest(Manifest.of(problem, files))
+            run = Run(self.folder)
+            run.write({PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(problem.resolved())})
+            if self.part:
+                make_folder(self.place, parents=False)
+            yield
+
+    def write(self, contents: Mapping[str, str]) -> None:
+        """Write files by name; they count as unfinished until all of them are written."""
+        manifest, keys = self.manifest(), [self._key(name) for name in contents]
+        others = {key: known for key, known in manifest.files.items() if key not in keys}
+        if others != manifest.files:
+            self._write_manifest(replace(manifest, files=others))
+        for name, content in contents.items():
+            write_whole(self.path(name), content)
+        self.seal(*contents)
+
+    def write_result(
+        self, problem: Problem, record: Mapping[str, Any], table: Table, files: tuple[str, str] = GAIT_FILES
+    ) -> None:
+        """Write record and table of a gait or of a simulated walk, which replace those of an earlier call.
+
+        Parameters
+        ----------
+        record : the JSON object of the gait or walk.
+        table : its states and forces over time.
+        files : ``GAIT_FILES`` or ``WALK_FILES``.
+        """
+        with self.begun(problem):
+            self.write({files[1]: csv_text(table), files[0]: json_file(record)})
+
+    def seal(self, *names: str) -> None:
+        """Enter the checksums of files, as they are now, into the manifest."""
+        manifest = self.manifest()
+        sums = {self._key(name): file_sum(self.path(name), read_bytes(self.path(name))) for name in names}
+        if not sums.items() <= manifest.files.items():
+            self._write_manifest(replace(manifest, files=dict(sorted((manifest.files | sums).items()))))
+
+    @contextmanager
+    def appending(self, name: str) -> Iterator[LineWriter]:
+        """Append to a file of records; its length is entered into the manifest at the end, also of an interrupted call.
+
+        ``LineWriter.records`` has the records that were there before.
+        """
+        complete = False
+        try:
+            with LineWriter(self.path(name), self.manifest().files.get(self._key(name))) as lines:
+                yield lines
+            complete = True
+        except (KeyboardInterrupt, GeneratorExit):
+            complete = True
+            raise
+        finally:
+            if complete:
+                self.seal(name)
+
+    @contextmanager
+    def adding(self, place: Path) -> Iterator[list[Path]]:
+        """Add figures or pages to a folder; those in the run folder that the block collects in the list get checksums.
+
+        Parameters
+        ----------
+        place : folder of the files, made if necessary: in the run folder, or elsewhere.
+        """
+        added: list[Path] = []
+        if not place.resolve().is_relative_to(self.folder.resolve()):
+            make_folder(place)
+            clear_leftovers(place)
+            yield added
+            return
+        with only_writer(self.folder):
+            make_folder(place)
+            yield added
+            Run(self.folder).seal(*(path.resolve().relative_to(self.folder.resolve()).as_posix() for path in added))
+
+    def _write_manifest(self, manifest: Manifest) -> None:
+        write_whole(self.folder / MANIFEST_FILE, json_file(manifest.to_record()))
+
+    # reading
+
+    def manifest(self) -> Manifest:
+        """The manifest.
+
+        Raises
+        ------
+        StorageError
+            If the folder is not a run, is broken, or was written by a newer gaitopt or by one without checksums.
+        """
+        path = self.folder / MANIFEST_FILE
+        if not path.is_file():
+            raise StorageError(f"{self.folder} is not a run of gaitopt (it has no {MANIFEST_FILE}); it was left alone")
+        record = parsed(parse_object, read_bytes(path), path)
+        if record.get("format") != FORMAT:
+            raise StorageError(f"{path} is not the manifest of a gaitopt run; the folder was left alone")
+        schema = record.get("schema")
+        if isinstance(schema, int) and schema > SCHEMA:
+            raise StorageError(
+                f"{self.folder} was written by a newer gaitopt (schema {schema}; this one reads up to {SCHEMA}); "
+                "it was left alone: update gaitopt to use it"
+            )
+        if isinstance(schema, int) and schema < SCHEMA:
+            raise StorageError(
+                f"{self.folder} was written by an older gaitopt, without checksums (schema {schema}); "
+                "it was left alone: delete it, or name another folder"
+            ).about("output")
+        checksum = record.pop(CHECKSUM, None)
+        if checksum != _checksum(record):
+            raise StorageError(f"{path}: altered since it was written (SHA-256 differs); the run was left alone")
+        return validated(Manifest, record, path)
+
+    def problem(self) -> Problem:
+        """The problem of the run.
+
+        Raises
+        ------
+        StorageError
+            If what it resolves to is no problem, or not that of the manifest.
+        """
+        run = Run(self.folder)
+        resolved, path = run.read_object(RESOLVED_FILE), run.path(RESOLVED_FILE)
+        text = parsed(str, run.read(PROBLEM_FILE)[0], run.path(PROBLEM_FILE))
+        digest = self.manifest().hash
+        if digest_of(resolved) != digest:
+            raise StorageError(f"{path} does not have the hash of the manifest; the run is broken")
+        try:
+            problem = replace(restore_problem(resolved), text=text)
+        except (GaitoptError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise StorageError(f"{path} holds no problem ({error}); the run is broken") from error
+        if problem.digest != digest:
+            raise StorageError(f"{path} does not have the hash of the manifest; the run is broken")
+        return problem
+
+    def holds(self, *names: str) -> bool:
+        """Whether there are finished files of these names; the folder need not be a run."""
+        if not self.path(names[0]).is_file():
+            return False
+        return {self._key(name) for name in names} <= self.manifest().files.keys()
+
+    def read(self, *names: str) -> list[bytes]:
+        """Finished files, all as the same writer left them."""
+        keys = [self._key(name) for name in names]
+        while True:
+            wait_for_writer(self.folder, lambda: self.manifest().files.keys() >= {*keys})
+            known = self._checksums(keys)
+            missing = next((name for name, own in zip(names, known, strict=True) if own is None), None)
+            if missing is not None and not written_elsewhere(self.folder):
+                unfinished = self.path(missing).exists()
+                words = "the run is unfinished: repeat the command that writes it" if unfinished else "missing"
+                raise StorageError(f"{self.path(missing)}: {words}; it was left alone")
+            if missing is not None:
+                continue
+            try:
+                contents = [read_bytes(self.path(name)) for name in names]
+                for name, own, content in zip(names, known, contents, strict=True):
+                    check_content(self.path(name), content, own)
+            except StorageError:
+                if known == self._checksums(keys):  # no writer has replaced them in the meantime
+                    raise
+            else:
+                if known == self._checksums(keys):
+                    return contents
+
+    def _checksums(self, keys: list[str]) -> list[Any]:
+        """What the manifest says of some files, None where it says nothing."""
+        files = self.manifest().files
+        return [files.get(key) for key in keys]
+
+    def read_object(self, name: str) -> dict[str, Any]:
+        """A finished file that is one JSON object."""
+        return parsed(parse_object, self.read(name)[0], self.path(name))
+
+    def read_result(self, files: tuple[str, str] = GAIT_FILES) -> tuple[dict[str, Any], Table]:
+        """Record and table of the gait, or of the walk."""
+        manifest = self.manifest()
+        wait_for_writer(self.folder, lambda: self.path(files[0]).is_file())
+        if files == GAIT_FILES and not self.path(GAIT_FILE).is_file():
+            raise StorageError(
+                f"{self.folder} is unfinished (no {GAIT_FILE}): solve {manifest.problem} again to complete it"
+            )
+        record, table = self.read(*files)
+        return parsed(parse_object, record, self.path(files[0])), parsed(parse_csv, table, self.path(files[1]))
+
+    def lines(self, name: str) -> Iterator[dict[str, Any]]:
+        """The records of a file in order; none if there is no such file."""
+        known = self.manifest().files.get(self._key(name))
+        if known is not None or self.path(name).exists():
+            yield from read_lines(self.path(name), known)
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a file or folder that cannot be made, before anything is computed for it.
+
+    Raises
+    ------
+    StorageError
+        If the nearest folder above it that exists is none, or may not be written.
+    """
+    try:
+        place = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {reason(error)}; name another place").about("output") from error
+    folder = place.parent if place == path.absolute() and place.is_file() else place
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise StorageError(f"cannot write {path}: {folder} is no folder that you may write; name another").about(
+            "output"
+        )
