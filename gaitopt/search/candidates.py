@@ -34,7 +34,7 @@ from gaitopt.simulation.engine import Engine, choose_engine, make_stepper
 from gaitopt.simulation.heyoka_batch import RowMap
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import solve_sequence
-from gaitopt.verification.return_map import ReturnMap, damped_fixed_point, step_map
+from gaitopt.verification.return_map import ReturnMap, step_map
 
 Record = dict[str, Any]
 Phases = tuple[tuple[Mode, float], ...]
@@ -134,7 +134,7 @@ def _walks(
                 raise KeyboardInterrupt
             mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
             n = state.size if state[-1] else state.size - 1
-            steps = damped_fixed_point(maps[mode], state[:n], box.sizes[:n])
+            steps = maps[mode].damped_fixed_point(state[:n], box.sizes[:n])
             if steps is not None and steps[0].period > standing:
                 candidates.append(cycle_record(system, steps, f"{job.method} {job.number}.{row}"))
     return candidates, len(xi)

@@ -1,1 +1,6 @@
-"""Comparison of a gait with the simulation; return map and multipliers; simulated walks."""
+"""Comparison of a gait with the simulation.
+
+return_map  the simulator's return map: derivative, fixed points, thousands of states at once
+walk        simulated walks of any length
+verify      claims about a gait, each with figure and tolerance
+"""

@@ -1,19 +1,14 @@
-"""Claim by claim: does the forward simulator, which chooses the modes itself, confirm a gait of the NLP?
+"""Verification of a gait, claim by claim, by the forward simulator, which chooses the modes itself.
 
-A claim about a gait: the figure that was measured, the tolerance it must keep, and whether it does.
-
-Figures are dimensionless: errors in the natural units of the walker (``mechanics.scales``).
-
-The simulated cycle against that of the NLP: times, states, impact and every measure, in natural units.
-
-A gait on the simulator's return map: fixed point, multipliers, and walks that start slightly off it.
-
-The return map P is differenced along directions v, from deviations of several sizes h, and extrapolated to h = 0:
+The simulated cycle is compared with that of the gait: modes, times, states, impacts and scalars. Margins and the energy
+balance are examined along the gait, also between the nodes. Fixed point and multipliers are compared with those of the
+simulator's return map P, and its Jacobian J with differences of P along directions v, extrapolated to h = 0:
 
     (P(xi + h v) - P(xi - h v)) / 2h = J v + c_2 h^2 + c_4 h^4 + ...        Ridders (1982), Adv. Eng. Software 4, 75-76
 
-Only walks through the gait's own modes are used. Where one side of the gait has none (a gait at the limit of friction),
-the difference is one-sided and all powers of h are eliminated.
+Only walks with the gait's own modes are used. Where there are none on one side of the gait (a gait at the limit of
+friction), the difference is one-sided and all powers of h are eliminated. Figures are dimensionless: errors are in the
+natural units of the walker.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,6 +35,42 @@ from gaitopt.simulation.engine import Engine, make_stepper
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ROUNDING, FixedPoint, ReturnMap
 
+AGREEMENT = 1e-9
+"""Period, switching times and states just after the impact."""
+INTERIOR_AGREEMENT = 1e-8
+"""States inside an arc, where the simulator interpolates, and all scalars of arcs."""
+RECOMPUTED = 1e-9
+"""Relative agreement of a stated scalar with its value along the gait's own motion; only rounding differs."""
+SMALL = 1e-4
+"""In natural units: smaller scalars are compared as if they were this large, since rounding is 1e-15 of the unit."""
+FORCE_SLACK = 1e-8
+"""Excess over the friction coefficient that rounding at the edge of the cone can cause."""
+ENERGY_AGREEMENT = 1e-9
+"""Relative to the largest change of energy or to weight times leg length, whichever is larger."""
+MULTIPLIER_AGREEMENT = 1e-9
+"""Relative where a multiplier exceeds one. An unstable cycle magnifies the errors of both methods by its radius: of 900
+random gaits the worst is a tenth of this times the radius."""
+DISCERNIBLE = 2e-6
+"""Largest tolerance of the multipliers: an error of 1e-5 must stand out, however unstable or sensitive they are."""
+ROUNDING_SAMPLES = 4
+LARGEST, SIZES = 2.0**-12, 16
+"""Largest deviation, in natural units, and number of sizes, each half of the one before; at the smallest, 7e-9, the
+rounding of a step is 1e-6 to 1e-5 of the deviation."""
+LINEARITY = 2e-6
+"""Of the norm of the Jacobian: a Jacobian with a relative error of 1e-5 exceeds it along at least one of up to 25
+directions. Named gaits stay below 1e-8."""
+RESOLVED = LINEARITY / 4
+"""Largest estimated error of an extrapolated difference that can decide the claim."""
+SETTLED = RESOLVED / 100
+"""Estimated error below which no smaller deviation is tried."""
+SPARE_DIRECTIONS = 8
+"""Random directions per coordinate that are tried where some coordinate direction leaves the gait's modes on both
+sides, as next to two limits at once."""
+INDEPENDENT = 0.1
+"""Least part of a unit vector that must be orthogonal to the directions before it."""
+
+Quotient = Callable[[float], Array | None]
+
 
 class Outcome(StrEnum):
     """How the examination of a claim ended; only ``holds`` is a pass."""
@@ -61,7 +92,7 @@ class Claim:
     passed : whether the claim holds.
     note : what the figure measures, or why there is none.
     outcome : ``holds``, ``fails``, ``not_examined`` (the motion to be examined does not exist) or ``no_linear_range``
-        (rounding and curvature leave no deviation from which a derivative could be judged).
+        (rounding and curvature leave no size of deviation at which a derivative could be judged).
     """
 
     name: str
@@ -101,34 +132,54 @@ class Verification(Tabulated):
             "state_error": self.figure("state"),
             "multiplier_error": self.figure("multipliers"),
             "mode_sequence_matches": sequence.passed,
-            "claims": [_claim_record(c) for c in self.claims],
+            "claims": [
+                {**asdict(c), "figure": c.figure if np.isfinite(c.figure) else None, "outcome": str(c.outcome)}
+                for c in self.claims
+            ],
         }
 
 
-def _claim_record(c: Claim) -> dict[str, Any]:
-    return {**asdict(c), "figure": c.figure if np.isfinite(c.figure) else None, "outcome": str(c.outcome)}
+def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
+    """Examine a gait by forward simulation from its state after impact.
+
+    Parameters
+    ----------
+    gait : a converged gait.
+    engine : integrator of the simulation: ``auto``, ``scipy`` or ``heyoka``.
+
+    Raises
+    ------
+    SolveError
+        If ``gait`` is a failed attempt.
+    UnknownNameError
+        If the engine is unknown or not installed.
+    """
+    check_gait(gait)
+    simulator = Simulator(gait.dynamics, stepper=make_stepper(gait.dynamics, engine))
+    cycle = gait.problem.cycle
+    walked = simulator.run(gait.state, steps=len(cycle.steps), dense=True)
+    claims = [_sequence_claim(gait, walked), *_margin_claims(gait), _energy_claim(gait)]
+    if claims[0].passed:
+        claims += motion_claims(gait, walked.steps)
+        claims += record_claims(gait, walked.steps)
+        claims += return_map_claims(gait, ReturnMap(simulator, cycle.impact, len(cycle.steps)))
+    return Verification(claims=tuple(claims))
 
 
-def claim(name: str, figure: float, tolerance: float, note: str = "") -> Claim:
-    """The claim that ``figure`` does not exceed ``tolerance``; it fails where the figure is no number."""
-    passed = bool(figure <= tolerance)
-    outcome = Outcome.HOLDS if passed else Outcome.FAILS
-    return Claim(name=name, figure=float(figure), tolerance=tolerance, passed=passed, note=note, outcome=outcome)
+def confirm(gait: Gait) -> Verification:
+    """A short verification: the simulator walks one cycle through the same modes back to the same state."""
+    check_gait(gait)
+    walked = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True)
+    claims = [_sequence_claim(gait, walked)]
+    if claims[0].passed:
+        claims += motion_claims(gait, walked.steps)
+    return Verification(claims=tuple(claims))
 
 
-def failed_claim(name: str, tolerance: float, note: str, outcome: Outcome = Outcome.NOT_EXAMINED) -> Claim:
-    """A claim that could not be examined."""
-    return Claim(name=name, figure=np.inf, tolerance=tolerance, passed=False, note=note, outcome=outcome)
-
-
-AGREEMENT = 1e-9
-"""Period, switching times and states just after the impact."""
-INTERIOR_AGREEMENT = 1e-8
-"""States inside an arc, where the simulator interpolates, and all that is measured along arcs."""
-RECOMPUTED = 1e-9
-"""Relative agreement of a stated scalar with its value along the gait's own motion; rounding alone differs."""
-SMALL = 1e-4
-"""In natural units: smaller scalars are compared as if they were this large, since rounding is 1e-15 of the unit."""
+def check_gait(gait: Gait) -> None:
+    """Raise ``SolveError`` for a failed attempt."""
+    if not gait.steps:
+        raise SolveError(f"{gait.problem.name} is {gait.status}, there is no gait to verify: {gait.message}")
 
 
 def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
@@ -145,150 +196,25 @@ def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
 
 
 def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
-    """The scalars that the gait states, and what it records of its impacts.
+    """The scalars, parameters and impacts that the gait's record states.
 
-    Both are compared with the simulated steps and, where these confirm the gait's states, far more closely with their
-    values along the gait's own motion. The claim has the figure and the tolerance of the comparison that is worse.
+    Scalars and impacts are compared with the simulated steps and, where these confirm the gait's states, more closely
+    with their values along the gait's own motion; parameters with those of the motion. A claim has the figure and the
+    tolerance of the comparison that is worse.
     """
     units, tolerance = measure_scales(gait.dynamics.scales), magnification(gait) * INTERIOR_AGREEMENT
-    own = _recomputed(gait) if _state_error(gait, walked) <= tolerance else ()
+    confirmed = _recomputed(gait) if _state_error(gait, walked) <= tolerance else ()
     errors = {k: _error(gait.measures.get(k), value, units[k]) for k, value in measure(gait.dynamics, walked).items()}
-    closely = {k: _relative_error(gait.measures.get(k), v, units[k]) for k, v in _measured(gait, own).items()}
-    yield _worst("measures", (errors, tolerance), (closely | _parameter_errors(gait), RECOMPUTED))
-    errors = _impact_errors(gait, _impacts(walked), _error)
-    closely = _impact_errors(gait, _impacts(own), _relative_error) if own else {}
-    yield _worst("impact", (errors, tolerance), (closely, RECOMPUTED))
-
-
-def _recomputed(gait: Gait) -> tuple[Step, ...]:
-    """The steps of the gait with impacts computed again from the states before them."""
-    return tuple(
-        replace(
-            step,
-            impact=impact_record(
-                gait.dynamics.standing(step.arcs[-1].side), step.final_impact.mode, step.arcs[-1].states[-1]
-            ),
-        )
-        for step in gait.steps
-    )
-
-
-def _measured(gait: Gait, steps: Sequence[Step]) -> dict[str, float | None]:
-    return measure(gait.dynamics, steps) if steps else {}
-
-
-def _parameter_errors(gait: Gait) -> dict[str, float]:
-    """Stated parameters, solved or given by the problem, against those with which the gait moves."""
     given = {key: value for key, value in gait.problem.parameters.items() if key not in gait.problem.free}
     moving = gait.dynamics.parameters
-    return {key: _relative_error(value, moving[key], 0.0) for key, value in {**given, **gait.freed}.items()}
-
-
-def _impacts(steps: Sequence[Step]) -> list[ImpactRecord]:
-    return [step.impact for step in steps if step.impact is not None]
-
-
-def magnification(gait: Gait) -> float:
-    """By how much an unstable step magnifies what the two methods differ by."""
-    return max(1.0, gait.spectral_radius or 0.0)
-
-
-def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
-    """Largest difference of the states along the cycle, in natural units."""
-    pairs = [(step, arc) for step, own in zip(walked, gait.steps, strict=True) for arc in own.arcs]
-    return max(
-        float(np.abs((_states(step, arc) - arc.states) / gait.dynamics.state_units).max()) for step, arc in pairs
-    )
-
-
-def _states(step: Step, ours: Arc) -> Array:
-    """States (m, n_z) of a step at the times of an arc (m,).
-
-    Arcs are found by time, among those with the same stops locked: where a switch falls on a breakpoint of the control,
-    rounding decides which comes first.
-    """
-    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked and arc.mode.flies == ours.mode.flies]
-    times = ours.times
-    index = np.searchsorted([arc.end for arc in arcs[:-1]], times)
-    states = np.empty((times.size, ours.states.shape[1]))
-    for k, arc in enumerate(arcs):
-        fractions = np.clip(2 * (times[index == k] - arc.start) / arc.duration - 1, -1, 1)
-        states[index == k] = chebyshev.chebval(fractions, curves.coefficients(arc.states)).T
-    return states
-
-
-def _impact_errors(
-    gait: Gait, others: Sequence[ImpactRecord], error: Callable[[float, float, float], float]
-) -> dict[str, float]:
-    """Errors of what the gait records of its impacts; ``error`` is that of one number in its natural unit."""
-    scales, units = gait.dynamics.scales, gait.dynamics.state_units
-    errors: dict[str, float] = {}
-
-    def worst(one: Array, other: Array, unit: Array) -> float:
-        return max(map(error, one.tolist(), other.tolist(), unit.tolist()))
-
-    impulse = np.full(2, scales.impulse)
-    for number, (ours, theirs) in enumerate(zip(_impacts(gait.steps), others, strict=True), start=1):
-        of_step = {
-            "impulse": worst(ours.impulse, theirs.impulse, impulse),
-            "stick impulse": worst(ours.stick_impulse, theirs.stick_impulse, impulse),
-            "step length": error(ours.step_length, theirs.step_length, scales.length),
-            "push work": error(ours.push_work, theirs.push_work, scales.energy),
-            "state": worst(ours.state, theirs.state, units),
-            "mode": 0.0 if ours.mode is theirs.mode else np.inf,
-        }
-        place = f" of step {number}" if len(gait.steps) > 1 else ""
-        errors |= {f"{name}{place}": value for name, value in of_step.items()}
-    return errors
-
-
-def _error(ours: float | None, theirs: float | None, unit: float) -> float:
-    """Difference in units of ``unit``; infinite where only one of the two is defined."""
-    if ours is None or theirs is None:
-        return 0.0 if ours is theirs else np.inf
-    return abs(ours - theirs) / unit
-
-
-def _relative_error(ours: float | None, theirs: float | None, unit: float) -> float:
-    """Difference relative to ``theirs``, or to ``SMALL`` units where that is larger."""
-    if ours == theirs:
-        return 0.0
-    return _error(ours, theirs, max(abs(theirs or 0.0), SMALL * unit) or np.inf)
-
-
-def _worst(name: str, *comparisons: tuple[dict[str, float], float]) -> Claim:
-    """The claim about the largest of several errors, relative to the tolerance of its comparison; its note names it.
-
-    An error that is no number counts as the largest.
-    """
-    errors = [(error, key, tolerance) for own, tolerance in comparisons for key, error in own.items()]
-    error, key, tolerance = max(errors, key=lambda row: row[0] / row[2] if np.isfinite(row[0]) else np.inf)
-    return claim(name, error, tolerance, f"worst: {key}")
-
-
-MULTIPLIER_AGREEMENT = 1e-9
-"""Relative where a multiplier exceeds one. An unstable cycle magnifies the errors of both methods by its radius: of 900
-random gaits the worst is a tenth of this times the radius."""
-DISCERNIBLE = 2e-6
-"""Largest tolerance of the multipliers: an error of 1e-5 must stand out, however unstable or sensitive they are."""
-ROUNDING_SAMPLES = 4
-LARGEST, SIZES = 2.0**-12, 16
-"""Largest deviation, in natural units, and number of sizes, each half of the one before; at the smallest, 7e-9, the
-rounding of a step is 1e-6 to 1e-5 of the deviation."""
-LINEARITY = 2e-6
-"""Of the norm of the Jacobian: a Jacobian with a relative error of 1e-5 exceeds it along at least one of up to 25
-directions. Named gaits stay below 1e-8."""
-RESOLVED = LINEARITY / 4
-"""Largest estimated error of an extrapolated difference that can decide the claim."""
-SETTLED = RESOLVED / 100
-"""Estimated error below which no smaller deviation is tried."""
-SPARE_DIRECTIONS = 8
-"""Random directions per coordinate that are tried where some coordinate direction leaves the gait's modes on both
-sides, as next to two limits at once."""
-INDEPENDENT = 0.1
-"""Least part of a unit vector that must be orthogonal to the directions before it."""
-
-Quotient = Callable[[float], Array | None]
+    closely = {key: _relative_error(value, moving[key], 0.0) for key, value in {**given, **gait.freed}.items()}
+    if confirmed:
+        recomputed = measure(gait.dynamics, confirmed)
+        closely = {k: _relative_error(gait.measures.get(k), v, units[k]) for k, v in recomputed.items()} | closely
+    yield _worst("measures", (errors, tolerance), (closely, RECOMPUTED))
+    errors = _impact_errors(gait, _impacts(walked), _error)
+    closely = _impact_errors(gait, _impacts(confirmed), _relative_error) if confirmed else {}
+    yield _worst("impact", (errors, tolerance), (closely, RECOMPUTED))
 
 
 def return_map_claims(gait: Gait, return_map: ReturnMap) -> Iterator[Claim]:
@@ -305,34 +231,6 @@ def return_map_claims(gait: Gait, return_map: ReturnMap) -> Iterator[Claim]:
     tolerance = min(max(magnification(gait) * MULTIPLIER_AGREEMENT, _sensitivity(point, unit)), DISCERNIBLE)
     yield claim("multipliers", distance, tolerance, "saltation against implicit differentiation")
     yield perturbation_claim(return_map, point, unit)
-
-
-def _remaining(point: FixedPoint, section: NDArray[np.intp], unit: Array) -> float:
-    """Distance to the fixed point where rounding stops Newton's method short of it: its next correction."""
-    if point.converged:
-        return 0.0
-    impact = point.steps[-1].impact
-    if point.jacobian is None or impact is None:
-        return np.inf
-    defect = impact.state[section] - point.xi
-    correction = np.linalg.lstsq(_scaled(point.jacobian, unit) - np.eye(unit.size), defect / unit, rcond=None)[0]
-    return float(np.abs(correction).max())
-
-
-def _sensitivity(point: FixedPoint, unit: Array) -> float:
-    """By how much the multipliers move where rounding changes the derivative: next to a double one, by its root."""
-    if point.jacobian is None:
-        return 0.0
-    jacobian, random = _scaled(point.jacobian, unit), np.random.default_rng(0)
-    multipliers, size = floquet_multipliers(jacobian), ROUNDING * np.linalg.norm(jacobian, 2)
-    changes = (size * random.standard_normal(jacobian.shape) / unit.size for _ in range(ROUNDING_SAMPLES))
-    moved = (floquet_multipliers(jacobian + change) for change in changes)
-    return max(multiplier_distance(changed, multipliers, relative=True) for changed in moved)
-
-
-def _scaled(jacobian: Array, unit: Array) -> Array:
-    """The derivative of the return map between section coordinates in natural units."""
-    return jacobian * unit / unit[:, None]
 
 
 def perturbation_claim(return_map: ReturnMap, point: FixedPoint, unit: Array) -> Claim:
@@ -370,6 +268,218 @@ def perturbation_claim(return_map: ReturnMap, point: FixedPoint, unit: Array) ->
             return claim("perturbation", figure, LINEARITY, note)
     words = f"{differenced.lost}: only {len(judged)} of {unit.size} directions keep the modes of the gait"
     return failed_claim("perturbation", LINEARITY, words, Outcome.NO_LINEAR_RANGE)
+
+
+def claim(name: str, figure: float, tolerance: float, note: str = "") -> Claim:
+    """The claim that ``figure`` does not exceed ``tolerance``; it fails where the figure is no number."""
+    passed = bool(figure <= tolerance)
+    outcome = Outcome.HOLDS if passed else Outcome.FAILS
+    return Claim(name=name, figure=float(figure), tolerance=tolerance, passed=passed, note=note, outcome=outcome)
+
+
+def failed_claim(name: str, tolerance: float, note: str, outcome: Outcome = Outcome.NOT_EXAMINED) -> Claim:
+    """A claim that could not be examined."""
+    return Claim(name=name, figure=np.inf, tolerance=tolerance, passed=False, note=note, outcome=outcome)
+
+
+def magnification(gait: Gait) -> float:
+    """Factor by which an unstable cycle magnifies the difference between the two methods."""
+    return max(1.0, gait.spectral_radius or 0.0)
+
+
+def extrapolated(quotient: Quotient, *, power: int, goal: float) -> tuple[Array | None, float]:
+    """The limit of a difference quotient at h = 0, from a tableau of halved sizes, and its estimated error.
+
+    Parameters
+    ----------
+    quotient : of a size h; None where it is not defined.
+    power : difference of the exponents of its error: 2 of central differences, 1 of one-sided ones.
+    goal : estimated error at which to stop.
+
+    References
+    ----------
+    Ridders (1982), Advances in Engineering Software 4, 75-76.
+    """
+    best, error = None, np.inf
+    row: list[Array] = []
+    for k in range(SIZES):
+        value = quotient(LARGEST / 2**k)
+        if value is None:
+            row = []
+            continue
+        previous, row = row, [value]
+        for j, above in enumerate(previous, start=1):
+            row.append(row[-1] + (row[-1] - above) / (2 ** (power * j) - 1))
+            estimate = max(float(np.abs(row[j] - row[j - 1]).max()), float(np.abs(row[j] - above).max()))
+            if estimate < error:
+                best, error = row[j], estimate
+        if error <= goal:
+            break
+    return best, error
+
+
+def _sequence_claim(gait: Gait, walked: Trajectory) -> Claim:
+    """The simulator takes the same modes and the same impacts."""
+    if walked.ending is not Ending.COMPLETED:
+        return failed_claim("mode sequence", 0.0, walked.message)
+    sequences = [
+        ModeSequence(tuple(mode for mode, _ in step.phases), step.impact.mode)
+        for step in walked.steps
+        if step.impact is not None
+    ]
+    note = f"simulator: {' | '.join(map(str, sequences))}"
+    return claim("mode sequence", 0.0 if tuple(sequences) == gait.problem.cycle.steps else np.inf, 0.0, note)
+
+
+def _margin_claims(gait: Gait) -> Iterator[Claim]:
+    """The margins of each mode, between the nodes too."""
+    friction, scales = gait.dynamics.static_friction, gait.dynamics.scales
+    cone, backward, lowest = -np.inf, 0.0, np.inf
+    for arc in gait.arcs:
+        if arc.mode.flies:
+            continue
+        force = observe(gait.dynamics, arc).force
+        lowest = min(lowest, -curves.maximum(-force[:, 1])[1])
+        if arc.mode.sticks:
+            ratio = friction_ratio(force)
+            needed = max(curves.maximum(ratio)[1], curves.maximum(-ratio)[1])
+            cone = max(cone, needed - friction)
+        else:
+            backward = max(backward, curves.maximum(-arc.mode.direction * arc.states[:, -1])[1])
+    if np.isfinite(cone):
+        yield claim("friction cone", cone, FORCE_SLACK, "needed minus available friction while sticking")
+    yield claim("slip direction", backward / scales.speed, AGREEMENT, "against the mode, in units of sqrt(g l)")
+    pull = FORCE_SLACK if gait.system.walker.massless_feet else 0.0  # their force falls to zero in every step
+    yield claim("normal force", -lowest / scales.force, pull, f"at least {lowest:.4g} N")
+
+
+def _energy_claim(gait: Gait) -> Claim:
+    """Energy gained equals the work of motors and friction less the loss in dampers, phase by phase."""
+    worst, scale = 0.0, gait.dynamics.scales.energy
+    for arc in gait.arcs:
+        o = observe(gait.dynamics, arc)
+        power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1] - o.loss
+        worst = max(worst, abs(o.energy[-1] - o.energy[0] - curves.integral(power, arc.duration)))
+        scale = max(scale, abs(o.energy[-1] - o.energy[0]))
+    return claim("energy balance", worst / scale, ENERGY_AGREEMENT, "relative")
+
+
+def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
+    """Largest difference of the states along the cycle, in natural units."""
+    pairs = [(step, arc) for step, own in zip(walked, gait.steps, strict=True) for arc in own.arcs]
+    return max(
+        float(np.abs((_states(step, arc) - arc.states) / gait.dynamics.state_units).max()) for step, arc in pairs
+    )
+
+
+def _states(step: Step, ours: Arc) -> Array:
+    """States (m, n_z) of a step at the times of an arc (m,).
+
+    Arcs are found by time, among those with the same stops locked: where a switch falls on a breakpoint of the control,
+    rounding decides which comes first.
+    """
+    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked and arc.mode.flies == ours.mode.flies]
+    times = ours.times
+    index = np.searchsorted([arc.end for arc in arcs[:-1]], times)
+    states = np.empty((times.size, ours.states.shape[1]))
+    for k, arc in enumerate(arcs):
+        fractions = np.clip(2 * (times[index == k] - arc.start) / arc.duration - 1, -1, 1)
+        states[index == k] = chebyshev.chebval(fractions, curves.coefficients(arc.states)).T
+    return states
+
+
+def _recomputed(gait: Gait) -> tuple[Step, ...]:
+    """The steps of the gait with impacts computed again from the states before them."""
+    return tuple(
+        replace(
+            step,
+            impact=impact_record(
+                gait.dynamics.standing(step.arcs[-1].side), step.final_impact.mode, step.arcs[-1].states[-1]
+            ),
+        )
+        for step in gait.steps
+    )
+
+
+def _impacts(steps: Sequence[Step]) -> list[ImpactRecord]:
+    return [step.impact for step in steps if step.impact is not None]
+
+
+def _impact_errors(
+    gait: Gait, others: Sequence[ImpactRecord], error: Callable[[float, float, float], float]
+) -> dict[str, float]:
+    """Errors of the gait's impact records; ``error`` compares two numbers, given their natural unit."""
+    scales, units = gait.dynamics.scales, gait.dynamics.state_units
+    errors: dict[str, float] = {}
+
+    def worst(one: Array, other: Array, unit: Array) -> float:
+        return max(map(error, one.tolist(), other.tolist(), unit.tolist()))
+
+    impulse = np.full(2, scales.impulse)
+    for number, (ours, theirs) in enumerate(zip(_impacts(gait.steps), others, strict=True), start=1):
+        of_step = {
+            "impulse": worst(ours.impulse, theirs.impulse, impulse),
+            "stick impulse": worst(ours.stick_impulse, theirs.stick_impulse, impulse),
+            "step length": error(ours.step_length, theirs.step_length, scales.length),
+            "push work": error(ours.push_work, theirs.push_work, scales.energy),
+            "state": worst(ours.state, theirs.state, units),
+            "mode": 0.0 if ours.mode is theirs.mode else np.inf,
+        }
+        place = f" of step {number}" if len(gait.steps) > 1 else ""
+        errors |= {f"{name}{place}": value for name, value in of_step.items()}
+    return errors
+
+
+def _error(ours: float | None, theirs: float | None, unit: float) -> float:
+    """Difference in units of ``unit``; infinite where only one of the two is defined."""
+    if ours is None or theirs is None:
+        return 0.0 if ours is theirs else np.inf
+    return abs(ours - theirs) / unit
+
+
+def _relative_error(ours: float | None, theirs: float | None, unit: float) -> float:
+    """Difference relative to ``theirs``, or to ``SMALL`` units where that is larger."""
+    if ours == theirs:
+        return 0.0
+    return _error(ours, theirs, max(abs(theirs or 0.0), SMALL * unit) or np.inf)
+
+
+def _worst(name: str, *comparisons: tuple[dict[str, float], float]) -> Claim:
+    """The claim about the error that is largest relative to the tolerance of its comparison; its note names it.
+
+    An error that is no number counts as the largest.
+    """
+    errors = [(error, key, tolerance) for own, tolerance in comparisons for key, error in own.items()]
+    error, key, tolerance = max(errors, key=lambda row: row[0] / row[2] if np.isfinite(row[0]) else np.inf)
+    return claim(name, error, tolerance, f"worst: {key}")
+
+
+def _remaining(point: FixedPoint, section: NDArray[np.intp], unit: Array) -> float:
+    """Distance to the fixed point where rounding stops Newton's method short of it: its next correction."""
+    if point.converged:
+        return 0.0
+    impact = point.steps[-1].impact
+    if point.jacobian is None or impact is None:
+        return np.inf
+    defect = impact.state[section] - point.xi
+    correction = np.linalg.lstsq(_scaled(point.jacobian, unit) - np.eye(unit.size), defect / unit, rcond=None)[0]
+    return float(np.abs(correction).max())
+
+
+def _sensitivity(point: FixedPoint, unit: Array) -> float:
+    """Change of the multipliers that rounding of the derivative causes: next to a double one, its square root."""
+    if point.jacobian is None:
+        return 0.0
+    jacobian, random = _scaled(point.jacobian, unit), np.random.default_rng(0)
+    multipliers, size = floquet_multipliers(jacobian), ROUNDING * np.linalg.norm(jacobian, 2)
+    changes = (size * random.standard_normal(jacobian.shape) / unit.size for _ in range(ROUNDING_SAMPLES))
+    moved = (floquet_multipliers(jacobian + change) for change in changes)
+    return max(multiplier_distance(changed, multipliers, relative=True) for changed in moved)
+
+
+def _scaled(jacobian: Array, unit: Array) -> Array:
+    """The derivative of the return map between section coordinates in natural units."""
+    return jacobian * unit / unit[:, None]
 
 
 def _directions(n: int) -> Iterator[Array]:
@@ -427,7 +537,7 @@ class _Differenced:
         return best, error
 
     def _return(self, deviation: Array) -> Array | None:
-        """By how much the return of a deviation differs from that of the gait; None if it takes other modes."""
+        """Difference between the returns of a deviation and of the gait; None if the modes differ."""
         result = self._map(self._point.xi + deviation * self._unit)
         if result.xi is None or _modes(result.steps) != self._modes:
             self.lost = result.message if result.xi is None else "a perturbed walk goes through other modes"
@@ -437,129 +547,3 @@ class _Differenced:
 
 def _modes(steps: tuple[Step, ...]) -> list[tuple[tuple[Mode, ...], Mode]]:
     return [(tuple(mode for mode, _ in step.phases), step.final_impact.mode) for step in steps]
-
-
-def extrapolated(quotient: Quotient, *, power: int, goal: float) -> tuple[Array | None, float]:
-    """The limit of a difference quotient at h = 0, from a tableau of halved sizes, and its estimated error.
-
-    Parameters
-    ----------
-    quotient : of a size h; None where it is not defined.
-    power : difference of the exponents of its error: 2 of central differences, 1 of one-sided ones.
-    goal : estimated error at which to stop.
-
-    References
-    ----------
-    Ridders (1982), Advances in Engineering Software 4, 75-76.
-    """
-    best, error = None, np.inf
-    row: list[Array] = []
-    for k in range(SIZES):
-        value = quotient(LARGEST / 2**k)
-        if value is None:
-            row = []
-            continue
-        previous, row = row, [value]
-        for j, above in enumerate(previous, start=1):
-            row.append(row[-1] + (row[-1] - above) / (2 ** (power * j) - 1))
-            estimate = max(float(np.abs(row[j] - row[j - 1]).max()), float(np.abs(row[j] - above).max()))
-            if estimate < error:
-                best, error = row[j], estimate
-        if error <= goal:
-            break
-    return best, error
-
-
-FORCE_SLACK = 1e-8
-"""Excess over the friction coefficient that rounding at the edge of the cone can cause."""
-ENERGY_AGREEMENT = 1e-9
-"""Relative to the largest change of energy or the weight times the length of a leg, whichever is larger."""
-
-
-def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
-    """Examine a gait by forward simulation from its state after impact.
-
-    Parameters
-    ----------
-    gait : a converged gait.
-    engine : integrator of the simulation: ``auto``, ``scipy`` or ``heyoka``.
-
-    Raises
-    ------
-    SolveError
-        If ``gait`` is a failed attempt.
-    UnknownNameError
-        If the engine is unknown or not installed.
-    """
-    check_gait(gait)
-    simulator = Simulator(gait.dynamics, stepper=make_stepper(gait.dynamics, engine))
-    cycle = gait.problem.cycle
-    walked = simulator.run(gait.state, steps=len(cycle.steps), dense=True)
-    claims = [_sequence_claim(gait, walked), *_margin_claims(gait), _energy_claim(gait)]
-    if claims[0].passed:
-        claims += motion_claims(gait, walked.steps)
-        claims += record_claims(gait, walked.steps)
-        claims += return_map_claims(gait, ReturnMap(simulator, cycle.impact, len(cycle.steps)))
-    return Verification(claims=tuple(claims))
-
-
-def confirm(gait: Gait) -> Verification:
-    """A short examination: the simulator walks one cycle through the same modes back to the same state."""
-    check_gait(gait)
-    walked = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True)
-    claims = [_sequence_claim(gait, walked)]
-    if claims[0].passed:
-        claims += motion_claims(gait, walked.steps)
-    return Verification(claims=tuple(claims))
-
-
-def check_gait(gait: Gait) -> None:
-    """Refuse a failed attempt."""
-    if not gait.steps:
-        raise SolveError(f"{gait.problem.name} is {gait.status}, there is no gait to verify: {gait.message}")
-
-
-def _sequence_claim(gait: Gait, walked: Trajectory) -> Claim:
-    """The simulator goes through the same modes and the same impacts."""
-    if walked.ending is not Ending.COMPLETED:
-        return failed_claim("mode sequence", 0.0, walked.message)
-    sequences = [
-        ModeSequence(tuple(mode for mode, _ in step.phases), step.impact.mode)
-        for step in walked.steps
-        if step.impact is not None
-    ]
-    note = f"simulator: {' | '.join(map(str, sequences))}"
-    return claim("mode sequence", 0.0 if tuple(sequences) == gait.problem.cycle.steps else np.inf, 0.0, note)
-
-
-def _margin_claims(gait: Gait) -> Iterator[Claim]:
-    """The margins of each mode, between the nodes too."""
-    friction, scales = gait.dynamics.static_friction, gait.dynamics.scales
-    cone, backward, lowest = -np.inf, 0.0, np.inf
-    for arc in gait.arcs:
-        if arc.mode.flies:
-            continue
-        force = observe(gait.dynamics, arc).force
-        lowest = min(lowest, -curves.maximum(-force[:, 1])[1])
-        if arc.mode.sticks:
-            ratio = friction_ratio(force)
-            needed = max(curves.maximum(ratio)[1], curves.maximum(-ratio)[1])
-            cone = max(cone, needed - friction)
-        else:
-            backward = max(backward, curves.maximum(-arc.mode.direction * arc.states[:, -1])[1])
-    if np.isfinite(cone):
-        yield claim("friction cone", cone, FORCE_SLACK, "needed minus available friction while sticking")
-    yield claim("slip direction", backward / scales.speed, AGREEMENT, "against the mode, in units of sqrt(g l)")
-    pull = FORCE_SLACK if gait.system.walker.massless_feet else 0.0  # their force falls to zero in every step
-    yield claim("normal force", -lowest / scales.force, pull, f"at least {lowest:.4g} N")
-
-
-def _energy_claim(gait: Gait) -> Claim:
-    """Energy gained equals work of motors and friction less what dampers take, phase by phase."""
-    worst, scale = 0.0, gait.dynamics.scales.energy
-    for arc in gait.arcs:
-        o = observe(gait.dynamics, arc)
-        power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1] - o.loss
-        worst = max(worst, abs(o.energy[-1] - o.energy[0] - curves.integral(power, arc.duration)))
-        scale = max(scale, abs(o.energy[-1] - o.energy[0]))
-    return claim("energy balance", worst / scale, ENERGY_AGREEMENT, "relative")

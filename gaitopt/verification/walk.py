@@ -1,4 +1,4 @@
-"""Walking forward from a state, without any knowledge of the mode sequence."""
+"""Simulated walks from a state just after an impact; the simulator does not know the mode sequence."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class Walk(WalkerMotion):
         return tuple(step for step in self.trajectory.steps if step.impact is not None)
 
     def to_record(self) -> dict[str, Any]:
-        """One JSON object with the keys of a gait as far as a simulation knows them; scalars are of the last step."""
+        """One JSON object with those keys of a gait that a simulation knows; scalars are of the last step."""
         last = self.complete_steps[-1] if self.complete_steps else None
         state = self.trajectory.section_states[-1]
         values = zip(self.dynamics.parameters.items(), self.system.values(self.problem.parameters), strict=True)
@@ -94,7 +94,7 @@ def simulate(
     Parameters
     ----------
     start : a gait, or a problem (then from the state of its guess).
-    state : values by name that replace those of ``start``'s state; what follows from the section is completed.
+    state : values by name that replace those of ``start``'s state; all other entries follow from the section.
     steps : how many.
     dense : False keeps only the ends of every arc, for long walks.
     engine : ``auto``, ``scipy`` or ``heyoka``.
