@@ -1,16 +1,13 @@
-"""The coefficients of DOP853: 12 stages of order 8, errors of order 5 and 3, 3 more stages for points inside a step.
-
-    k_i = f(t + c_i h, y + h sum_j a_ij k_j),    y_new = y + h sum_i b_i k_i
-
-Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, section II.5 and their code; scipy has the
-same, but takes a third of a second to import.
-
-The Runge-Kutta pair DOP853 with one compiled call per step, and scipy's step size control.
+"""Runge-Kutta method of order 8 by Dormand and Prince: the tableau, and an adaptive integrator with compiled steps.
 
     k_i = f(t + c_i h, y + h sum_j a_ij k_j),   y_new = y + h sum_i b_i k_i,   |error| <= atol + rtol max(|y|, |y_new|)
 
-Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, sections II.4 and II.5. Called from Python
-stage by stage, as scipy does, a step takes ten times as long.
+There are 12 stages, error estimates of order 5 and 3, and 3 more stages for points inside a step. The coefficients and
+the step size control are those of scipy's DOP853, which takes a third of a second to import, and ten times as long for
+a step because it calls Python for every stage.
+
+E. Hairer, S. P. Norsett, G. Wanner (1993), Solving Ordinary Differential Equations I, sections II.4, II.5 and their
+code.
 """
 
 from collections.abc import Sequence
@@ -27,8 +24,8 @@ N_STAGES = 12
 
 
 def _dense(rows: tuple[dict[int, float], ...]) -> Array:
-    """A read-only matrix from the nonzeros of its rows."""
-    matrix = np.zeros((len(rows), 16))  # with the rate at the end of the step, and stages inside it
+    """A read-only matrix from the nonzero entries of its rows."""
+    matrix = np.zeros((len(rows), 16))  # 12 stages, the rate at the end of the step, 3 stages inside it
     for row, entries in zip(matrix, rows, strict=True):
         row[list(entries)] = list(entries.values())
     return read_only(matrix)
@@ -131,10 +128,10 @@ D = _INSIDE
 
 
 SAFETY, LEAST_FACTOR, LARGEST_FACTOR = 0.9, 0.2, 10.0
-"""Of the step size control, as in scipy."""
+"""Factors of the step size control, as in scipy."""
 EXPONENT = -1 / 8
 SHORTEST_STEP = 10
-"""In units of the rounding of the time; below it the step size vanishes."""
+"""Smallest step in units of the rounding of the time."""
 
 
 class StepSizeError(ArithmeticError):
@@ -142,18 +139,18 @@ class StepSizeError(ArithmeticError):
 
 
 class CompiledStep:
-    """One step of dy/dt = f(t, y, p, r), and other functions of the point that it reaches.
+    """One step of dy/dt = f(t, y, p, r), with further functions of its end point.
 
     Parameters
     ----------
     rate : Function (t, y, p, r) -> dy/dt, for the stages.
-    point : Function (t, y, p, r) -> dy/dt and whatever else is of interest at the end of the step.
+    point : Function (t, y, p, r) -> (dy/dt, further outputs) at the end of the step.
     rtol, atol : tolerances; the absolute one may be an array, shape (n,).
-    compare : Function (whatever else at the start, the same at the end, ...) -> one more output of the step.
+    compare : Function (further outputs at the start, the same at the end, ...) -> one more output of the step.
 
     Attributes
     ----------
-    compared : tuple of ndarray - inputs of ``compare`` besides those at the end, to be written in place.
+    compared : tuple of ndarray - inputs of ``compare`` other than those at the end, to be written in place.
     """
 
     def __init__(
@@ -166,11 +163,11 @@ class CompiledStep:
         self._n = rate.numel_in(1)
 
     def load(self, p: Array, r: Array) -> None:
-        """Parameters for the steps to come."""
+        """Set the parameters of the following steps."""
         self._step.inputs[4][:], self._step.inputs[5][:] = p, r
 
     def try_step(self, t: float, y: Array, f: Array, h: float) -> tuple[float, Sequence[Array]]:
-        """The error of a step from ``t``, relative to the tolerance, and (y_new, f_new, ...), valid until the next."""
+        """Error of a step from ``t`` relative to the tolerance, and (y_new, f_new, ...), valid until the next call."""
         time, state, rate, length, *_ = self._step.inputs
         time[0], state[:], rate[:], length[0] = t, y, f, h
         self._step.evaluate()
@@ -186,16 +183,16 @@ class Integration:
     Parameters
     ----------
     step : loaded with its parameters.
-    t, y, f : where it starts: time, state and rate, shape (n,).
+    t, y, f : initial time, state and rate, shape (n,).
     bound : time at which it ends.
-    first_step : length that is tried first.
+    first_step : length of the first trial step.
 
     Attributes
     ----------
-    t, y, f : where it is now.
-    outputs : what else ``step`` says about this point, valid until the next step.
+    t, y, f : current time, state and rate.
+    outputs : further outputs of ``step`` at this point, valid until the next step.
     length : of the last step.
-    steps : how many.
+    steps : number of steps.
     """
 
     __slots__ = ("_bound", "_next", "_step", "f", "length", "outputs", "steps", "t", "y")
@@ -208,16 +205,16 @@ class Integration:
 
     @property
     def finished(self) -> bool:
-        """Whether the bound is reached."""
+        """Whether the integration has reached its bound."""
         return self.t >= self._bound
 
     def advance(self) -> None:
-        """One step that meets the tolerance.
+        """Take one step that meets the tolerance.
 
         Raises
         ------
         StepSizeError
-            If there is none.
+            If no step does.
         """
         shortest = SHORTEST_STEP * (nextafter(self.t, inf) - self.t)
         h, largest = max(self._next, shortest), LARGEST_FACTOR
@@ -244,7 +241,7 @@ def combined(weights: Array, stages: Sequence[SX]) -> SX:
 def _step(rate: Function, point: Function, compare: Function | None) -> Function:
     """(t, y, f, h, p, r, rtol, atol) -> squared errors of order 5 and 3 in tolerances, y_new, and ``point`` there.
 
-    What ``compare`` needs besides the new point are further inputs, and its value the last output.
+    Inputs of ``compare`` other than the new point are further inputs; its value is the last output.
     """
     n, n_p, n_r = (rate.numel_in(k) for k in (1, 2, 3))
     sizes = (1, n, n, 1, n_p, n_r, 1, n)

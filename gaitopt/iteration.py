@@ -1,8 +1,8 @@
-"""The loop of every Newton and chord method here, with its one stopping rule, and the root in a bracket.
+"""One loop for Newton and chord methods, and a bracketing root finder.
 
-    x_k+1 = following(x_k)      until x_k is solved,      given up where size(x_k+1) >= contraction size(x_k)
+    x_{k+1} = following(x_k)      until x_k is solved;      fails if size(x_{k+1}) >= contraction size(x_k)
 
-``size`` is what has to become small: the residual, or the next step. Iterates that are given up are not kept.
+``size`` is the quantity that must become small, the residual or the next step. A rejected iterate is discarded.
 """
 
 import sys
@@ -17,7 +17,7 @@ Iterate = TypeVar("Iterate")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Iterated(Generic[Iterate]):
-    """Where an iteration ended: the last iterate that was kept, whether it is solved, and how many were tried."""
+    """The last accepted iterate, whether it is solved, and the number of iterates tried."""
 
     at: Iterate
     solved: bool
@@ -33,12 +33,12 @@ def iterate(
     most: int,
     contraction: float = 1.0,
 ) -> Iterated[Iterate]:
-    """Iterate from ``start`` until ``solved``, as long as the size falls, ``most`` times at most.
+    """Iterate from ``start`` until ``solved`` while the size falls, at most ``most`` times.
 
     Parameters
     ----------
-    following : the next iterate, or None where there is none.
-    contraction : largest ratio of a size to the one before.
+    following : the next iterate, or None if there is none.
+    contraction : largest ratio of a size to the previous one.
     """
     at = start
     for count in range(most):
@@ -52,28 +52,28 @@ def iterate(
 
 
 def overflow_allowed() -> np.errstate:
-    """Decorator or context of what computes with trial points: one that diverges ends the attempt as data, in silence.
+    """Decorator or context for computations with trial points, which may diverge: they overflow without a warning.
 
-    Its values overflow, and are seen by not being finite. Whether numpy would also warn of it depends on the vector
-    unit that computes them.
+    The caller rejects values that are not finite. Whether numpy warns of them depends on the vector unit of the
+    processor.
     """
     return np.errstate(over="ignore", invalid="ignore")
 
 
 def bracketed_root(function: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
-    """A root between two places where ``function`` has opposite signs, by inverse quadratics or bisection.
+    """A root between two arguments at which ``function`` has opposite signs, by inverse quadratics or bisection.
 
-    T. R. Chandrupatla (1997), Advances in Engineering Software 28, 145-149. To import scipy's takes a quarter of a
-    second.
+    T. R. Chandrupatla (1997), Advances in Engineering Software 28, 145-149. Importing scipy.optimize for it would take
+    a quarter of a second.
 
     Parameters
     ----------
-    tolerance : how far the root may be off, besides rounding.
+    tolerance : largest error of the root, apart from rounding.
 
     Raises
     ------
     ValueError
-        If the signs are the same.
+        If the signs are equal.
     """
     a, b, f_a, f_b = low, high, function(low), function(high)
     if f_a * f_b > 0:

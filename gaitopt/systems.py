@@ -1,4 +1,8 @@
-"""From a problem to its hybrid system and its gait; the reference of a PD law is solved first, from its own file."""
+"""From a problem to its hybrid system and its gait.
+
+The reference of a PD law is a gait of its own file, which is solved first. ``solve_sequence`` chooses between ``nlp``
+and ``design``.
+"""
 
 import time
 from dataclasses import dataclass, field, replace
@@ -34,15 +38,15 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, CurveSpec, PDSpec
 
 FLOW_PERIODS = 2
-"""A reference that flows on is known for so many of its own periods past its end; no step takes that long."""
+"""Periods by which a reference with ``beyond_end: flow`` extends past its end; no step takes that long."""
 FLOW_POINTS = 33
-"""Chebyshev points of a piece of that continuation; a piece that they do not resolve is halved."""
+"""Chebyshev points of a piece of that extension; a piece that they do not resolve is halved."""
 FITTED_POINTS = 101
-"""At which the first guess of a free curve is fitted."""
+"""Points at which the first guess of a free curve is fitted."""
 SHORTEST_PIECE = 1 / 64
-"""In periods; a motion that is not smooth on this scale has long ceased to be a walk."""
+"""Shortest piece in periods; a motion that is not smooth on this scale is no walk."""
 KEPT = 16
-"""Systems that are kept with their compiled functions, some megabytes each."""
+"""Number of systems kept with their compiled functions, some megabytes each."""
 
 
 def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
@@ -71,7 +75,7 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
 
 
 def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
-    """That system at the parameters of the problem; raises as ``build_system``."""
+    """The system of a problem at its parameters; raises as ``build_system``."""
     system = build_system(problem, should_stop=should_stop)
     return Dynamics(system, system.values(problem.parameters))
 
@@ -105,9 +109,9 @@ def solve_sequence(
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
-    """The joint angles of a gait as a reference for a PD law, continued past its end.
+    """The joint angles of a gait as a reference for a PD law, extended past its end.
 
-    ``flow`` continues the motion of the gait's last mode as if the swing foot did not touch the ground.
+    ``flow`` extends it by the motion in the gait's last mode, as if the swing foot did not touch the ground.
     """
     tracked = [gait.system.walker.shape.index(name) for name in gait.system.walker.tracked]
     pieces = [_piece(gait, arc, tracked) for arc in gait.arcs]
@@ -127,7 +131,7 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Structure:
-    """What a system's functions depend on; ``problem`` and ``should_stop`` serve to build them the first time."""
+    """The properties that determine a system's functions; ``problem`` and ``should_stop`` build them the first time."""
 
     walker: type[Walker]
     law: ImpactLaw
@@ -145,7 +149,7 @@ def _shared_system(structure: _Structure) -> HybridSystem:
 
 
 def _control_structure(problem: Problem) -> tuple[object, ...]:
-    """The control law without those of its numbers that are parameters."""
+    """The control law without the values of its parameters."""
     spec = problem.control
     if isinstance(spec, ConstantTorqueSpec):
         return (spec.type, *spec.torques)
@@ -188,7 +192,7 @@ def _source(problem: Problem) -> Problem:
 
 
 def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start: Gait) -> BezierTracking:
-    """Curves through the guessed control points, or as close to the start's joint angles as their degree allows."""
+    """Curves with the guessed control points; without a guess, the best fit to the reference gait's joint angles."""
     points = curve.curve.points or _fitted_points(problem, curve.curve, start)
     return BezierTracking(
         kp=spec.kp,
@@ -201,7 +205,7 @@ def _curve_tracking(problem: Problem, spec: PDSpec, curve: CurveReference, start
 
 
 def _fitted_points(problem: Problem, curve: CurveSpec, start: Gait) -> dict[str, tuple[float, ...]]:
-    """Control points within their bound of the curves that come closest to the start's joint angles."""
+    """Control points, within their bound, of the curves closest to the gait's joint angles."""
     phases = np.linspace(0, 1, FITTED_POINTS)
     angles, _ = gait_reference(start, BeyondEnd.HOLD)(phases * start.period)
     points = np.clip(control_points(phases, angles, curve.degree), -curve.within, curve.within)
@@ -215,7 +219,7 @@ def _piece(gait: Gait, arc: Arc, tracked: list[int]) -> Piece:
 
 
 def _flow_on(gait: Gait, arc: Arc, duration: float) -> Arc:
-    """The motion of an arc's mode for a while after its end."""
+    """The motion in an arc's mode for ``duration`` after its end."""
     times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
     data = gait.system.control.data(arc.segment)
     p = gait.dynamics.standing(arc.side).p

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import RADIUS, SMALL, ExactProblem, freed_sizes
 from gaitopt.design.smoothed import SmoothedProblem, conflicts
 from gaitopt.design.sqp import optimise
@@ -23,7 +23,6 @@ from gaitopt.gait.trajectory import Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import polish, refine
 from gaitopt.nlp.rollout import roll_out
@@ -54,7 +53,7 @@ def design_gait(
     system: HybridSystem,
     first: Gait,
     *,
-    progress: Progress | None = None,
+    progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gait:
     """The best gait over the freed parameters of ``problem``; other arguments as of ``systems.solve_sequence``.
@@ -70,7 +69,7 @@ def design_gait(
 class _Design:
     """The searches of one design."""
 
-    def __init__(self, problem: Problem, system: HybridSystem, progress: Progress | None, should_stop: Stop) -> None:
+    def __init__(self, problem: Problem, system: HybridSystem, progress: Valued, should_stop: Stop) -> None:
         self._problem, self._system = problem, system
         self._progress, self._should_stop = progress, should_stop
         free = free_parameters(problem, system)

@@ -24,14 +24,14 @@ import numpy as np
 from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import CLEARANCE, EXTREMA, RADIUS, SMALL, freed_sizes
 from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.gait.gait import Cause, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
-from gaitopt.nlp.ipopt import NEAR_OPTIMUM, Ipopt, IpoptResult, Progress
+from gaitopt.nlp.ipopt import NEAR_OPTIMUM, Ipopt, IpoptResult
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.statement import Range
@@ -203,7 +203,7 @@ class SmoothedProblem:
         w: Array,
         p: Array,
         elastic: bool = False,
-        progress: Progress | None = None,
+        progress: Valued = None,
         should_stop: Stop = None,
     ) -> None:
         self._problem, self.transcription, self._p = problem, transcription, p

@@ -26,11 +26,10 @@ import numpy as np
 from casadi import Sparsity, conic
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import Constraint, Evaluation, ExactProblem
 from gaitopt.design.sensitivity import ArcCurves
 from gaitopt.gait import curves
-from gaitopt.nlp.ipopt import Progress
 
 ACTIVE = 1e-7
 """A constraint is active where so small a change of the unknowns, relative to their sizes, would violate it."""
@@ -121,7 +120,7 @@ def optimise(
     sizes: Array,
     *,
     cautious: bool = False,
-    progress: Progress | None = None,
+    progress: Valued = None,
     should_stop: Stop = None,
 ) -> Iterate:
     """The optimum next to a point, or where the search for it ended.

@@ -1,1 +1,18 @@
-"""Multiple shooting of a given mode sequence: equations, Newton's method, IPOPT."""
+"""Gaits of a given mode sequence by multiple shooting. From a problem to its gait:
+
+solve         the path: guess, Newton's method or IPOPT, refinement, check; the NLP for IPOPT
+rollout       first guess: the motion integrated along the mode sequence
+layout        mesh: arcs and shooting intervals
+shooting      the equations of a cycle: equalities, margins, Jacobian
+interval      one shooting interval: Runge-Kutta step, samples, derivatives
+newton        a solution, Newton's method, integration error, refinement, derivative of the return map
+sparse        sparse matrices and their QR factors
+ipopt         IPOPT through CasADi
+diagnosis     causes of a failure
+assembly      from a solution to its gait and back
+
+Other uses of the same equations:
+
+following     a known gait at other parameter values: ``follow``, ``Family``
+open_modes    a cycle with open mode sequence: finite elements with switch detection
+"""

@@ -16,7 +16,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.margins import ending_margin
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.layout import COINCIDENT, ArcLayout, layout
-from gaitopt.nlp.newton import Solution, return_map_jacobian
+from gaitopt.nlp.newton import Solution, section_sensitivity
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.problem.problem import Problem
 
@@ -82,7 +82,7 @@ def assemble_gait(problem: Problem, at: Solution, *, errors: Array, message: str
             residual=at.size,
             errors=errors,
         ),
-        multipliers=floquet_multipliers(return_map_jacobian(at)),
+        multipliers=floquet_multipliers(section_sensitivity(at)[1]),
         measures=measure(dynamics, steps),
         freed=dict(zip(equations.free, map(float, freed), strict=True)),
         solver=solver,

@@ -16,20 +16,24 @@ from gaitopt.nlp.layout import COINCIDENT
 from gaitopt.nlp.shooting import Label, MultipleShooting
 
 SAMPLES = 33
-"""Points of an arc on which an early event is sought."""
+"""Points of an arc at which an early event is sought."""
 AIRBORNE = 1e-9
-"""A guard this close to zero is a foot on the ground, up to rounding."""
+"""A guard closer to zero than this is zero up to rounding: the foot is on the ground."""
 NORMAL = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
-"""The margin that is the normal force of a cone; that of a push has none, as it cannot be lost."""
+"""The margin that is the normal force of a friction cone; a push has none, because its contact cannot be lost."""
 RUNAWAY = 1e3
-"""In natural units: violations of a thousand times what moves a walker belong to no walk."""
+"""Violation in natural units that shows a diverged search: a thousand times the forces and rates of a walk."""
 
 
 def violations(equations: MultipleShooting, w: Array, p: Array, margins: Array, tolerance: float) -> list[Cause]:
     """The worst violated condition of every phase and of the impact, worst first.
 
-    ``margins`` are the values of the transcription's inequalities at ``w``. Where a phase runs backwards in time, that
-    is all there is to say.
+    Phases of negative duration are reported alone.
+
+    Parameters
+    ----------
+    margins : values of the inequalities at ``w``.
+    tolerance : severity up to which a violation is ignored, in natural units.
     """
     if (margins >= 0).all() and (equations.unpack(w).durations >= 0).all():
         return []
@@ -43,7 +47,7 @@ def violations(equations: MultipleShooting, w: Array, p: Array, margins: Array, 
 
 
 def early_event(equations: MultipleShooting, w: Array, p: Array) -> Cause | None:
-    """The event of a later phase that comes earlier, if one does: the swing foot lands, a stop locks.
+    """An event that happens too early: the swing foot lands or a stop locks; None if there is none.
 
     Scuffing in mid-swing is ignored.
     """
@@ -52,7 +56,7 @@ def early_event(equations: MultipleShooting, w: Array, p: Array) -> Cause | None
             phases, times, values = zip(*arcs, strict=True)
             lowest, at = lowest_after_rise(times, values)
             if lowest < -AIRBORNE:
-                phase = next(phase for phase, own in zip(phases, times, strict=True) if at <= own[-1])
+                phase = next(phase for phase, arc_times in zip(phases, times, strict=True) if at <= arc_times[-1])
                 roots = np.concatenate([_roots(*arc) for arc in zip(times, values, strict=True)])
                 time = float(max(roots[roots < at], default=at))
                 words = f"{margin(name).lost}, about {time:.4f} s after the impact"
@@ -69,7 +73,7 @@ def _rising_margins(
     equations: MultipleShooting, w: Array, p: Array, step: int
 ) -> dict[str, list[tuple[int, Array, Array]]]:
     """Phase, times and values along the arcs of a step by the name of each margin that rises before it falls."""
-    freed, known = equations.unpack(w).freed, dict[str, list[tuple[int, Array, Array]]]()
+    freed, rising = equations.unpack(w).freed, dict[str, list[tuple[int, Array, Array]]]()
     for index, arc in enumerate(equations.layout.arcs):
         if equations.layout.cycle.step_of(arc.phase) != step:
             continue
@@ -78,12 +82,12 @@ def _rising_margins(
         values = dynamics.margins(arc.mode, arc.segment, times, states) / margin_scales(arc.mode, dynamics.scales)
         for name, column in zip(margin_names(arc.mode), values.T, strict=True):
             if margin(name).rises:
-                known.setdefault(name, []).append((arc.phase, times, column))
-    return known
+                rising.setdefault(name, []).append((arc.phase, times, column))
+    return rising
 
 
 def missing_event(cycle: Cycle, phase: int, control: Control) -> Cause:
-    """Why a phase of the guess does not end as the sequence requires; the cause may be a reference that ends before."""
+    """Why a phase of the guess has no end; the cause may be a reference that is too short."""
     ending = ending_margin(cycle.phases[phase], cycle.after(phase))
     words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
     what, end = ending, None
@@ -97,16 +101,11 @@ def largest_residual(equations: MultipleShooting, w: Array, p: Array, residual: 
     """The equality that is violated most."""
     relative = np.abs(residual / equations.units(p).equalities)
     row = int(np.argmax(relative))
-    n_z, cycle, n_defects = (
-        equations.system.n_z,
-        equations.layout.cycle,
-        equations.system.n_z * equations.layout.intervals,
-    )
+    n_z, cycle = equations.system.n_z, equations.layout.cycle
+    n_defects = n_z * equations.layout.intervals
     size = abs(float(residual[row]))
     if not relative[row] < RUNAWAY:
-        return Cause(
-            what="search", words="the search has left everything that walks; start from a state closer to a gait"
-        )
+        return Cause(what="search", words="the search has diverged; start from a state closer to a gait")
     if row < n_defects:
         arcs = equations.layout.arcs
         phase = arcs[int(np.searchsorted(np.cumsum([arc.intervals for arc in arcs]), row // n_z, side="right"))].phase
@@ -123,7 +122,7 @@ def largest_residual(equations: MultipleShooting, w: Array, p: Array, residual: 
 
 
 def _cone_violations(equations: MultipleShooting, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
-    """Friction that is needed against friction that there is, where the foot should stick."""
+    """Required against available friction, where the foot should stick."""
     _, labels = equations.inequalities
     friction = equations.dynamics(p, equations.unpack(w).freed).static_friction
     rows = {label: i for i, label in enumerate(labels)}
@@ -168,7 +167,7 @@ def _duration_violations(equations: MultipleShooting, w: Array, p: Array) -> Ite
 
 
 def _cause(what: str, words: str, equations: MultipleShooting, w: Array, label: Label, **numbers: float) -> Cause:
-    """The cause that a row of the inequalities names."""
+    """The cause with the place of a row of the inequalities."""
     node = equations.layout.impact_nodes[label.step] if label.node is None else label.node
     time = float(equations.node_times(w)[node])
     return Cause(what=what, words=words, phase=label.phase, step=label.step, time=time, **numbers)

@@ -28,12 +28,11 @@ from typing import Any
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.iteration import iterate, overflow_allowed
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait, solution_of, solved_gait
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, extrapolation, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import roll_out
@@ -81,7 +80,7 @@ class _PathPoint:
     history: tuple[tuple[float, Array], ...]
 
 
-def follow(start: Gait, problem: Problem, *, progress: Progress | None = None, should_stop: Stop = None) -> Gait:
+def follow(start: Gait, problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """The gait of ``problem`` on the family of ``start``.
 
     The result depends on the two arguments alone, not on other problems that were solved before.

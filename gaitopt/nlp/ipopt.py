@@ -10,7 +10,7 @@ large-scale nonlinear programming, Mathematical Programming 106.
 """
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,11 +18,9 @@ import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
 
-Progress = Callable[[int, float], None]
-"""Called with the iteration and the largest violation of the constraints."""
 Bounds = tuple[Array, Array]
 """Lower and upper bounds."""
 
@@ -98,7 +96,7 @@ class IpoptProcess:
         nlp: dict[str, MX],
         casadi_options: dict[str, Any],
         ipopt_options: dict[str, Any],
-        progress: Progress | None,
+        progress: Valued,
         should_stop: Stop,
     ) -> None:
         self._watch = _Watch(nlp["x"].numel(), nlp["g"].numel(), nlp["p"].numel(), progress, should_stop)
@@ -164,7 +162,7 @@ class Ipopt:
         objective: MX | None = None,
         objective_size: float = 1.0,
         optimality: float = NEAR_OPTIMUM,
-        progress: Progress | None = None,
+        progress: Valued = None,
         should_stop: Stop = None,
     ) -> None:
         blocks = [g] if isinstance(g, MX) else list(g)
@@ -226,7 +224,7 @@ class Ipopt:
 class _Watch(Callback):
     """Reports every iteration, and stops IPOPT on request."""
 
-    def __init__(self, n_w: int, n_g: int, n_p: int, progress: Progress | None, should_stop: Stop) -> None:
+    def __init__(self, n_w: int, n_g: int, n_p: int, progress: Valued, should_stop: Stop) -> None:
         super().__init__()
         self._sizes = {"x": n_w, "f": 1, "g": n_g, "lam_x": n_w, "lam_g": n_g, "lam_p": n_p}
         self._progress, self._should_stop = progress, should_stop

@@ -1,8 +1,8 @@
-"""How the steps of a cycle are cut into arcs and shooting intervals.
+"""The mesh of a cycle: its steps are cut into arcs, and the arcs into shooting intervals.
 
-Phases follow each other at unknown times; the breakpoints of the control lie at fixed times since the impact.
-Both are ends of arcs, and every arc is cut into equal intervals, so that no interval straddles a kink. Between
-two impacts, of the foot or of a stop, there is one node more than intervals: just after the one, just before the other.
+Phases end at unknown times; the breakpoints of the control are at fixed times since the impact. Arcs end at both, and
+every arc has equal intervals, so that the motion is smooth in every interval. Between two impacts (of the foot or of a
+stop) there is one more node than intervals: the first is just after one impact, the last just before the next.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,12 +18,12 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 
 INTERVALS = 14
-"""Intervals of a first layout, shared among the arcs by length: about ten digits on the gaits of the paper."""
+"""Intervals of a step in a first layout, distributed by length: about ten digits on the gaits of the paper."""
 FEWEST = 2
-"""Intervals of even the shortest arc."""
+"""Intervals of the shortest arc."""
 COINCIDENT = 1e-11
-"""A switch this close to a breakpoint, relative to the period, is at it, on either side: what the torques then miss is
-below rounding."""
+"""A switch this close to a breakpoint, relative to the period, coincides with it: the error of the torques is below
+rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +126,7 @@ class Layout:
         return times
 
     def in_order(self, durations: Array, breakpoints: Sequence[float]) -> bool:
-        """Whether every arc keeps to its segment of the control: False once a switch has passed a breakpoint.
+        """Whether every arc lies in its segment of the control: False once a switch has passed a breakpoint.
 
         The breakpoints are all those of the control, also those after the end of the step.
         """
@@ -151,7 +151,7 @@ def layout(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) -> 
 
     Parameters
     ----------
-    durations : of the phases [s], as far as they are known.
+    durations : estimates of the phase durations [s].
     breakpoints : of the control, times since impact [s], ascending.
     """
     lengths = np.asarray(durations, dtype=float)

@@ -1,14 +1,13 @@
-"""Newton's path to a gait: from a guess nearby to a solution of the equations that is right to rounding.
+"""Newton's method for the equations of a gait: from a nearby guess to a solution that is right to rounding.
 
-J(w) s = residual(w),    w <- w - s     from a guess, while the steps halve at least      ``solve_nearby``
-                                        from a solution, down to rounding                 ``polish``
-J dw = -halved defects                  its error, by a finer integration                 ``integration_error``
-                                        more intervals until that is small                ``refine``
-A dW = lift,  DPi = impact' dW_K        return map's derivative, A being J without the periodicity's z_K
+    J(w) s = F(w),   w <- w - s     from a guess, while every step is at most half of the last    ``solve_nearby``
+                                    from a solution, down to rounding                             ``polish``
+    J dw = -halved defects          integration error of a solution, by a finer integration       ``integration_error``
+                                    more intervals until it is small                              ``refine``
+    A dW = lift,  DPi = R_z dW_K    derivative of the return map, with A = J opened at the last reset
 
-Steps that halve at least keep the solution within twice the first one, so that it is that of the guess and not of
-another family: a start from which they do not is left to IPOPT. P. Deuflhard (2004), Newton Methods for Nonlinear
-Problems, ch. 2.
+Steps that halve keep the solution within twice the first step of the guess, so that it belongs to the guess and not to
+another family; other starts are left to IPOPT. P. Deuflhard (2004), Newton Methods for Nonlinear Problems, ch. 2.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,57 +17,56 @@ from functools import cached_property
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
 from gaitopt.iteration import iterate, overflow_allowed
 from gaitopt.model.buffered import buffered
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import ORDER
-from gaitopt.nlp.ipopt import Progress
 from gaitopt.nlp.shooting import MultipleShooting, NaturalUnits
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 
 REACH = 0.2
-"""Longest first step in natural units: a guess farther off is none."""
+"""Longest first step in natural units; a guess that needs a longer one is not near a gait."""
 CONTRACTION = 0.5
-"""Largest ratio of a step to the one before."""
+"""Largest ratio of a step to the previous one."""
 SETTLED = 1e-7
 """Step in natural units whose successor, by quadratic convergence, is at rounding."""
 MOST_STEPS = 9
-"""Steps that halve from ``REACH`` are near quadratic convergence long before."""
+"""Steps that halve from ``REACH`` converge quadratically long before."""
 SHORTEST = 0.5
-"""Part of the guessed period: feet that stay together solve all equations in no time at all."""
+"""Shortest period relative to the guess: feet that stay together solve all equations in no time at all."""
 NEWTON_TOLERANCE = 3e-15
-"""Rounding of the equalities in natural units; a polish that does not get there ends where it no longer improves."""
+"""Rounding of the equalities in natural units; a polish that does not reach it ends when it stops improving."""
 NEWTON_STEPS = 8
 """A polish starts at IPOPT's tolerance; more steps mean that it does not converge."""
 CONSTANT = 1e-13
 """Residual in natural units of a point whose Jacobian is that of the solution up to rounding."""
 ERROR_TOLERANCE = 1e-12
-"""Integration error of states and durations in natural units that is aimed at: proofs find a gait within 3e-12."""
+"""Target for the integration error of states and durations in natural units: proofs find a gait within 3e-12."""
 LARGEST_ERROR = 4e-11
-"""The same beyond which a solution is no gait: more than a digit below the nine that are promised."""
+"""Largest integration error of a gait in natural units: more than a digit below the nine that are promised."""
 SAFETY = 4.0
 """Factor by which a refinement aims below the tolerance."""
 MAX_REFINEMENTS = 4
 MAX_INTERVALS = 800
-"""A step that is not accurate on so many is no walking step: its motion is singular."""
+"""If a step needs more, its motion is singular."""
 LARGEST_WEIGHTS = 100.0
-"""Sum of the weights of the values; with larger ones the place lies too far beyond what is known."""
+"""Largest sum of the absolute weights of an extrapolation; a larger one amplifies rounding too much."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A point that solves the equations of a gait, or is on the way there; what follows from it is computed when used.
+    """Unknowns that solve the equations of a gait, or an iterate of a search; what follows is computed when used.
 
     Attributes
     ----------
     transcription : the equations.
     w, p : ndarray - unknowns and parameters, in SI.
-    status, words : whether the search for it got there, and how it ended.
-    iterations : what the search took.
-    start : where a search that says so began.
-    chord : Jacobian that serves in place of the one at ``w``, from which it differs by rounding.
+    status, words : of the search for it.
+    iterations : of the search.
+    start : where IPOPT started, None for Newton's method.
+    chord : Jacobian to use instead of the one at ``w``, from which it differs by rounding.
     """
 
     transcription: MultipleShooting
@@ -82,7 +80,7 @@ class Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether the search got there."""
+        """Whether the search has converged."""
         return self.status is Status.CONVERGED
 
     @cached_property
@@ -128,8 +126,22 @@ class Solution:
 
     @cached_property
     def errors(self) -> Array:
-        """Largest estimated integration error of each phase's states and duration, in natural units; (n_phases,)."""
-        return phase_errors(self)
+        """Largest estimated error of each phase's states and duration, in natural units; shape (n_phases,).
+
+        Infinite where the equations are singular.
+        """
+        equations = self.transcription
+        with overflow_allowed():
+            try:
+                nodes, durations = integration_error(self)
+            except RuntimeError:
+                return np.full(equations.n_phases, np.inf)
+            node_units, duration_units, _ = equations.unpack(self.units.unknowns)
+            nodes, errors = nodes / node_units, np.abs(durations / duration_units)
+            for arc, first in zip(equations.layout.arcs, equations.layout.first_nodes, strict=True):
+                largest = np.abs(nodes[:, first : first + arc.intervals + 1]).max()
+                errors[arc.phase] = max(errors[arc.phase], largest)
+            return errors
 
     @property
     def accurate(self) -> bool:
@@ -142,12 +154,12 @@ def solve_nearby(
     transcription: MultipleShooting,
     start: Array,
     p: Array,
-    progress: Progress | None = None,
+    progress: Valued = None,
     should_stop: Stop = None,
 ) -> Solution:
-    """Newton's method from ``start``, shape (n_w,), at parameters ``p``, as long as its steps shrink.
+    """Newton's method from ``start``, shape (n_w,), at parameters ``p``, while its steps halve.
 
-    ``should_stop`` ends it at once. The margins are not checked. A search that fails has the status ``not_converged``.
+    ``should_stop`` ends it at once. The margins are not checked. A failed search has the status ``not_converged``.
     """
     shortest, at, last = SHORTEST * _period(transcription, start), Solution(transcription, start, p), np.inf
     lost = replace(at, status=Status.NOT_CONVERGED, words="no solution next to the guess")
@@ -172,7 +184,7 @@ def solve_nearby(
 
 @overflow_allowed()
 def polish(transcription: MultipleShooting, w: Array, p: Array) -> Solution:
-    """Bring a solution down to rounding; freed parameters stay where they are, as does all where J is singular."""
+    """Newton's method from a solution down to rounding, with free parameters fixed; ``w`` itself if J is singular."""
 
     def following(at: Solution) -> Solution:
         trial = at.w.copy()
@@ -195,9 +207,9 @@ def polish(transcription: MultipleShooting, w: Array, p: Array) -> Solution:
 
 @overflow_allowed()
 def refine(solution: Solution) -> Solution:
-    """Cut phases with too large an error finer, and polish, until the errors are below the tolerance or at rounding.
+    """Divide phases with too large an error more finely, until the errors are below the tolerance or at rounding.
 
-    Freed parameters stay where they are.
+    Free parameters are fixed.
     """
     current = solution
     for _ in range(MAX_REFINEMENTS):
@@ -217,7 +229,7 @@ def refine(solution: Solution) -> Solution:
 
 @overflow_allowed()
 def halved(solution: Solution) -> Solution:
-    """The same solution with every interval cut in two, down to rounding; freed parameters stay where they are."""
+    """The same solution with every interval halved, down to rounding, with the free parameters fixed."""
     transcription, layout = solution.transcription, solution.transcription.layout
     return _on(solution, transcription.on(layout.refined([2 * arc.intervals for arc in layout.arcs])))
 
@@ -227,63 +239,39 @@ def _on(coarse: Solution, finer: MultipleShooting) -> Solution:
     return polish(finer, _resample(coarse.transcription, finer, coarse), coarse.p)
 
 
-@overflow_allowed()
-def phase_errors(at: Solution) -> Array:
-    """Largest estimated error of the states in each phase, and of its duration, in natural units; shape (n_phases,).
-
-    Infinite where the equations are singular.
-    """
-    transcription = at.transcription
-    try:
-        nodes, durations = integration_error(at)
-    except RuntimeError:
-        return np.full(transcription.n_phases, np.inf)
-    node_units, duration_units, _ = transcription.unpack(at.units.unknowns)
-    nodes, errors = nodes / node_units, np.abs(durations / duration_units)
-    for arc, first in zip(transcription.layout.arcs, transcription.layout.first_nodes, strict=True):
-        largest = np.abs(nodes[:, first : first + arc.intervals + 1]).max()
-        errors[arc.phase] = max(errors[arc.phase], largest)
-    return errors
-
-
 def integration_error(at: Solution) -> tuple[Array, Array]:
-    """Estimated error of a solution: by how much a finer integration would move it.
+    """Estimated integration error of a solution: the change that a finer integration would cause.
 
     Returns
     -------
     nodes : ndarray, shape (n_z, K + 1) - change of the node states.
     durations : ndarray, shape (n_phases,) - change of the durations [s].
     """
-    problem = at.transcription
-    halved, right = problem.halved_defects(at.w, at.p), np.zeros(at.residual.size)
+    equations = at.transcription
+    halved, right = equations.halved_defects(at.w, at.p), np.zeros(at.residual.size)
     right[: halved.size] = at.residual[: halved.size] - halved
-    nodes, durations, _ = problem.unpack(at.scaled.solve(right))
+    nodes, durations, _ = equations.unpack(at.scaled.solve(right))
     return nodes, durations
 
 
-def return_map_jacobian(at: Solution) -> Array:
-    """Derivative of the return map on the section by implicit differentiation of the equalities; (n_xi, n_xi)."""
-    return section_sensitivity(at)[1]
-
-
 def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], Array]]:
-    """How the step answers to a deviation on the section.
+    """Response of the cycle to a deviation on the section, by implicit differentiation of the equalities.
 
     Returns
     -------
     response : ndarray, shape (n, n_xi) - of nodes and durations.
-    returned : ndarray, shape (n_xi, n_xi) - the deviation after the step.
-    adjoint : from weights (n_xi, n_xi) of ``returned`` to those (n, n_xi) of the equations of ``response``.
+    returned : ndarray, shape (n_xi, n_xi) - derivative of the return map: the deviation after the cycle.
+    adjoint : maps weights (n_xi, n_xi) of ``returned`` to weights (n, n_xi) of the equations of ``response``.
     """
-    problem = at.transcription
-    system, n_z, n = problem.system, problem.system.n_z, at.residual.size
-    last, pattern = slice((problem.n_nodes - 1) * n_z, problem.n_nodes * n_z), at.square.pattern
-    indices = system.section(problem.layout.cycle.impact)
+    equations = at.transcription
+    system, n_z, n = equations.system, equations.system.n_z, at.residual.size
+    last, pattern = slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z), at.square.pattern
+    indices = system.section(equations.layout.cycle.impact)
     reset = -at.square.dense(last.start, last.stop)[n - n_z :][indices]
     columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
     data[columns][pattern.rows[columns] >= n - n_z] = 0.0
     opened = at.scaled_as_square(SparseMatrix(pattern=pattern, data=data))
-    full = problem.dynamics(at.p, problem.unpack(at.w).freed).p
+    full = equations.dynamics(at.p, equations.unpack(at.w).freed).p
     (flat,) = buffered(system.lift_jacobian)(at.w[system.section(Mode.SLIP_FORWARD)], full)
     lift = flat.reshape(n_z, -1, order="F")
     right = np.zeros((n, indices.size))
@@ -299,11 +287,11 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
 
 
 def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False) -> Array | None:
-    """Weights of the values at some places, and with ``slopes`` after them of the derivatives, in the value at another.
+    """Weights of the polynomial through values (and derivatives, if ``slopes``) at some places in its value at another.
 
     Returns
     -------
-    weights : ndarray, shape (n,) or (2 n,); None where the other place is too far away to say.
+    weights : ndarray, shape (n,), or (2 n,) with those of the derivatives last; None if ``place`` is too far away.
     """
     unit = max(abs(s) for s in (*places, place)) or 1.0
     x, powers = np.array(places) / unit, np.arange(len(places) * (2 if slopes else 1))
@@ -312,7 +300,7 @@ def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False
         rows = np.vstack([rows, powers * x[:, None] ** np.maximum(powers - 1, 0) / unit])
     try:
         weights = np.linalg.solve(rows.T, (place / unit) ** powers)
-    except np.linalg.LinAlgError:  # two of the places are one
+    except np.linalg.LinAlgError:  # two places coincide
         return None
     return weights if np.abs(weights[: x.size]).sum() < LARGEST_WEIGHTS else None
 

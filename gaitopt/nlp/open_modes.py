@@ -28,12 +28,12 @@ import numpy as np
 from casadi import MX, sum1, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.ipopt import Bounds, IpoptProcess, Progress
+from gaitopt.nlp.ipopt import Bounds, IpoptProcess
 from gaitopt.nlp.shooting import substituted
 
 Range = tuple[float, float]
@@ -137,7 +137,7 @@ class Complementarity:
         within: Mapping[str, Range] | None = None,
         *,
         n_steps: int = 1,
-        progress: Progress | None = None,
+        progress: Valued = None,
         should_stop: Stop = None,
     ) -> None:
         self._dynamics, self._system = dynamics, dynamics.system

@@ -1,8 +1,9 @@
-"""First guess of a cycle: the motion rolled out from a state along the given mode sequences.
+"""First guess of a cycle: the motion from a state, integrated along the given mode sequences.
 
-The sequence is obeyed, not tested: each phase runs until the margin that should end it falls through zero. A switch
-that does not come is put where its margin is closest to zero within the time of a step, a touchdown that does not
-come where the walker would be at the rates with which it started.
+    dz/dt = f_mode(t, z)      until the margin that ends the phase falls through zero
+
+The sequence is imposed, not tested. If a switch does not happen, the phase ends where its margin is closest to zero
+within the time of a step; if touchdown does not happen, it ends after the time of a step at the initial rates.
 """
 
 from bisect import bisect_right
@@ -26,35 +27,35 @@ from gaitopt.nlp.interval import shooting_step
 from gaitopt.nlp.layout import Layout
 
 RTOL, ATOL = 1e-8, 1e-10
-"""A guess needs no more; the absolute one in natural units."""
+"""Sufficient for a guess; the absolute tolerance is in natural units."""
 GRID = 8
-"""Points per step of the integrator on which the end of a phase is sought."""
+"""Points per integrator step at which the end of a phase is sought."""
 ARMED = 1e-12
-"""In natural units; a margin that starts at zero, up to rounding, is not yet positive."""
+"""In natural units; a margin that is zero up to rounding is not yet positive."""
 FIRST_STEP = 2.5e-5
-"""Of the integrator, in natural units; it grows tenfold at most from step to step."""
+"""First step of the integrator in natural units; each step is at most ten times the previous one."""
 FIRST_STEP_FROM_REST = 2.5e-7
-"""The same where the foot begins to slip: at first the slip of a light foot is over after 1e-6."""
+"""The same where the foot begins to slip: the first slip of a light foot may end after 1e-6."""
 ROOT = 1e-12
-"""In natural units of time: how exactly the end of a phase is located."""
+"""Tolerance of the end of a phase in natural units of time."""
 LONGEST_STEP = 50.0
 """In natural units of time, 20 s for legs of 1.6 m: no walker takes longer over a step."""
 MOST_STEPS = 3000
-"""Of the integrator in one phase: the longest step takes some hundreds."""
+"""Integrator steps in one phase: the longest phase takes some hundreds."""
 SHORTEST_PHASE = 0.05
-"""Part of a step that is given to a phase without a known end when no time is left for it."""
+"""Part of a step that a phase without a known end gets if no time is left for it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
-    """One phase of a rollout, each state by one step from the point of the integration before it.
+class PhaseMotion:
+    """The motion in one phase; a state at any time is one step from the integration point before it.
 
     Attributes
     ----------
     step : (z, t, h, p, r) -> z at t + h.
     p : parameters, shape (n_p,).
-    times, states, data : times (m,), states (m, n_z) and segment data of the control (m, n_r) at those points. A motion
-        with a single one stands still.
+    times, states, data : times (m,), states (m, n_z) and segment data of the control (m, n_r) at those points. With
+        a single point the state is constant.
     """
 
     step: Function
@@ -83,20 +84,20 @@ class Motion:
 class Rollout:
     """Durations of the phases [s] and the motion of each as a function of the time since the last impact.
 
-    ``endless`` is the first phase whose end did not come, None if all did.
+    ``endless`` is the first phase whose event did not happen, None if all did.
     """
 
     durations: tuple[float, ...]
-    motions: tuple[Motion, ...]
+    motions: tuple[PhaseMotion, ...]
     endless: int | None = None
 
     @property
     def period(self) -> float:
-        """Time of the whole cycle [s]; zero where the walker falls at once."""
+        """Time of the whole cycle [s]; zero if the walker falls at once."""
         return float(sum(self.durations))
 
     def __call__(self, phase: int, times: Array) -> Array:
-        """States in one phase at times since impact, after a fall those of the fall; shape (n_z, n)."""
+        """States in one phase at times since impact; after a fall the last state. Shape (n_z, n)."""
         motion = self.motions[phase]
         return motion(np.minimum(times, motion.end))
 
@@ -121,11 +122,14 @@ def roll_out(
     durations: Sequence[float] | Array | None = None,
     longest: float | None = None,
 ) -> Rollout:
-    """Follow ``cycle`` from ``state`` just after an impact; given durations are kept, others end at events.
+    """Integrate along ``cycle`` from ``state`` just after an impact; phases end at events unless durations are given.
 
-    ``state`` is that of the first step, shape (n_z,), or those with which the first steps start, shape (k, n_z): where
-    durations are kept, errors of one step would grow in the next ones. No phase whose end is sought lasts beyond
-    ``longest`` after the impact [s], ``LONGEST_STEP`` unless given.
+    Parameters
+    ----------
+    state : at the start of the first step, shape (n_z,), or of the first k steps, shape (k, n_z): with given
+        durations, errors of one step would grow in the next ones.
+    durations : of the phases [s].
+    longest : time after the impact by which phases end at the latest [s]; ``LONGEST_STEP`` by default.
     """
     scales, walker = dynamics.scales, dynamics.system.walker
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
@@ -135,14 +139,14 @@ def roll_out(
         return dynamics.standing(walker.side(step))
 
     time, z = 0.0, starts[0].copy()
-    known, motions, endless = list[float](), list[Motion](), list[int]()
+    lengths, motions, endless = list[float](), list[PhaseMotion](), list[int]()
     for phase, mode in enumerate(cycle.phases):
         impact, step = cycle.impact_before(phase) if phase > 0 else None, cycle.step_of(phase)
         if impact is not None:
-            known_start = phase in cycle.first_phases and step < len(starts)
-            z = starts[step].copy() if known_start else in_step(cycle.step_of(phase - 1)).after_impact(impact, z)
+            start_given = phase in cycle.first_phases and step < len(starts)
+            z = starts[step].copy() if start_given else in_step(cycle.step_of(phase - 1)).after_impact(impact, z)
             time = time if impact.locked else 0.0
-        z = np.nan_to_num(z)  # of a motion that has broken down
+        z = np.nan_to_num(z)  # a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
         flow = _ModeFlow(in_step(step), mode, cycle.after(phase))
@@ -156,18 +160,18 @@ def roll_out(
             duration = end - time
         else:
             motion = flow.integrate(time, z, duration, until_end=False)
-        known.append(duration)
+        lengths.append(duration)
         motions.append(motion)
         time += duration
         z = motion(np.array([min(time, motion.end)]))[:, 0]
-    return Rollout(durations=tuple(known), motions=tuple(motions), endless=next(iter(endless), None))
+    return Rollout(durations=tuple(lengths), motions=tuple(motions), endless=next(iter(endless), None))
 
 
 def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
-    """Time of a step [s] at the rates of ``state``, for the joint that would be first where an impact leads back to it.
+    """Time of a step [s] at the rates of ``state``, until the first joint reaches the shape that the impact maps back.
 
-    Where no joint has any way to go, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so
-    that s_minus follows from any one of its values, unless the walker itself says how its massless feet land.
+    If no joint moves, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so that A and b
+    follow from any one state, unless the walker itself places its massless feet.
     """
     system, p, time = dynamics.system, dynamics.p, dynamics.scales.time
     if system.walker.massless_feet:
@@ -183,7 +187,7 @@ def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
 
 
 class _ModeFlow:
-    """Motion in one mode at fixed parameters, across the control's breakpoints, and the margin that ends its phase."""
+    """The flow of one mode across the breakpoints of the control, with the margin that ends its phase."""
 
     def __init__(self, dynamics: Dynamics, mode: Mode, after: Mode | None) -> None:
         system, self._p, self._scales = dynamics.system, dynamics.p, dynamics.scales
@@ -198,11 +202,11 @@ class _ModeFlow:
         self._point = Buffers(point)
         self._step = CompiledStep(system.flow(mode), point, rtol=RTOL, atol=ATOL * dynamics.state_units)
 
-    def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> Motion:
-        """The motion until ``duration`` is over, the walker falls or, ``until_end``, the phase has ended.
+    def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> PhaseMotion:
+        """The motion until ``duration`` is over, the walker falls or, if ``until_end``, the event has happened.
 
-        A motion that breaks down at once stands still: the solver judges the result. Where touchdown comes
-        before the event that should end the phase, the motion goes on: its end will be put elsewhere.
+        A motion that breaks down at once has a single point: the solver judges the result. If touchdown precedes the
+        event that should end the phase, the motion continues, because ``lost_end`` cuts it off elsewhere.
         """
         end, points = max(time, time + duration), [(time, z)]
         margins, waiting = self._margins_at(time, z), until_end
@@ -225,8 +229,8 @@ class _ModeFlow:
                 armed |= margins > ARMED
         return self._motion(points)
 
-    def end(self, motion: Motion) -> float | None:
-        """Time since impact at which the phase ends; None if its event does not come, or only after touchdown."""
+    def end(self, motion: PhaseMotion) -> float | None:
+        """Time since impact at which the phase ends; None if its event does not happen before touchdown."""
         times, margins = self._along(motion)
         landing = self._fall(motion, times, margins, self._touchdown)
         if self._ending == self._touchdown:
@@ -234,8 +238,8 @@ class _ModeFlow:
         end = self._fall(motion, times, margins, self._ending)
         return None if end is None or (landing is not None and landing < end) else end
 
-    def lost_end(self, motion: Motion, transit: float) -> float:
-        """Time since impact at which a phase that has no end is cut off."""
+    def lost_end(self, motion: PhaseMotion, transit: float) -> float:
+        """Time since impact at which a phase without an event is cut off."""
         lost, start = transit, float(motion.times[0])
         if self._ending != self._touchdown:
             times, margins = self._along(motion)
@@ -244,7 +248,7 @@ class _ModeFlow:
         return max(lost, start + SHORTEST_PHASE * transit)
 
     def _begin(self, time: float, z: Array, end: float) -> Integration:
-        """An integration to the end, or to the next breakpoint of the control if that comes first."""
+        """An integration to ``end`` or to the next breakpoint of the control, whichever comes first."""
         segment = bisect_right(self._breakpoints, time)
         bound = min([end, *self._breakpoints[segment : segment + 1]])
         self._step.load(self._p, self._data[segment])
@@ -253,30 +257,32 @@ class _ModeFlow:
         rate = self._point(time, z, self._p, self._data[segment])[0].copy()
         return Integration(self._step, time, z, rate, bound, min(first_step * self._scales.time, bound - time))
 
-    def _motion(self, points: Sequence[tuple[float, Array]]) -> Motion:
+    def _motion(self, points: Sequence[tuple[float, Array]]) -> PhaseMotion:
         times, states = zip(*points, strict=True)
         data = [self._data[bisect_right(self._breakpoints, time)] for time in times]
-        return Motion(step=self._within, p=self._p, times=np.array(times), states=np.array(states), data=np.array(data))
+        return PhaseMotion(
+            step=self._within, p=self._p, times=np.array(times), states=np.array(states), data=np.array(data)
+        )
 
-    def _until_fall(self, points: Sequence[tuple[float, Array]]) -> Motion:
-        """The motion as far as the walker is upright, which it is no longer at the last point."""
+    def _until_fall(self, points: Sequence[tuple[float, Array]]) -> PhaseMotion:
+        """The motion while the walker is upright; it has fallen at the last point."""
         motion = self._motion(points)
         time = self._root(motion, points[-2][0], points[-1][0], self._upright)
         return self._motion([*points[:-1], (time, motion(np.array([time]))[:, 0])])
 
-    def _fall(self, motion: Motion, times: Array, margins: Array, row: int) -> float | None:
-        """First time at which a margin falls through zero after having been positive, if there is one."""
+    def _fall(self, motion: PhaseMotion, times: Array, margins: Array, row: int) -> float | None:
+        """First time at which a margin falls through zero after it was positive; None if it does not."""
         values = margins[:, row]
         falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
         return self._root(motion, times[falls[0]], times[falls[0] + 1], row) if falls.size else None
 
-    def _root(self, motion: Motion, before: float, after: float, row: int) -> float:
+    def _root(self, motion: PhaseMotion, before: float, after: float, row: int) -> float:
         def margin(time: float) -> float:
             return float(self._margins_at(time, motion(np.array([time]))[:, 0])[row])
 
         return bracketed_root(margin, before, after, ROOT * self._scales.time)
 
-    def _along(self, motion: Motion) -> tuple[Array, Array]:
+    def _along(self, motion: PhaseMotion) -> tuple[Array, Array]:
         """Times of the grid, and all margins there in natural units, shape (n, n_margins)."""
         times = _grid(motion)
         rows = [self._margins_at(time, z) for time, z in zip(times.tolist(), motion(times).T, strict=True)]
@@ -296,6 +302,6 @@ def _rate_and_margins(system: HybridSystem, mode: Mode) -> Function:
     return Function("rate_and_margins", inputs, [flow(*inputs), margins(*inputs)])
 
 
-def _grid(motion: Motion) -> Array:
+def _grid(motion: PhaseMotion) -> Array:
     steps = np.linspace(motion.times[:-1], motion.times[1:], GRID, endpoint=False).ravel(order="F")
     return np.append(steps, motion.end)

@@ -15,7 +15,7 @@ import numpy as np
 from casadi import sum1, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.iteration import overflow_allowed
 from gaitopt.model.cycle import Cycle
@@ -23,7 +23,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import solved_gait
 from gaitopt.nlp.diagnosis import early_event, largest_residual, missing_event, violations
-from gaitopt.nlp.ipopt import Ipopt, Progress
+from gaitopt.nlp.ipopt import Ipopt
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import Rollout, roll_out, transit_time
@@ -51,9 +51,7 @@ def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[f
     return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns.items()}
 
 
-def solve_gait(
-    problem: Problem, system: HybridSystem, *, progress: Progress | None = None, should_stop: Stop = None
-) -> Gait:
+def solve_gait(problem: Problem, system: HybridSystem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """Solve ``problem`` for a periodic gait with its mode sequence.
 
     Parameters
@@ -120,7 +118,7 @@ class Feasibility:
         self,
         equations: MultipleShooting,
         *,
-        progress: Progress | None = None,
+        progress: Valued = None,
         should_stop: Stop = None,
         relaxed: bool = False,
     ) -> None:

@@ -1,8 +1,8 @@
 """Sparse matrices by columns, and square systems that are factored and solved in one compiled call.
 
-    A x = b        by CasADi's QR factors, whose ordering and fill-in belong to the pattern and are found once
+    A x = b        by CasADi's QR factors, whose ordering and fill-in are computed once for a pattern
 
-A matrix of shooting intervals is factored so in a third of the time of a general LU decomposition; keeping its factors
+This factors a matrix of shooting intervals in a third of the time of a general LU decomposition; keeping the factors
 would gain little. T. A. Davis (2006), Direct Methods for Sparse Linear Systems, chapter 5.
 """
 
@@ -17,17 +17,17 @@ from gaitopt.arrays import Array
 from gaitopt.model.buffered import BufferedFunction
 
 SINGULAR = 1e-300
-"""Diagonal of R below which a matrix is singular: far below 1e-16, which means something where a phase vanishes."""
+"""Diagonal of R below which a matrix is singular: far below 1e-16, which is meaningful where a phase vanishes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pattern:
-    """Where the entries of a sparse matrix are.
+    """Positions of the entries of a sparse matrix.
 
     Attributes
     ----------
     shape : rows and columns.
-    pointers : where every column begins among the entries, and their number; shape (n_columns + 1,).
+    pointers : index of the first entry of every column, and the number of entries; shape (n_columns + 1,).
     rows : row of every entry, ascending within a column.
     """
 
@@ -41,7 +41,7 @@ class Pattern:
         return np.repeat(np.arange(self.shape[1]), np.diff(self.pointers))
 
     def largest(self, entries: Array) -> Array:
-        """The largest entry of every row, one where none is finite and positive; shape (n_rows,)."""
+        """The largest entry of every row, or 1 if it is not finite and positive; shape (n_rows,)."""
         order, starts = self._by_row
         sizes = np.maximum.reduceat(entries[order], starts)
         return np.where((sizes > 0) & (sizes < np.inf), sizes, 1.0)
@@ -66,7 +66,7 @@ class SparseMatrix:
         return np.bincount(pattern.rows, products, pattern.shape[0]).astype(np.float64, copy=False)
 
     def dense(self, start: int, stop: int) -> Array:
-        """Some columns written out; shape (n_rows, stop - start)."""
+        """The columns from ``start`` to ``stop`` as a dense matrix; shape (n_rows, stop - start)."""
         pattern = self.pattern
         entries = slice(pattern.pointers[start], pattern.pointers[stop])
         matrix = np.zeros((pattern.shape[0], stop - start))
@@ -85,9 +85,9 @@ class SparseMatrix:
 
 
 class ScaledMatrix:
-    """A square matrix in natural units with rows of size one, so that neither units nor stiff rows decide the digits.
+    """A square matrix in natural units with rows of size one, so that units and stiff rows do not cost digits.
 
-    Where a slip sets in, the equation of its end is divided by a duration that vanishes.
+    Such a row is the end of a slip that has just appeared, which is divided by its vanishing duration.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class ScaledMatrix:
         Raises
         ------
         RuntimeError
-            If the matrix is singular, or not finite, as where a trial diverges.
+            If the matrix is singular, or not finite because a trial point has diverged.
         """
         return (self._columns * self._solved(right.T / self._rows, transposed=False)).T
 
@@ -143,7 +143,7 @@ def _leading(pattern: Pattern, count: int) -> Pattern:
 
 @lru_cache(maxsize=64)
 def _with_row(pattern: Pattern, at: bytes) -> tuple[Pattern, NDArray[np.intp]]:
-    """The pattern, and from where among the old entries, followed by those of the row, its own come."""
+    """The pattern with one more row, and the index of each entry among the old entries followed by the new row's."""
     rows, size = pattern.shape
     columns = np.frombuffer(at, dtype=np.intp)
     ends, first = pattern.pointers[columns + 1], pattern.rows.size
