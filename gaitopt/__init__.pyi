@@ -1,18 +1,23 @@
 """The public names, stated once: type checkers read them here, ``__init__.py`` imports each on first use."""
 
-from gaitopt.api.calls import basin as basin
-from gaitopt.api.calls import continuation as continuation
-from gaitopt.api.calls import explain as explain
-from gaitopt.api.calls import find as find
-from gaitopt.api.calls import front as front
-from gaitopt.api.calls import multistart as multistart
-from gaitopt.api.calls import prove as prove
-from gaitopt.api.calls import solve as solve
-from gaitopt.api.calls import sweep as sweep
-from gaitopt.api.display import animate as animate
-from gaitopt.api.display import plot as plot
-from gaitopt.api.display import report as report
+from gaitopt.api.pictures import animate as animate
+from gaitopt.api.pictures import plot as plot
+from gaitopt.api.pictures import report as report
+from gaitopt.api.pictures import save_figures as save_figures
 from gaitopt.api.stored import load_run as load_run
+from gaitopt.api.verbs import basin as basin
+from gaitopt.api.verbs import check_proof as check_proof
+from gaitopt.api.verbs import continuation as continuation
+from gaitopt.api.verbs import explain as explain
+from gaitopt.api.verbs import find as find
+from gaitopt.api.verbs import front as front
+from gaitopt.api.verbs import multistart as multistart
+from gaitopt.api.verbs import neighbourhood as neighbourhood
+from gaitopt.api.verbs import prove as prove
+from gaitopt.api.verbs import simulate as simulate
+from gaitopt.api.verbs import solve as solve
+from gaitopt.api.verbs import sweep as sweep
+from gaitopt.api.verbs import verify as verify
 from gaitopt.display import Page as Page
 from gaitopt.errors import GaitoptError as GaitoptError
 from gaitopt.gait.branch import Branch as Branch
@@ -38,8 +43,6 @@ from gaitopt.runs.sweep import Sweep as Sweep
 from gaitopt.search.find import Gaits as Gaits
 from gaitopt.verification.return_map import return_map as return_map
 from gaitopt.verification.verify import Verification as Verification
-from gaitopt.verification.verify import verify as verify
 from gaitopt.verification.walk import Walk as Walk
-from gaitopt.verification.walk import simulate as simulate
 
 __version__: str

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-BACKEND = "gaitopt.api.display"
+BACKEND = "gaitopt.api.pictures"
 """The module whose functions ``plot``, ``animate``, ``report``, ``save`` and ``html`` do the work."""
 
 

@@ -3,7 +3,7 @@
 A numerical failure is not an error: it is a status on the result.
 """
 
-from typing import Self
+from typing import Any, Self
 
 
 class GaitoptError(Exception):
@@ -12,6 +12,8 @@ class GaitoptError(Exception):
     exit_code = 1
     argument = ""
     """The argument of the call that it is about, where another value of it is the remedy; a caller may say how to."""
+    result: Any = None
+    """The gait or walk that was computed, where only its storage has failed."""
 
     def about(self, argument: str) -> Self:
         """The same error, about an argument."""

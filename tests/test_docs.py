@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt import load_problem, simulate, solve, verify
-from gaitopt.cli import values
+from gaitopt.cli import options
 from gaitopt.cli.main import main
 from gaitopt.gait.trajectory import Ending
 from gaitopt.problem.problem import parse_problem
@@ -59,7 +59,7 @@ def test_the_pushes_of_the_readme_die_out(monkeypatch, tmp_path):
     )
     assert simulate(gait, {"theta1": 1.1 * gait.state[0]}, steps=50).trajectory.ending != "completed"
     (line,) = [shlex.split(command) for command in COMMANDS if command.startswith("gaitopt simulate")]
-    record = simulate(load_problem(line[2]), values.state([line[4]]), int(line[6])).to_record()
+    record = simulate(load_problem(line[2]), options.state([line[4]]), int(line[6])).to_record()
     assert record["status"] == "completed"
 
 

@@ -1,4 +1,4 @@
-"""Consoles that print what files hold without obeying it. NO_COLOR and narrow terminals are rich's business."""
+"""Consoles of rich that escape control characters; apart from ``terminal``, because importing rich takes a while."""
 
 import os
 import sys
@@ -10,19 +10,19 @@ from rich.segment import Segment
 from gaitopt.cli.terminal import printable
 
 PIPED_WIDTH = 160
-"""Columns where no terminal says how many it has."""
+"""Width of tables that do not go to a terminal [characters]."""
 
 
 class ResultConsole(Console):
-    """A console that escapes control characters and lets a broken pipe through to where exit codes are decided."""
+    """A console that escapes control characters and raises BrokenPipeError, for which ``main`` has an exit code."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Render as usual; what a terminal would obey in a text is shown instead, only styles of our own are not."""
+        """Render with control characters escaped in all texts, but not in the styles of the console itself."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else Segment(printable(segment.text), segment.style)
 
     def on_broken_pipe(self) -> None:
-        """Raise what rich would turn into an exit."""
+        """Raise the error, where rich would exit."""
         raise BrokenPipeError
 
 

@@ -1,14 +1,10 @@
-"""``gaitopt continue``: a family of gaits along a parameter, through changes of the mode sequence.
+"""Commands about many gaits or many walks: ``continue``, ``front``, ``sweep``, ``basin``.
 
-``gaitopt front``: what one aim costs in terms of another, as a chain of verified designs.
-
-``gaitopt sweep``: a grid of problems, solved and verified on all cores or on a cluster.
-
-``gaitopt basin``: which states walk, and on which gait they end.
+Results are kept as soon as they are computed; the same command resumes where it stopped.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -16,9 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gaitopt.cli.runs import SPECIAL, gait_of, load, report, save_figures, special_records
-from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
-from gaitopt.cli.values import (
+from gaitopt.cli.options import (
     EngineOption,
     GuessOption,
     OutOption,
@@ -32,45 +26,53 @@ from gaitopt.cli.values import (
     grid,
     number,
 )
+from gaitopt.cli.runs import SPECIAL, gait_of, load, report, special_records
+from gaitopt.cli.signals import interruptible
+from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
 from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
 
 if TYPE_CHECKING:
     from gaitopt.gait.branch import SpecialPoint
     from gaitopt.gait.gait import Gait
     from gaitopt.problem.problem import Problem
+    from gaitopt.runs.basin import Basin
     from gaitopt.runs.branch import BranchRun
+    from gaitopt.runs.sweep import Sweep
 
 
 Record = Mapping[str, Any]
 
 SHOWN = ("record", "branch", "n_steps", "value", "type", "status", "reason", "next", "spectral_radius")
-"""Keys of a record that its line and the summary need, so that memory does not grow with the gaits."""
+"""Keys of a record that its line and the summary need; the gaits themselves are not held in memory."""
 
 GaitArgument = Annotated[
     str,
     typer.Argument(
         metavar="PROBLEM",
         help="A name, a .yaml file, the run folder of a gait, or RUN@special.K: the other branches through the K-th "
-        "special point of a branch, as its table counts them.",
+        "special point in the table of a branch.",
     ),
 ]
-ParamOption = Annotated[str, typer.Option("--param", metavar="KEY", help="What is varied: friction, walker.slope, ...")]
+ParamOption = Annotated[str, typer.Option("--param", metavar="KEY", help="Parameter: friction, walker.slope, ...")]
 ToOption = Annotated[
-    list[str], typer.Option("--to", metavar="VALUE", help="Where to stop; a second --to goes there from the start too.")
+    list[str],
+    typer.Option(
+        "--to", metavar="VALUE", help="Value at which to stop; with a second --to the branch is followed both ways."
+    ),
 ]
-LowerOption = Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Bound of the parameter.")]
-UpperOption = Annotated[str | None, typer.Option("--upper", metavar="VALUE", help="Bound of the parameter.")]
+LowerOption = Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Lower bound of the parameter.")]
+UpperOption = Annotated[str | None, typer.Option("--upper", metavar="VALUE", help="Upper bound of the parameter.")]
 PointsOption = Annotated[int, typer.Option("--max-points", min=1, help="Maximum number of points per target.")]
 SecondsOption = Annotated[float | None, typer.Option("--max-seconds", min=0.0, help="Time limit per target [s].")]
 VerifyOption = Annotated[
-    int, typer.Option("--verify-every", min=0, help="Every so many points is confirmed by simulation; 0: none.")
+    int, typer.Option("--verify-every", min=0, help="Verify every N-th point by simulation; 0: none.")
 ]
 FollowOption = Annotated[
     list[str] | None,
     typer.Option(
         "--follow",
         metavar="KIND=N",
-        help="Follow the other branches of special points too, N times in turn; KIND is doublings, branch_points or "
+        help="Also follow the other branches of special points, N times in turn; KIND is doublings, branch_points or "
         "mode_changes. Repeat it.",
     ),
 ]
@@ -92,9 +94,9 @@ def continue_(
 ) -> int:
     """Continue a gait in a parameter, through folds and changes of the mode sequence.
 
-    From a special point RUN@special.K its other branches are continued: at a period doubling the cycles of twice as
-    many steps, at a branch point the curve that crosses, at a change of modes the sequences that were not followed.
-    What is found is kept at once; the same command resumes a walk that was interrupted.
+    RUN@special.K continues the other branches of a special point: at a period doubling the cycles of twice as many
+    steps, at a branch point the curve that crosses, at a change of modes the sequences that were not followed.
+    Every point is kept at once; the same command resumes a branch that was interrupted.
     """
     from gaitopt.branches.request import Request, check_request
     from gaitopt.runs.branch import BranchRun
@@ -124,7 +126,7 @@ def continue_(
 
 
 def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint, Gait]":
-    """The special point RUN@special.K and its gait: the K-th of a run's branch, from 0, in the order of the table."""
+    """The special point RUN@special.K and its gait; K counts from 0 in the order of the table."""
     from gaitopt.branches.request import family_of
     from gaitopt.store.gaits import special_point
 
@@ -145,7 +147,7 @@ def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint
 
 
 def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: Terminal) -> bool:
-    """Walk along the family, show each record, and say whether the simulator refutes a gait at an end."""
+    """Walk along the family and show each record; True if the simulator refutes a gait at an end."""
     from gaitopt.show.tables import print_branch, sequence
 
     refuted, summary = False, list[dict[str, Any]]()
@@ -173,7 +175,7 @@ def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: Terminal) ->
 
 @contextmanager
 def _live(terminal: Terminal, parameter: str) -> Iterator[Callable[[Record], None]]:
-    """A line that follows the walk: a live one on a terminal, one per record elsewhere."""
+    """Yield a function that shows a record: on a terminal a live line, elsewhere one line per record."""
     from gaitopt.show.tables import event
 
     console, began, points = terminal.narration, time.monotonic(), 0
@@ -205,30 +207,23 @@ def front(
 ) -> int:
     """Design along one number of the problem, in both directions, and mark the Pareto front.
 
-    Every design is kept as soon as it is found; the same command resumes where it stopped.
+    Every design is kept at once; the same command resumes where it stopped.
     """
-    from gaitopt.runs.front import check_front, design_front, front_file, front_record
-    from gaitopt.show.catalogue import front_figures
+    from gaitopt.api import verbs
+    from gaitopt.api.pictures import save_figures
     from gaitopt.show.tables import print_front
     from gaitopt.store.run import Run
 
-    axes, loaded = grid(over).axes, load(problem, changes, terminal)
-    if len(axes) != 1:
+    ranges, loaded = grid(over), load(problem, changes, terminal)
+    if len(ranges) != 1:
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
     run = Run.of(loaded, output)
-    run.check(loaded)
-    check_front(loaded, axes[0], run.folder)
-    with run.writing(loaded):
-        with terminal.working("designs") as (progress, interrupted):
-            designs = design_front(loaded, axes[0], run.folder, progress=progress, should_stop=interrupted)
-        with run.adding(run.place) as figures:
-            figures += save_figures(front_figures(designs), run.place)
-    path = run.path(front_file(axes[0].key))
-    terminal.show(
-        {**front_record(designs, axes[0]), "file": str(path), "figures": [str(figure) for figure in figures]},
-        print_front,
-        "file",
-    )
+    with terminal.working("designs") as (progress, interrupted):
+        designs = verbs.front(loaded, ranges, output=run.folder, progress=progress, should_stop=interrupted)
+    with run.adding(run.place) as figures:
+        figures += save_figures(designs, run.place)
+    record = {**designs.to_record(), "file": str(designs.file), "figures": [str(figure) for figure in figures]}
+    terminal.show(record, print_front, "file")
     verifications = [point.gait["verification"] for point in designs if point.converged]
     if not verifications:
         return NOT_A_GAIT
@@ -241,7 +236,7 @@ WarmOption = Annotated[
         "--warm", help="Start each point from the gait of its neighbour; the result may then depend on the grid."
     ),
 ]
-WhatOption = Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar of the result that is drawn.")]
+WhatOption = Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar to draw.")]
 
 
 def sweep(
@@ -258,37 +253,29 @@ def sweep(
 ) -> int:
     """Solve and verify a problem over a grid of its parameters; each point as `solve` does with --set.
 
-    What is done is kept and never done again; the same command resumes where it stopped. A point without a gait is a
-    result.
+    Every result is kept at once; the same command resumes where it stopped. A point without a gait is a result.
     """
+    from gaitopt.api import verbs
     from gaitopt.problem.scalars import SCALARS
-    from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, check_sweep, run_sweep, sweep_record
-    from gaitopt.show.catalogue import sweep_figures
+    from gaitopt.runs.sweep import TABLE_FILE, sweep_record
     from gaitopt.show.tables import print_sweep
     from gaitopt.store.run import Run
-    from gaitopt.workers.jobs import make_workers
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
-    points, loaded = grid(over), load(problem, changes, terminal)
-    run = Run.of(loaded, output)
-    run.check(loaded)
-    plan = SweepPlan(problem=loaded, grid=points, warm=warm, folder=run.folder, from_guess=from_guess)
-    check_sweep(plan)
-    jobs_at = make_workers(workers, scheduler)
-    with run.writing(loaded):
-        with terminal.working("jobs") as (progress, interrupted):
-            swept = run_sweep(plan, jobs_at, progress=progress, should_stop=interrupted)
-        record = sweep_record(swept) | {"table": str(plan.run.path(TABLE_FILE)), "run": str(plan.run.place)}
-        if len(points.axes) <= 2:
-            with run.adding(plan.run.place) as figures:
-                figures += save_figures(sweep_figures(swept), plan.run.place, [what])
-            record["figures"] = [str(path) for path in figures]
-    terminal.show(record, print_sweep, "table")
+    ranges, loaded = grid(over), load(problem, changes, terminal)
+    folder = Run.of(loaded, output).folder
+    with terminal.working("jobs") as (progress, interrupted):
+        swept = verbs.sweep(
+            loaded, ranges, warm=warm, from_guess=from_guess, workers=workers, scheduler=scheduler, output=folder,
+            progress=progress, should_stop=interrupted,
+        )  # fmt: skip
+    place = {"table": f"{swept.folder}/{TABLE_FILE}", "run": str(swept.folder)}
+    terminal.show({**sweep_record(swept), **place, **_drawn(swept, folder, [what])}, print_sweep, "table")
     return 0
 
 
-StepsOption = Annotated[int, typer.Option("--steps", min=1, help="Steps after which a state is undecided.")]
+StepsOption = Annotated[int, typer.Option("--steps", min=1, help="Maximum number of steps of each walk.")]
 
 
 def basin(
@@ -305,39 +292,43 @@ def basin(
     """Walk from every state of a grid until it settles on a gait or fails.
 
     The other coordinates are those of RUN's gait. Finished tiles are kept; the same command resumes where it stopped.
-    `gaitopt solve RUN@attractor.K` makes a gait of the K-th one, RUN being the folder that is printed.
+    `gaitopt solve RUN@attractor.K` solves the gait of the K-th attractor, where RUN is the folder that is printed.
     """
-    from gaitopt.runs.basin import BasinPlan, check_basin, walk_basin
-    from gaitopt.show.catalogue import basin_figures
+    from gaitopt.api import verbs
     from gaitopt.show.tables import print_basin
     from gaitopt.simulation.engine import INSTALL, Engine, choose_engine, is_installed
-    from gaitopt.store.run import Run
-    from gaitopt.workers.jobs import make_workers
 
-    points = grid(over)
+    ranges = grid(over)
     choose_engine(engine)
-    tiles_at = make_workers(workers, scheduler)
     start, folder = _start(run, changes, output, terminal)
-    plan = BasinPlan.around(start, points, max_steps=steps, engine=engine, folder=folder)
-    check_basin(plan)
     if engine == Engine.AUTO and not is_installed():
         terminal.say(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")
-    with Run(folder).writing(plan.problem):
-        with terminal.working("tiles") as (progress, interrupted):
-            result = walk_basin(plan, tiles_at, progress=progress, should_stop=interrupted)
-        record = {**result.to_record(), "run": str(plan.run.place)}
-        if len(points.axes) <= 2:
-            with Run(folder).adding(plan.run.place) as figures:
-                figures += save_figures(basin_figures(result), plan.run.place)
-            record["figures"] = [str(path) for path in figures]
+    with terminal.working("tiles") as (progress, interrupted):
+        result = verbs.basin(
+            start, ranges, steps=steps, engine=engine, workers=workers, scheduler=scheduler, output=folder,
+            progress=progress, should_stop=interrupted,
+        )  # fmt: skip
+    record = {**result.to_record(), "run": str(result.folder), **_drawn(result, folder, ())}
     terminal.show(record, print_basin, "run")
     return 0
+
+
+def _drawn(result: "Sweep | Basin", run: Path, what: Sequence[str]) -> dict[str, list[str]]:
+    """Draw a sweep or a basin over one or two keys into its folder; the entry ``figures`` of its record."""
+    from gaitopt.api.pictures import DRAWN_AXES, save_figures
+    from gaitopt.store.run import Run
+
+    if result.folder is None or len(result.grid.axes) > DRAWN_AXES:
+        return {}
+    with Run(run).adding(result.folder) as figures:
+        figures += save_figures(result, result.folder, what)
+    return {"figures": [str(path) for path in figures]}
 
 
 def _start(
     run: str, changes: list[str] | None, output: Path | None, terminal: Terminal
 ) -> "tuple[Gait | Problem, Path]":
-    """The gait that the grid lies around, or the problem with its guess where there is none; and the run folder."""
+    """The gait around which the grid lies, or the problem if it has no gait; and the run folder."""
     from gaitopt.api.stored import save
 
     gait, folder, fresh = gait_of(run, changes, output, terminal)

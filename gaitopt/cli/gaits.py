@@ -1,24 +1,13 @@
-"""``gaitopt solve``: a problem's gait, verified and stored.
-
-``gaitopt simulate``: walk forward from a state.
-
-``gaitopt verify``: claim by claim, does an independent simulation confirm a gait?
-
-``gaitopt find``: the gaits at a problem's parameters, of any mode sequence.
-
-``gaitopt explain``: why there is no such gait, what there is instead, and where it begins to exist.
-"""
+"""Commands about the gaits of one problem: ``solve``, ``simulate``, ``verify``, ``find``, ``explain``, ``prove``."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitopt.cli import values
-from gaitopt.cli.runs import gait_of, is_folder, load, report, solve_verified, stored_branch, stored_gait, verified
-from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
-from gaitopt.cli.values import (
+from gaitopt.cli import options
+from gaitopt.cli.options import (
     EngineOption,
     GuessOption,
     OutOption,
@@ -29,16 +18,30 @@ from gaitopt.cli.values import (
     SeedOption,
     SetOption,
     WorkersOption,
+    key_value,
     ranges,
 )
-from gaitopt.errors import ProblemError, SolveError, StorageError
+from gaitopt.cli.runs import (
+    SPECIAL,
+    gait_of,
+    is_folder,
+    load,
+    report,
+    shown_unstored,
+    solve_verified,
+    special_records,
+    stored_branch,
+    stored_gait,
+)
+from gaitopt.cli.signals import interruptible
+from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
+from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
 
 if TYPE_CHECKING:
     from gaitopt.gait.gait import Gait
     from gaitopt.problem.problem import Problem
-    from gaitopt.runs.multistart import Optimum
+    from gaitopt.proof.theorem import Proof
     from gaitopt.verification.walk import Walk
-    from gaitopt.workers.jobs import Workers
 
 
 ATTRACTOR = "@attractor."
@@ -49,18 +52,16 @@ StartOption = Annotated[
     typer.Option(
         "--start",
         metavar="RUN[@BRANCH.INDEX]",
-        help="Guess the gait of a run, or a point of its branch (columns branch and index of branch.csv).",
+        help="Use the gait of a run as the guess, or a point of its branch (columns branch and index of branch.csv).",
         show_default=False,
     ),
 ]
 StartsOption = Annotated[
-    int, typer.Option("--starts", min=1, help="Solve from so many guesses, sampled around the first; keep the best.")
+    int, typer.Option("--starts", min=1, help="Number of guesses, sampled around the first; the best gait is kept.")
 ]
 SpreadOption = Annotated[
     float,
-    typer.Option(
-        "--spread", min=0.0, max=LARGEST_SPREAD, help="How far samples go from the first guess, relative to it."
-    ),
+    typer.Option("--spread", min=0.0, max=LARGEST_SPREAD, help="Size of the samples relative to the first guess."),
 ]
 
 SolvedArgument = Annotated[
@@ -87,14 +88,15 @@ def solve(
 ) -> int:
     """Solve for a gait, verify it and store it.
 
-    With --set KEY=VALUE the file's own gait is followed to the new values; if its family ends on the way, the message
-    says where and why. --from-guess looks for a gait near the guess of the file instead.
+    With --set KEY=VALUE the gait of the file is followed to the new values; if its family ends on the way, the message
+    says where and why. --from-guess searches near the guess of the file instead.
 
-    With --starts the distinct solutions are listed and the best one is kept; what each start has found stays in the
+    With --starts the distinct solutions are listed and the best one is kept. The result of each start is kept in the
     run folder, so that the same command resumes where it stopped.
     """
+    from gaitopt.api import verbs
+    from gaitopt.show.tables import print_optima
     from gaitopt.store.run import Run
-    from gaitopt.workers.jobs import make_workers
 
     if ATTRACTOR in problem:
         if changes or start or starts > 1 or from_guess:
@@ -105,72 +107,56 @@ def solve(
     loaded = load(problem, changes, terminal)
     loaded = loaded.from_guess() if from_guess else loaded
     loaded = _started(loaded, start, terminal) if start else loaded
-    run = Run.of(loaded, output)
-    folder = run.folder
-    jobs_at = make_workers(workers, scheduler)
-    with run.writing(loaded):
+    folder = Run.of(loaded, output).folder
+    with Run(folder).writing(loaded):
         if starts == 1:
-            return _report_solved(solve_verified(loaded, terminal), folder, terminal)
-        optima = _optima(loaded, starts, seed, spread, folder, jobs_at, terminal)
+            gait = solve_verified(loaded, terminal)
+            return report(gait, folder if gait.converged else None, terminal, store=True)
+        with terminal.working("starts") as (progress, interrupted):
+            optima = verbs.multistart(
+                loaded, starts, seed=seed, spread=spread, workers=workers, scheduler=scheduler, output=folder,
+                progress=progress, should_stop=interrupted,
+            )  # fmt: skip
+        if not terminal.json:
+            print_optima(terminal.results, optima, starts)
         about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
-        gait = solve_verified(optima[0].problem if optima else loaded, terminal)
-        return _report_solved(replace(gait, problem=loaded), folder, terminal, about)
-
-
-def _report_solved(gait: "Gait", folder: Path, terminal: Terminal, about: dict[str, Any] | None = None) -> int:
-    return report(gait, folder if gait.converged else None, terminal, store=True, about=about)
-
-
-def _optima(
-    problem: "Problem", starts: int, seed: int, spread: float, folder: Path, workers: "Workers", terminal: Terminal
-) -> "list[Optimum]":
-    """The distinct solutions from many starts, printed."""
-    from gaitopt.runs.multistart import multistart
-    from gaitopt.show.tables import print_optima
-
-    with terminal.working("starts") as (progress, interrupted):
-        optima = multistart(
-            problem, starts, folder, seed=seed, spread=spread, workers=workers,
-            progress=progress, should_stop=interrupted,
-        )  # fmt: skip
-    if not terminal.json:
-        print_optima(terminal.results, optima, starts)
-    return optima
+        gait = replace(solve_verified(optima[0].problem if optima else loaded, terminal), problem=loaded)
+        return report(gait, folder if gait.converged else None, terminal, store=True, about=about)
 
 
 def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int:
     """Solve the gait of RUN@attractor.K, verify it and store it."""
+    from gaitopt.api import verbs
     from gaitopt.runs.basin import stored_attractor
-    from gaitopt.search.solve import solve_attractor
     from gaitopt.store.run import Run
 
     run, _, index = place.rpartition(ATTRACTOR)
     attractor = stored_attractor(Path(run), index)
-    with terminal.solving(place) as (progress, interrupted):
-        gait = solve_attractor(attractor, progress=progress, should_stop=interrupted)
-    gait = verified(gait, terminal)
-    gait_run = Run.of(gait.problem, output)
-    with gait_run.writing(gait.problem):
-        return _report_solved(gait, gait_run.folder, terminal)
+
+    def show(gait: "Gait") -> int:
+        return report(gait, Run.of(gait.problem, output).folder if gait.converged else None, terminal)
+
+    with shown_unstored(show), terminal.solving(place) as (progress, interrupted):
+        gait = verbs.solve(attractor, output=output or True, progress=progress, should_stop=interrupted)
+    return show(gait)
 
 
 def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
-    """The problem with a known gait as its guess."""
-    if "@" in start:
-        source, record, known = _branch_point(start)
-    else:
-        gait, _, _ = gait_of(start, None, None, terminal)
-        if not gait.converged:
-            raise SolveError(f"--start {start}: {gait.status}: {gait.message}")
-        source, record, known = gait.problem, gait.to_record(), gait.dynamics.parameters
-    if source.walker.model != problem.walker.model:
-        raise ProblemError(
-            f"--start {start}: a gait of {source.walker.model}, but {problem.name} has {problem.walker.model}"
-        )
-    return problem.with_guess(record, known)
+    """The problem with the gait of ``--start`` as its guess."""
+    gait = _branch_point(start) if "@" in start else gait_of(start, None, None, terminal)[0]
+    if not gait.converged:
+        raise SolveError(f"--start {start}: {gait.status}: {gait.message}")
+    model, needed = gait.problem.walker.model, problem.walker.model
+    if model != needed:
+        raise ProblemError(f"--start {start}: a gait of {model}, but {problem.name} has {needed}")
+    return problem.with_guess(gait.to_record(), gait.dynamics.parameters)
 
 
-def _branch_point(start: str) -> "tuple[Problem, dict[str, Any], dict[str, float]]":
+def _branch_point(start: str) -> "Gait":
+    """The gait of a point of a branch, RUN@BRANCH.INDEX."""
+    from gaitopt.branches.request import family_of
+    from gaitopt.store.gaits import branch_gait
+
     run, _, place = start.rpartition("@")
     problem, parameter, records = stored_branch(run, f"--start {start}: ")
     points = {f"{r['branch']}.{r['index']}": r for r in records if r.get("record") == "point"}
@@ -179,22 +165,18 @@ def _branch_point(start: str) -> "tuple[Problem, dict[str, Any], dict[str, float
             f"--start {start}: the branch has no point {place}; its points are {next(iter(points))} to "
             f"{list(points)[-1]}, in columns branch and index of branch.csv"
         )
-    record = points[place]
-    return problem, record, problem.parameters | record["parameters"] | {parameter: record["value"]}
+    return branch_gait(family_of(problem, parameter), parameter, points[place])
 
-
-STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
-"""Of the arcs of one step, in memory and as rows of a table."""
 
 StateOption = Annotated[
     list[str] | None,
     typer.Option(
         "--state",
         metavar="NAME=VALUE,...",
-        help="State just after an impact, where it differs from the problem's guess or the run's gait.",
+        help="Start state just after an impact; other coordinates are those of the problem's guess or the run's gait.",
     ),
 ]
-StepsOption = Annotated[int, typer.Option("--steps", min=1, help="Steps to walk.")]
+StepsOption = Annotated[int, typer.Option("--steps", min=1, help="Number of steps.")]
 
 
 def simulate(
@@ -208,49 +190,28 @@ def simulate(
 ) -> int:
     """Simulate steps from a state.
 
-    Contact modes and impacts follow from the forces; every ending has a name. `plot` and `report` of a walk that -o
-    has kept compare it with the gait of RUN, or of PROBLEM where that has been solved.
+    Contact modes and impacts follow from the forces; every ending has a name. With -o the walk is kept, and `plot` and
+    `report` compare it with the gait of RUN, or of PROBLEM if that has been solved.
     """
-    from gaitopt.api.stored import save
-    from gaitopt.gait.gait import Gait
-    from gaitopt.problem.problem import Problem
-    from gaitopt.runs.grid import check_room
+    from gaitopt.api import verbs
+    from gaitopt.api.stored import compared
     from gaitopt.show.tables import print_walk
-    from gaitopt.store.run import Run
-    from gaitopt.verification.walk import simulate as simulate_walk
 
     start = stored_gait(run, changes)[0] if is_folder(run) else load(run, changes)
-    begin = values.state(state)
-    if output is not None:
-        Run(output).check(start.problem if isinstance(start, Gait) else start)
-    disk = 0 if output is None else STEP_BYTES_DISK
-    check_room(steps, output or Path(), disk=disk, memory=STEP_BYTES_MEMORY, what="steps")
+    begin = options.state(state)
+
+    def show(walk: "Walk") -> None:
+        terminal.show({**walk.to_record(), "run": None if output is None else str(output)}, print_walk)
+
     terminal.say(f"walking {steps} step{'s' if steps > 1 else ''}")
-    with interruptible() as interrupted:
-        walk = simulate_walk(start, begin, steps, engine=engine, should_stop=interrupted)
-    walk = _compared(walk) if isinstance(start, Problem) else walk
-    record = {**walk.to_record(), "run": None if output is None else str(output)}
-    try:
-        if output is not None:
-            save(walk, output)
-    finally:  # what was computed is printed even where it cannot be kept
-        terminal.show(record, print_walk)
+    with shown_unstored(show), interruptible() as interrupted:
+        walk = verbs.simulate(start, begin, steps, engine=engine, output=output or False, should_stop=interrupted)
+    show(compared(walk))
     return 0
 
 
-def _compared(walk: "Walk") -> "Walk":
-    """The walk of a problem beside its gait, where the store has one."""
-    from gaitopt.store.run import GAIT_FILES, Run
-    from gaitopt.verification.walk import section_states
-
-    run = Run.of(walk.problem)
-    if not run.holds(*GAIT_FILES):
-        return walk
-    return replace(walk, gait_states=section_states(stored_gait(str(run.folder), None)[0]))
-
-
 OptimumOption = Annotated[
-    bool, typer.Option("--optimum", help="Of a design: search its feasible neighbourhood for a better one.")
+    bool, typer.Option("--optimum", help="Search the feasible neighbourhood of a design for a better one.")
 ]
 
 
@@ -264,12 +225,10 @@ def verify(
 ) -> int:
     """Verify a gait by forward simulation.
 
-    The simulation never sees the mode sequence; it has to find it.
+    The simulation does not know the mode sequence and must find it.
     """
-    from gaitopt.api.progress import job_progress
-    from gaitopt.design.neighbourhood import neighbourhood
+    from gaitopt.api import verbs
     from gaitopt.simulation.engine import choose_engine
-    from gaitopt.verification import verify as verification
 
     choose_engine(engine)
     gait, folder, fresh = gait_of(run, changes, output, terminal)
@@ -277,11 +236,11 @@ def verify(
         return report(gait, None, terminal)
     if not fresh or engine != "auto":
         terminal.say("verifying by forward simulation")
-        gait = gait.verified(verification.verify(gait, engine=engine).to_record())
+        gait = gait.verified(verbs.verify(gait, engine=engine).to_record())
     if not optimum:
         return report(gait, folder, terminal, store=fresh)
-    with job_progress(terminal.narration, "directions") as progress:
-        searched = neighbourhood(gait, progress=progress)
+    with terminal.working("directions") as (progress, _):
+        searched = verbs.neighbourhood(gait, progress=progress)
     code = report(gait, folder, terminal, store=fresh, about={"neighbourhood": searched.to_record()})
     if not terminal.json:
         terminal.results.print(searched.words)
@@ -289,11 +248,13 @@ def verify(
 
 
 FindStepsOption = Annotated[
-    int | None, typer.Option("--steps", min=1, help="Longest cycle, in steps.", show_default=False)
+    int | None, typer.Option("--steps", min=1, help="Maximum number of steps of a cycle.", show_default=False)
 ]
 WithinOption = Annotated[
     list[str] | None,
-    typer.Option("--within", metavar="KEY=LO:HI", help="Range of a start coordinate, as dtheta1=0:1deg; repeat it."),
+    typer.Option(
+        "--within", metavar="KEY=LO:HI", help="Range of a start coordinate, for instance dtheta1=0:1deg; repeat it."
+    ),
 ]
 
 
@@ -312,22 +273,22 @@ def find(
     """Search for all gaits at a problem's parameters, of any mode sequence.
 
     Walks from many start states and a program with open modes propose gaits; each is solved, verified and listed once,
-    stable ones first. What is done is kept; the same command resumes where it stopped.
+    stable ones first. Finished parts are kept; the same command resumes where it stopped.
     """
-    from gaitopt.runs.jobs import find_durably
-    from gaitopt.search.find import SearchPlan, opened
+    from gaitopt.api import verbs
+    from gaitopt.search.find import opened
     from gaitopt.show.tables import print_gaits
     from gaitopt.store.run import Run
-    from gaitopt.workers.jobs import make_workers
 
     loaded = opened(load(problem, changes))
     loaded = loaded if steps is None else loaded.replace({"gait.steps": steps})
-    run = Run.of(loaded, output)
-    plan = SearchPlan(problem=loaded, starts=starts, seed=seed, within=ranges(within))
-    parts_at = make_workers(workers, scheduler)
+    folder = Run.of(loaded, output).folder
     with terminal.working("parts of the search") as (progress, interrupted):
-        gaits = find_durably(plan, run, parts_at, progress=progress, should_stop=interrupted)
-    terminal.show({**gaits.to_record(), "run": str(run.folder)}, print_gaits, "run")
+        gaits = verbs.find(
+            loaded, starts=starts, seed=seed, within=ranges(within), workers=workers, scheduler=scheduler,
+            output=folder, progress=progress, should_stop=interrupted,
+        )  # fmt: skip
+    terminal.show({**gaits.to_record(), "run": str(folder)}, print_gaits, "run")
     return 0 if gaits else NOT_A_GAIT
 
 
@@ -339,15 +300,120 @@ def explain(
     workers: WorkersOption = None,
     changes: SetOption = None,
 ) -> int:
-    """Say why a problem has no gait: the conditions that it violates, the gaits that there are, the nearest values."""
-    from gaitopt.search.explain import explain as explained
+    """Explain why a problem has no gait: violated conditions, existing gaits, and the nearest values with a gait."""
+    from gaitopt.api import verbs
     from gaitopt.show.tables import print_explanation
-    from gaitopt.workers.jobs import make_workers
 
-    loaded, count = load(problem, changes), make_workers(workers, None).count
+    loaded = load(problem, changes)
     with interruptible() as interrupted:
-        explanation = explained(
-            loaded, starts=starts, seed=seed, workers=count, progress=terminal.say, should_stop=interrupted
+        explanation = verbs.explain(
+            loaded, starts=starts, seed=seed, workers=workers, progress=terminal.say, should_stop=interrupted
         )
     terminal.show(explanation.to_record(), print_explanation)
     return 0
+
+
+NARROWEST, WIDEST = 1e-14, 1.0
+"""Bounds of ``--width``: doubles resolve no narrower bracket, and no special point needs a wider one."""
+MOST_DIGITS = 9
+"""Maximum length of the number of a special point."""
+
+TargetArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="RUN[@special.K]",
+        help="A run folder, or a PROBLEM; the K-th special point of a branch, from 0; with --check a certificate.",
+    ),
+]
+WidthOption = Annotated[
+    float | None,
+    typer.Option(
+        "--width",
+        help="Width of the bracket of a special point, from 1e-14 to 1; by default the narrowest that can be proved.",
+    ),
+]
+CheckOption = Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")]
+
+
+def prove(
+    terminal: Terminal,
+    run: TargetArgument,
+    check: CheckOption = False,
+    width: WidthOption = None,
+    changes: SetOption = None,
+    output: OutOption = None,
+) -> int:
+    """Prove that a gait exists, with its mode sequence and its stability.
+
+    Ball arithmetic encloses the orbit, its mode sequence and its multipliers; the certificate is kept with the run.
+    For a special point of a branch, prove that the family exists around it, and that the function that defines it
+    changes its sign. --set KEY=LO..HI proves the gait for all values of an interval.
+    """
+    from gaitopt.api import verbs
+
+    if check:
+        if changes or output is not None:
+            raise typer.BadParameter("--check reads a certificate and nothing else; leave out --set and -o")
+        return _report_proof(verbs.check_proof(run), Path(run), terminal)
+    if width is not None and not NARROWEST <= width <= WIDEST:
+        raise typer.BadParameter(f"--width {width:g} is not between {NARROWEST:g} and {WIDEST:g}")
+    if SPECIAL in run:
+        if changes:
+            raise typer.BadParameter("--set changes a problem, but this is the branch of a finished run; leave it out")
+        return _prove_special(run, width, output, terminal)
+    if width is not None:
+        raise typer.BadParameter("--width is that of the bracket of a special point, RUN@special.K")
+    return _prove_gait(run, changes, output, terminal)
+
+
+def _prove_gait(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> int:
+    from gaitopt.api import verbs
+    from gaitopt.api.stored import save
+
+    changes, intervals = _intervals(changes)
+    gait, folder, fresh = gait_of(run, changes, output, terminal)
+    if not gait.converged:
+        return report(gait, None, terminal)
+    if fresh:
+        save(gait, folder)
+    terminal.say(f"proving {gait.problem.name}: ten seconds to some minutes")
+    file = folder / verbs.CERTIFICATE_FILE
+    return _report_proof(verbs.prove(gait, intervals, output=file, progress=terminal.say), file, terminal)
+
+
+def _prove_special(target: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
+    from gaitopt.api import verbs
+    from gaitopt.branches.request import family_of
+    from gaitopt.problem.faults import shown
+    from gaitopt.store.gaits import special_point
+
+    run, _, number = target.rpartition(SPECIAL)
+    problem, parameter, records = special_records(run)
+    if not number.isdecimal() or len(number) > MOST_DIGITS or int(number) >= len(records):
+        raise UnknownNameError(f"{run} has no special point {shown(number)}; it has {len(records)}, from 0")
+    special = special_point(family_of(problem, parameter), parameter, records[int(number)])
+    file = (output or Path(run)) / f"special-{number}-{verbs.CERTIFICATE_FILE}"
+    terminal.say(f"proving {special.type} of {problem.name} near {parameter} = {special.value:.9g}: some minutes")
+    proof = verbs.prove(special, parameter=parameter, width=width, output=file, progress=terminal.say)
+    return _report_proof(proof, file, terminal)
+
+
+def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, str]]:
+    """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
+    from gaitopt.proof.arithmetic import INTERVAL, ball, precision
+
+    pairs = [key_value(text, "--set") for text in changes or ()]
+    intervals = {key: text for key, text in pairs if INTERVAL in text}
+    try:
+        with precision():
+            middles = {key: repr(float(ball(text).mid())) for key, text in intervals.items()}
+    except ValueError as error:
+        raise ProblemError(f"--set {', '.join(intervals)}: {error}") from error
+    return [f"{key}={middles.get(key, text)}" for key, text in pairs] or None, intervals
+
+
+def _report_proof(proof: "Proof", file: Path, terminal: Terminal) -> int:
+    from gaitopt.show.tables import print_proof
+
+    terminal.show({**proof.to_record(), "certificate": str(file)}, print_proof, "certificate")
+    return 0 if proof.proved else NOT_A_GAIT

@@ -1,55 +1,47 @@
-"""The commands, and the one place where an ending becomes an exit code.
-
-A command as Typer sees it: its argument ``terminal`` stands for the options --json, --quiet and --debug.
-"""
+"""The program ``gaitopt``: its commands, its options for all commands, and the exit code of every ending."""
 
 import gc
 import os
 import sys
-from collections.abc import Callable, Sequence
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache, wraps
 from inspect import Parameter, Signature, signature
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from gaitopt import __version__
 from gaitopt.cli.families import basin, continue_, front, sweep
-from gaitopt.cli.gaits import explain, find, simulate, solve, verify
+from gaitopt.cli.gaits import explain, find, prove, simulate, solve, verify
 from gaitopt.cli.pictures import plot, report, reproduce
 from gaitopt.cli.problems import list_problems, schema, show, validate
-from gaitopt.cli.prove import prove
-from gaitopt.cli.terminal import (
-    BROKEN_PIPE,
-    INTERNAL_ERROR,
-    STORAGE,
-    USAGE,
-    Terminal,
-    allow_any_encoding,
-    check_working_folder,
-    error_words,
-    internal_error,
-    listening,
-    printable,
-    shown_warnings,
-)
-from gaitopt.errors import GaitoptError
+from gaitopt.cli.signals import listening
+from gaitopt.cli.terminal import BROKEN_PIPE, INTERNAL_ERROR, STORAGE, USAGE, Terminal, allow_any_encoding, printable
+from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError
+
+PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to ", "what": "--what "}
+"""Options by the argument of the library function that an error is about."""
+SUFFIXES = {"output": " with -o"}
 
 Shared = tuple[str, Any]
 JSON: Shared = (
     "json",
-    Annotated[bool, typer.Option("--json", help="Print one JSON object, floats to the last digit.")],
+    Annotated[bool, typer.Option("--json", help="Print one JSON object, with floats in full precision.")],
 )
 JSON_LINES: Shared = (
     "json",
-    Annotated[bool, typer.Option("--json", help="Print one JSON object per line, as soon as it is found.")],
+    Annotated[bool, typer.Option("--json", help="Print one JSON object per line, as soon as it is computed.")],
 )
-QUIET: Shared = ("quiet", Annotated[bool, typer.Option("--quiet", help="No narration and no progress on stderr.")])
-DEBUG: Shared = ("debug", Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")])
+QUIET: Shared = ("quiet", Annotated[bool, typer.Option("--quiet", help="Suppress narration and progress on stderr.")])
+DEBUG: Shared = ("debug", Annotated[bool, typer.Option("--debug", help="Print the traceback of an error.")])
 
 
 def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callable[..., int]:
-    """The command with the ``shared`` options and --debug, which ``main`` reads, in place of ``terminal``."""
+    """A command as Typer calls it: its argument ``terminal`` is replaced by the ``shared`` options and --debug."""
     options = [
         Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind) for name, kind in (*shared, DEBUG)
     ]
@@ -65,12 +57,12 @@ def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callabl
     return run
 
 
-LASTING = 100_000
-"""New objects between two searches for cycles of them: modules and compiled functions last as long as the command does,
-and looking through them after every 700 takes a tenth of its time."""
+COLLECT_AFTER = 100_000
+"""New objects between two garbage collections. Modules and compiled functions live as long as the command; Python's
+default of 700 costs a tenth of its time."""
 
 COMPLETION = "_GAITOPT_COMPLETE"
-"""Variable through which a shell that completes a command line asks for words; see ``--show-completion``."""
+"""Environment variable by which a shell asks for completions; see ``--show-completion``."""
 
 
 def print_version(requested: bool) -> None:
@@ -126,35 +118,74 @@ def main(argv: Sequence[str] | None = None) -> int:
     ----------
     argv : arguments without the program's name; those of the process if None.
     """
-    gc.set_threshold(LASTING)
+    gc.set_threshold(COLLECT_AFTER)
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments:
         main(["--help"])
         return USAGE
     allow_any_encoding()
-    with listening() as ending:
+    with listening() as received:
         try:
-            check_working_folder()
-            with shown_warnings():
+            _check_working_folder()
+            with _shown_warnings():
                 return _run(arguments)
         except GaitoptError as error:
-            return _say(error_words(error), error.exit_code, arguments)
+            return _say(_error_words(error), error.exit_code, arguments)
         except typer.TyperException as error:
             command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
             return _say(f"{error.format_message()} (see {command} --help)", error.exit_code, arguments)
         except KeyboardInterrupt:
-            return _say(ending.words, ending.exit_code, arguments)
+            return _say(received.words, received.exit_code, arguments)
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
             return BROKEN_PIPE
         except OSError as error:
             if error.strerror is None:  # raised by a library, not by the system
-                return _say(internal_error(error), INTERNAL_ERROR, arguments)
+                return _say(_internal_error(error), INTERNAL_ERROR, arguments)
             return _say(f"{error.strerror}: {error.filename or 'file or connection'}", STORAGE, arguments)
         except Exception as error:  # noqa: BLE001 - the last resort, so that no traceback reaches a user unasked
-            if ending:  # compiled code has made an error of its own of the interrupt
-                return _say(ending.words, ending.exit_code, arguments)
-            return _say(internal_error(error), INTERNAL_ERROR, arguments)
+            if received:  # compiled code has turned the interrupt into an error of its own
+                return _say(received.words, received.exit_code, arguments)
+            return _say(_internal_error(error), INTERNAL_ERROR, arguments)
+
+
+def _check_working_folder() -> None:
+    """Refuse to work in a folder that has been deleted."""
+    try:
+        Path.cwd()
+    except FileNotFoundError as error:
+        raise StorageError("the working directory has been deleted; change to another one") from error
+
+
+@contextmanager
+def _shown_warnings() -> Iterator[None]:
+    """Print gaitopt's own warnings on stderr, one line each; other warnings are shown as usual."""
+    with warnings.catch_warnings():
+        elsewhere = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **details: Any) -> None:
+            if issubclass(category, GaitoptWarning):
+                sys.stderr.write(printable(f"gaitopt: warning: {message}\n"))
+            else:
+                elsewhere(message, category, *place, **details)
+
+        warnings.showwarning = show
+        warnings.simplefilter("always", GaitoptWarning)
+        yield
+
+
+def _error_words(error: GaitoptError) -> str:
+    """The message of an error, with the option that it is about."""
+    prefix, suffix = PREFIXES.get(error.argument, ""), SUFFIXES.get(error.argument, "")
+    return "\n".join(prefix + line for line in str(error).splitlines()) + suffix
+
+
+def _internal_error(error: Exception) -> str:
+    """A bug in one line: the exception, and where it was raised, because some exceptions have no message."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    words = ": ".join(filter(None, (type(error).__name__, str(error))))
+    place = "/".join(Path(frame.filename).parts[-2:])
+    return f"internal error: {words} ({place}:{frame.lineno}); rerun with --debug for the traceback"
 
 
 def _run(arguments: list[str]) -> int:
@@ -171,15 +202,13 @@ def _run(arguments: list[str]) -> int:
 
 @cache
 def _commands() -> Any:
-    """The parser of all commands, which takes a while to build."""
+    """The parser of all commands; building it takes a while."""
     return typer.main.get_command(app)
 
 
 def _say(message: str, code: int, arguments: list[str]) -> int:
     """Print an error on stderr; with --debug its traceback before it."""
     if "--debug" in arguments:
-        import traceback
-
         sys.stderr.write(printable(traceback.format_exc()))
     sys.stderr.write(printable(f"gaitopt: {message}\n"))
     return code

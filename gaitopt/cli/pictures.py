@@ -1,48 +1,45 @@
-"""``gaitopt plot``: figures of a gait, a branch, a basin, a sweep or a front, and the moving walker.
+"""Commands that draw: ``plot``, ``report`` and ``reproduce``."""
 
-``gaitopt report``: a gait, a branch, or gaits side by side as one offline HTML page.
-
-``gaitopt reproduce``: the figures and the printed numbers of a paper, computed again.
-"""
-
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gaitopt.cli.runs import (
-    ANIMATION,
-    DEFAULT_FORMATS,
-    Format,
-    gaits_of,
-    map_figures,
-    map_in,
-    save_figures,
-    stored_branch,
-    stored_figures,
-)
+from gaitopt.cli.options import RunArguments, SetOption
+from gaitopt.cli.runs import gaits_of
 from gaitopt.cli.terminal import NOT_A_GAIT, Terminal
-from gaitopt.cli.values import RunArguments, SetOption
 
 FIGURES = "figures"
 """Folder of the figures within a run folder."""
 COMPARISON = "comparison"
 """Folder of the figures of several runs, in the working folder."""
+REPORT, COMPARISON_REPORT = "report.html", "comparison.html"
+
+
+class Format(StrEnum):
+    """Formats of a figure."""
+
+    SVG = "svg"
+    PNG = "png"
+    PDF = "pdf"
+
 
 WhatOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--what", metavar="NAME", help="Which figure; repeat it for several. Without it all that show something."
+        "--what", metavar="NAME", help="Name of a figure; repeat it for several. By default all that show something."
     ),
 ]
-FormatOption = Annotated[list[Format] | None, typer.Option("--format", help="svg and png if not given.")]
+FormatOption = Annotated[list[Format] | None, typer.Option("--format", help="By default svg and png.")]
 FolderOption = Annotated[
     Path | None,
     typer.Option(
         "-o",
         "--output",
         metavar="DIR",
-        help="Where to; by default RUN/figures, of several runs ./comparison, of a basin or a sweep its own folder.",
+        help="Folder of the figures; by default RUN/figures, of several runs ./comparison, of a basin or a sweep its "
+        "own folder.",
         show_default=False,
     ),
 ]
@@ -60,21 +57,20 @@ def plot(
 
     Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
     Of a walk that `simulate -o` has stored: section (states step by step), portrait, force, slip, torques, animation.
-    Of a branch: multipliers, or any scalar of the result, spectral_radius for instance. Of a sweep, whose own folder
+    Of a branch: multipliers, or any scalar of the result, for instance spectral_radius. Of a sweep, whose own folder
     is given as RUN: any scalar of the result. Of a front: front.
     """
-    from gaitopt.show.catalogue import gait_figures
+    from gaitopt.api.pictures import ANIMATION, figures_in, figures_of, map_kind, save_figures
     from gaitopt.store.run import Run, check_writable
 
     if output is not None:
         check_writable(output / FIGURES)
-    own, alone = Path(runs[0]), len(runs) == 1
-    kind = map_in(runs[0]) if alone else None
-    if kind is not None:
-        folder, place = own.resolve().parent, output or own
-        figures = [map_figures(kind, own)]
-    elif alone and (figures := stored_figures(runs[0])):
-        folder, place = own, output or own / FIGURES
+    folder, alone = Path(runs[0]), len(runs) == 1
+    figures = figures_in(folder) if alone else []
+    if figures and map_kind(folder):
+        folder, place = folder.resolve().parent, output or folder
+    elif figures:
+        place = output or folder / FIGURES
     else:
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
@@ -82,16 +78,13 @@ def plot(
         if not alone and {"roads", ANIMATION} & {*(what or ())}:
             raise typer.BadParameter(f"--what roads and animation show one gait, not {len(gaits)}")
         folder, place = folders[0], output or (folders[0] / FIGURES if alone else Path(COMPARISON))
-        figures = [gait_figures(gaits)]
+        figures = [figures_of(gaits)]
     with Run(folder).adding(place) as written:
         for drawn in figures:
-            written += save_figures(drawn, place, what, formats or DEFAULT_FORMATS)
+            written += save_figures(drawn, place, what or (), formats or (Format.SVG, Format.PNG))
     terminal.print_paths(written)
     return 0
 
-
-REPORT = "report.html"
-COMPARISON_REPORT = "comparison.html"
 
 FileOption = Annotated[
     Path | None,
@@ -105,29 +98,24 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
     The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
     otherwise.
     """
-    from gaitopt.runs.results import kind_of, restore_walk
-    from gaitopt.show.pages import branch_report, comparison_report, walk_report
-    from gaitopt.store.files import write_whole
+    from gaitopt.api.pictures import page_in
+    from gaitopt.api.pictures import report as page_about
     from gaitopt.store.run import Run, check_writable
 
     if output is not None and (not output.name or output.is_dir()):
         raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
     if output is not None:
         check_writable(output)
-    kind = kind_of(Path(runs[0])) if len(runs) == 1 else ""
-    if kind == "branch":
-        page, folder = branch_report(*stored_branch(runs[0])), Path(runs[0])
-    elif kind == "walk":
-        page, folder = walk_report(restore_walk(Path(runs[0]))), Path(runs[0])
-    else:
+    folder = Path(runs[0])
+    page = page_in(folder) if len(runs) == 1 else None
+    if page is None:
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
-        page, folder = comparison_report(gaits), folders[0]
+        page, folder = page_about(*gaits), folders[0]
     path = output or (folder / REPORT if len(runs) == 1 else Path(COMPARISON_REPORT))
     with Run(folder).adding(path.parent) as written:
-        write_whole(path, page)
-        written.append(path)
+        written.append(page.save(path))
     terminal.print_paths([path])
     return 0
 
@@ -135,7 +123,7 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
 PaperArgument = Annotated[str, typer.Argument(metavar="PAPER", help="gamus-or-2013.")]
 OnlyOption = Annotated[
     list[str] | None,
-    typer.Option("--only", metavar="NAME", help="One figure, fig9 for instance, or table; repeat it for several."),
+    typer.Option("--only", metavar="NAME", help="A figure, for instance fig9, or table; repeat it for several."),
 ]
 ReproduceFolderOption = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="DIR", help="By default results/PAPER.", show_default=False)
@@ -147,7 +135,7 @@ def reproduce(
 ) -> int:
     """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
 
-    Gaits and families are taken from the run folders in results/, or computed, on all cores, and kept there.
+    Gaits and families are taken from the run folders in results/, or computed on all cores and kept there.
     """
     from gaitopt.paper.gaits import Archive
     from gaitopt.paper.reproduction import check_names

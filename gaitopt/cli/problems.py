@@ -1,10 +1,10 @@
-"""``gaitopt list``, ``show``, ``validate``, ``schema``: problems, before anything is solved."""
+"""Commands about problems, none of which solves anything: ``list``, ``show``, ``validate``, ``schema``."""
 
 from typing import TYPE_CHECKING, Any
 
+from gaitopt.cli.options import ProblemArgument, SetOption
 from gaitopt.cli.runs import load
 from gaitopt.cli.terminal import Terminal
-from gaitopt.cli.values import ProblemArgument, SetOption
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def list_problems(terminal: Terminal) -> int:
-    """List the named problems by walker; of those whose run is in results/ also period, radius and stability."""
+    """List the named problems by walker, with period, radius and stability if their run is in results/."""
     from gaitopt.problem.problem import load_problem
     from gaitopt.problem.source import problem_names
 
@@ -37,12 +37,12 @@ def _stored_record(problem: "Problem") -> "Mapping[str, Any]":
         run = Run.of(problem)
         run.check(problem)
         return run.read_object(GAIT_FILE) if run.path(GAIT_FILE).is_file() else {}
-    except StorageError:  # not ours to report while listing problems
+    except StorageError:  # a broken run is reported by the commands that need it
         return {}
 
 
 def show(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
-    """Show a problem, complete and in SI."""
+    """Print a problem in SI units, with all defaults."""
     from gaitopt.show.tables import print_problem
 
     loaded = load(problem, changes)
@@ -54,7 +54,7 @@ def show(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None
 
 
 def validate(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
-    """Check a problem and name all of its faults."""
+    """Check a problem and list all its errors."""
     loaded = load(problem, changes, terminal)
     record = {"problem": loaded.name, "valid": True, "hash": loaded.digest}
     terminal.show(record, lambda console, _: console.print(f"{problem}: valid ({loaded.name}, hash {loaded.hash8})"))

@@ -1,35 +1,32 @@
-"""What a user means by RUN: a run folder, or a problem whose gait is in the store or is solved now.
+"""The argument RUN: a run folder, or a problem whose gait is taken from the store or solved now.
 
-The branch in a run folder, as the continuation wrote it, and its special points ``RUN@special.K``.
-
-Figures as files: of what a command has just computed, and of what is stored in a folder.
+``RUN@BRANCH.INDEX`` and ``RUN@special.K`` are points and special points of the branch in a run folder.
 """
 
-from collections.abc import Sequence
-from enum import StrEnum
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from gaitopt.cli.options import overrides
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
-from gaitopt.cli.values import overrides
-from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.errors import GaitoptError, StorageError, UnknownNameError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any
+    from collections.abc import Callable, Mapping
 
     from gaitopt.gait.gait import Gait
     from gaitopt.problem.problem import Problem
-    from gaitopt.show.catalogue import Figures
 
 
+SPECIAL = "@special."
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
 def load(problem: str, changes: list[str] | None, terminal: Terminal | None = None) -> "Problem":
-    """The problem of a name or a file, with the ``--set`` options applied; what is unusual about it is remarked."""
+    """Load a problem by name or path and apply the ``--set`` options; unusual values are warnings on the terminal."""
     from gaitopt.problem.problem import load_problem
 
     stated = load_problem(problem)
@@ -59,12 +56,12 @@ def is_folder(run: str) -> bool:
     except OSError as error:  # a name that is too long, for instance
         raise UnknownNameError(f"there is no run folder {shown(run)}: {error.strerror}") from error
     if len(path.parts) > 1 and path.suffix not in PROBLEM_SUFFIXES and not exists:
-        raise UnknownNameError(f"there is no run folder {run}; `ls results` shows those that there are")
+        raise UnknownNameError(f"there is no run folder {run}; `ls results` lists the existing runs")
     return is_dir
 
 
 def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
-    """The gait in a run folder, and the folder; with ``--set`` that is an error, as a run is what it is."""
+    """The gait in a run folder, and the folder; ``--set`` is an error, because a finished run cannot change."""
     from gaitopt.runs.results import refuse_other_results, restore_gait
     from gaitopt.store.run import GAIT_FILE
 
@@ -77,7 +74,7 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
 
 
 def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> "tuple[Gait, Path, bool]":
-    """A gait, its run folder, and whether it was solved just now (and is verified, but not stored)."""
+    """A gait, its run folder, and whether it was solved just now; it is then verified, but not yet stored."""
     from gaitopt.store.run import GAIT_FILES, Run
 
     if is_folder(run):
@@ -93,10 +90,10 @@ def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: 
 
 
 def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal) -> "tuple[list[Gait], list[Path]]":
-    """Gaits and their run folders; what was solved just now is stored, and a failed attempt is reported.
+    """Gaits and their run folders; new gaits are stored, and failed solves are reported.
 
-    A gait that was stored is read back: times in a run folder are rounded sums, and the same command shall give the
-    same figures to the last byte when it is repeated.
+    A stored gait is read back: times in a run folder are rounded sums, and a command that is repeated must write the
+    same figures to the last byte.
     """
     from gaitopt.api.stored import save
     from gaitopt.runs.results import restore_gait
@@ -114,24 +111,17 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
 
 
 def solve_verified(problem: "Problem", terminal: Terminal) -> "Gait":
-    """The gait of a problem with its verification, or the failed attempt."""
-    from gaitopt.search import solve as solving
+    """The gait of a problem with its verification, or the failed solve."""
+    from gaitopt.api import verbs
 
     with terminal.solving(problem.name) as (progress, interrupted):
-        gait = solving.solve(problem, progress=progress, should_stop=interrupted)
-    return verified(gait, terminal)
-
-
-def verified(gait: "Gait", terminal: Terminal) -> "Gait":
-    """A gait with its verification; a failed attempt as it is."""
-    from gaitopt.verification import verify as verification
-
+        gait = verbs.solve(problem, progress=progress, should_stop=interrupted)
     if not gait.converged:
         return gait
     if gait.message != "solved":
         terminal.say(gait.message)
     terminal.say("verifying by forward simulation")
-    return gait.verified(verification.verify(gait).to_record())
+    return gait.verified(verbs.verify(gait).to_record())
 
 
 def report(
@@ -142,7 +132,7 @@ def report(
     store: bool = False,
     about: "Mapping[str, Any] | None" = None,
 ) -> int:
-    """Print a gait (and what else is known about it) or its failure, store it if ``store``; returns the exit code."""
+    """Print a gait with the entries of ``about``, or its failure, and store it if ``store``; returns the exit code."""
     from gaitopt.api.stored import save
     from gaitopt.show.tables import print_gait
 
@@ -157,18 +147,26 @@ def report(
     try:
         if store and folder is not None:
             save(gait, folder)
-    finally:  # what was computed is printed even where it cannot be kept
+    finally:  # a gait is printed even if it cannot be stored
         terminal.show(record, print_attempt, *(["run"] if gait.converged and folder is not None else []))
     if not gait.converged:
         return NOT_A_GAIT
     return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED
 
 
-SPECIAL = "@special."
+@contextmanager
+def shown_unstored(show: "Callable[[Any], object]") -> Iterator[None]:
+    """Show a result whose storage fails within the block, before the error goes on."""
+    try:
+        yield
+    except GaitoptError as error:
+        if error.result is not None:
+            show(error.result)
+        raise
 
 
 def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
-    """Problem, parameter and records of the branch in a run folder; ``label`` begins the words of an error."""
+    """Problem, parameter and records of the branch in a run folder; error messages begin with ``label``."""
     from gaitopt.runs import branch
     from gaitopt.runs.results import kind_of
 
@@ -178,78 +176,6 @@ def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[s
 
 
 def special_records(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
-    """Problem and parameter of a branch, and the records of its special points in the order of the table."""
+    """Problem and parameter of a branch, and the records of its special points in the order of its table."""
     problem, parameter, records = stored_branch(run, label)
     return problem, parameter, [record for record in records if record.get("record") == "special"]
-
-
-DRAWN_AXES = 2
-ANIMATION = "animation"
-
-
-class Format(StrEnum):
-    """Formats of a figure."""
-
-    SVG = "svg"
-    PNG = "png"
-    PDF = "pdf"
-
-
-DEFAULT_FORMATS = (Format.SVG, Format.PNG)
-
-
-def save_figures(
-    figures: "Figures", folder: Path, what: Sequence[str] | None = None, formats: Sequence[str] = DEFAULT_FORMATS
-) -> list[Path]:
-    """Draw figures into a folder, those that show something if ``what`` names none; the files."""
-    from gaitopt.show.style import save
-    from gaitopt.store.files import write_whole
-
-    moving = [] if figures.animation is None else [ANIMATION]
-    known, written = (*figures.names, *moving), list[Path]()
-    unknown = [word for word in what or () if word not in known]
-    if unknown:
-        raise typer.BadParameter(f"--what {unknown[0]}: choose from {', '.join(known)}")
-    for word in what or (*figures.usual, *moving):
-        if word == ANIMATION and figures.animation is not None:
-            written.append(folder / f"{ANIMATION}.html")
-            write_whole(written[-1], figures.animation())
-        else:
-            written += save(figures.draw(word), folder / (figures.stem or word), formats)
-    return written
-
-
-def stored_figures(run: str) -> "list[Figures]":
-    """The figures of a run folder that holds a branch, a walk or fronts, and no gait; none of any other."""
-    from gaitopt.runs.front import read_fronts
-    from gaitopt.runs.results import kind_of, restore_walk
-    from gaitopt.show.catalogue import branch_figures, front_figures, walk_figures
-
-    kind = kind_of(Path(run))
-    if kind == "branch":
-        return [branch_figures(*stored_branch(run))]
-    if kind == "walk":
-        return [walk_figures(restore_walk(Path(run)))]
-    return [front_figures(front) for front in read_fronts(Path(run))] if kind == "front" else []
-
-
-def map_in(run: str) -> str | None:
-    """Whether ``run`` is the folder of a ``basin`` or of a ``sweep``, by the word that its name begins with."""
-    from gaitopt.store.run import MANIFEST_FILE
-
-    folder = Path(run)
-    kind = folder.name.partition("-")[0]
-    own = kind in ("basin", "sweep") and folder.is_dir() and not (folder / MANIFEST_FILE).exists()
-    return kind if own else None
-
-
-def map_figures(kind: str, folder: Path) -> "Figures":
-    """The figures of the finished ``basin`` or ``sweep`` in its own folder."""
-    from gaitopt.runs.basin import read_basin
-    from gaitopt.runs.sweep import Sweep, read_sweep
-    from gaitopt.show.catalogue import basin_figures, sweep_figures
-
-    result = read_basin(folder) if kind == "basin" else read_sweep(folder)
-    if len(result.grid.axes) > DRAWN_AXES:
-        raise typer.BadParameter(f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two")
-    return sweep_figures(result) if isinstance(result, Sweep) else basin_figures(result)

@@ -190,6 +190,7 @@ class Basin(Plotted, ReadOnlyArrays):
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
     endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Outcomes``.
     steps : ndarray, grid's shape - steps until it settled or failed.
+    folder : of its tiles.
     """
 
     problem: Problem
@@ -199,6 +200,7 @@ class Basin(Plotted, ReadOnlyArrays):
     labels: Labels
     endings: Labels
     steps: Labels
+    folder: Path | None = None
 
     def __repr__(self) -> str:
         shares = [f"{gait.count / self.grid.size:.1%} {gait}" for gait in self.attractors]
@@ -279,6 +281,7 @@ def assembled(run: Run, problem: Problem, grid: Grid, base: dict[str, float]) ->
     return Basin(
         problem=problem, grid=grid, base=base, attractors=tuple(gaits),
         labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
+        folder=run.place,
     )  # fmt: skip
 
 

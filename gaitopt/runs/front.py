@@ -68,11 +68,13 @@ class Front(Plotted, Sequence[FrontPoint]):
     problem : the design.
     key : dotted key of the number that is varied.
     points : in the order of its values.
+    file : in which it is kept.
     """
 
     problem: Problem
     key: str
     points: tuple[FrontPoint, ...]
+    file: Path | None = None
 
     def __repr__(self) -> str:
         solved, best = sum(point.converged for point in self), sum(point.pareto for point in self)
@@ -93,6 +95,12 @@ class Front(Plotted, Sequence[FrontPoint]):
     def to_records(self) -> list[Record]:
         """The JSON objects of all points."""
         return [point.to_record() for point in self.points]
+
+    def to_record(self) -> Record:
+        """One JSON object with the keys of the command line."""
+        lower, upper = (float(self.points[k].value) for k in (0, -1))
+        over = Axis(key=self.key, lower=lower, upper=upper, count=len(self))
+        return {"problem": self.problem.name, "over": str(over), "points": self.to_records()}
 
     def to_frame(self) -> "DataFrame":
         """One row per design: value, objective, whether it is on the front, status and the scalars of its gait."""
@@ -125,19 +133,14 @@ def design_front(
         here = Workers(count=1)  # a chain: each design needs the one before
         solve_all(run, problem, chain, len(walk), here, progress=progress, should_stop=should_stop)
         points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems)
-        front = Front(problem=problem, key=axis.key, points=tuple(points))
-        run.write({front_file(axis.key): json_text(front_record(front, axis)) + "\n"})
+        front = Front(problem=problem, key=axis.key, points=tuple(points), file=run.path(front_file(axis.key)))
+        run.write({front_file(axis.key): json_text(front.to_record()) + "\n"})
     return front
 
 
 def front_file(key: str) -> str:
     """Name of the file of a front over this key in its run folder."""
     return f"front-{key}.json"
-
-
-def front_record(front: Front, axis: Axis) -> Record:
-    """The JSON object of the front along an axis."""
-    return {"problem": front.problem.name, "over": str(axis), "points": front.to_records()}
 
 
 def read_fronts(folder: Path) -> list[Front]:
@@ -148,7 +151,7 @@ def read_fronts(folder: Path) -> list[Front]:
         record = run.read_object(path.name)
         validated(FrontRecord, record, path, states=problem.walker.state_names())
         points = [FrontPoint(value=r["value"], gait=r, pareto=r["pareto"]) for r in record["points"]]
-        front = Front(problem=problem, key=record["over"].partition("=")[0], points=tuple(points))
+        front = Front(problem=problem, key=record["over"].partition("=")[0], points=tuple(points), file=path)
         gaits = {point.value: point.gait for point in points}
         best = all(point.pareto is _undominated(point.value, gaits, front.key) for point in points)
         axis = Axis(key=front.key, lower=points[0].value, upper=points[-1].value, count=len(points))

@@ -57,11 +57,13 @@ class Sweep(Plotted):
     problem, grid : of the request.
     records : of every point in the order of the grid: ``at`` (values by dotted key), ``status``, and where there is a
         gait its scalars; after a fresh sweep all keys of a gait.
+    folder : of its table.
     """
 
     problem: Problem
     grid: Grid
     records: Sequence[Mapping[str, Any]]
+    folder: Path | None = None
 
     def __repr__(self) -> str:
         axes = ", ".join(f"{axis.key} {axis.lower:g} to {axis.upper:g} ({axis.count})" for axis in self.grid.axes)
@@ -104,7 +106,7 @@ def read_sweep(place: Path) -> Sweep:
     points = grid.points(np.arange(grid.size)).tolist()
     keys = [axis.key for axis in grid.axes]
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
-    swept = Sweep(problem=run.problem(), grid=grid, records=records)
+    swept = Sweep(problem=run.problem(), grid=grid, records=records, folder=place)
     told = {key: value for key, value in sweep_record(swept).items() if key != "set_aside"}  # its reasons are here only
     key = differing(record, told)
     if key:
@@ -243,7 +245,7 @@ def run_sweep(sweep: SweepPlan, workers: Workers, *, progress: Counted = None, s
             progress=progress, should_stop=should_stop,
         )  # fmt: skip
         records = [{**record, "at": sweep.point(k)} for k, record in enumerate(solved)]
-        swept = Sweep(problem=problem, grid=sweep.grid, records=records)
+        swept = Sweep(problem=problem, grid=sweep.grid, records=records, folder=run.place)
         table = csv_text(sweep_table(sweep.grid, records))
         run.write({TABLE_FILE: table, SWEEP_FILE: json_file(sweep_record(swept))})
     return swept

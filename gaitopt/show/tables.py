@@ -23,7 +23,7 @@ from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.cycle import Cycle, ModeSequence, mode_words
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import label_of, relevant_scalars, scalar_values, state_unit, unit_of
+from gaitopt.problem.scalars import SCALARS, label_of, relevant_scalars, scalar_values, state_unit, unit_of
 from gaitopt.problem.schema import PDSpec
 from gaitopt.problem.statement import OpenSequence
 from gaitopt.runs.basin import Basin
@@ -405,6 +405,33 @@ def print_optima(console: Console, optima: Sequence[Optimum], starts: int) -> No
         checked = "verified" if optimum.verified else "REFUTED"
         gait = f"period {optimum.record['period']:.6g} s, radius {optimum.radius:.4g}"
         console.print(f"  objective {optimum.objective:.9g}, {gait}, {times}, {checked}")
+
+
+def print_proof(console: Console, record: Record) -> None:
+    """Print a theorem, its claims and its bounds."""
+    verdict = "proved" if record["proved"] else "NOT PROVED"
+    stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
+    console.print(f"{record['problem']}: {verdict}{stability}", style="bold")
+    section(console, "statement", ("hypothesis", "value"), _theorem_rows(record["statement"]))
+    claims = ((c["claim"], "yes" if c["proved"] else "NO", c["words"], c["margin"] or "") for c in record["claims"])
+    section(console, "claims", ("claim", "proved", "statement", "margin"), claims, numbers=(3,))
+    bounds = {**(record["state"] or {}), **{name: record.get(name) for name in SCALARS}}
+    if record.get("interval"):
+        bounds[record["parameter"]] = record["interval"].split("..")
+    rows = ((name, *value) for name, value in bounds.items() if value is not None)
+    section(console, "bounds", ("quantity", "from", "to"), rows, numbers=(1, 2))
+    parts = ((str(k + 1), *m["re"], *m["im"]) for k, m in enumerate(record["multipliers"]))
+    section(console, "multipliers", ("", "re from", "to", "im from", "to"), parts, numbers=(1, 2, 3, 4))
+
+
+def _theorem_rows(words: Record) -> list[tuple[str, str]]:
+    """Hypotheses of a theorem with their values, and what it does not prove."""
+    rows = [(key, str(value)) for key, value in words.items() if isinstance(value, str)]
+    designed = words.get("designed", ())
+    rows += [
+        (key, f"{value} (designed)" if key in designed else value) for key, value in words.get("parameters", {}).items()
+    ]
+    return rows + [("not proved", text) for text in words.get("not_proved", ())]
 
 
 def _words(name: str) -> str:

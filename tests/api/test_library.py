@@ -197,7 +197,7 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch):
         def isatty(self):
             return True
 
-    monkeypatch.setattr("gaitopt.api.calls.solve_any", lambda problem, progress, **_: progress(1, 1e-3))
+    monkeypatch.setattr("gaitopt.search.solve.solve", lambda problem, progress, **_: progress(1, 1e-3))
     for screen, shown in ((Terminal(), True), (io.StringIO(), False)):
         monkeypatch.setattr(sys, "stderr", screen)
         go.solve(go.load_problem(WHEEL))

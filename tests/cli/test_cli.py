@@ -12,9 +12,9 @@ import pytest
 
 from gaitopt import cli
 from gaitopt.api import progress as cli_progress
+from gaitopt.api import verbs
 from gaitopt.search import solve as solving
 from gaitopt.store.run import Run
-from gaitopt.verification import verify as verification
 from gaitopt.verification.verify import Claim, Verification
 
 PROBLEM = "rimless-wheel-stick"
@@ -175,7 +175,7 @@ def test_infeasible_is_4_with_json_and_stores_nothing(run):
 
 def test_disagreement_is_5_with_json(run, monkeypatch):
     claim = Claim(name="mode sequence", figure=1.0, tolerance=0.0, passed=False)
-    monkeypatch.setattr(verification, "verify", lambda gait: Verification(claims=(claim,)))
+    monkeypatch.setattr(verbs, "verify", lambda gait: Verification(claims=(claim,)))
     code, out, _ = run("solve", PROBLEM, "--json")
     assert code == 5
     assert json.loads(out)["verification"]["passed"] is False
@@ -239,7 +239,7 @@ def test_a_gait_that_cannot_be_stored_is_still_printed(run, monkeypatch):
     def full(*_, **__):
         raise cli.main.GaitoptError("disk full")
 
-    monkeypatch.setattr("gaitopt.api.stored.write_run", full)
+    monkeypatch.setattr("gaitopt.runs.results.write_result", full)
     code, out, err = run("solve", PROBLEM, "--json")
     assert code == 1
     assert json.loads(out)["status"] == "converged"

@@ -10,7 +10,7 @@ import pytest
 from named import named
 
 from gaitopt.cli.main import main
-from gaitopt.cli.terminal import interruptible
+from gaitopt.cli.signals import interruptible
 from gaitopt.errors import StorageError
 from gaitopt.gait.gait import Gait
 from gaitopt.paper import reproduction

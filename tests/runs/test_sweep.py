@@ -15,7 +15,7 @@ from gaitopt.problem.problem import load_problem
 from gaitopt.runs import jobs as kept
 from gaitopt.runs import jobs as study
 from gaitopt.runs.front import design_front
-from gaitopt.runs.grid import Axis, Grid, check_room
+from gaitopt.runs.grid import Axis, Grid, axis_of, check_room
 from gaitopt.runs.jobs import SOLVED
 from gaitopt.runs.multistart import multistart
 from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, check_sweep, run_sweep, sweep_record
@@ -215,10 +215,8 @@ def test_range_that_is_none_is_refused_by_the_command(capsys, over, violation):
     assert violation in capsys.readouterr().err
 
 
-def test_angles_of_a_range_take_degrees(tmp_path):
-    from gaitopt.cli.values import grid
-
-    (axis,) = grid(["walker.slope=0.5deg:2 deg:7"]).axes
+def test_angles_of_a_range_take_degrees():
+    axis = axis_of("walker.slope", "0.5deg", "2 deg", 7)
     assert (axis.lower, axis.upper, axis.count) == (pytest.approx(0.00872664626), pytest.approx(0.034906585), 7)
 
 

@@ -1,6 +1,6 @@
-"""Figures, pages and tables of results, by one function each; the methods of the results call them.
+"""Figures, animations, pages and tables of results; the methods ``plot``, ``animate`` and ``report`` call these.
 
-Figures appear in a notebook without any magic: they are displayed here, as PNG, and returned as Matplotlib axes.
+In a notebook ``plot`` displays its figure as PNG without any magic command, and returns its Matplotlib axes.
 """
 
 import sys
@@ -14,13 +14,16 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitopt.api.stored import load_run, save
+from gaitopt.api.stored import save
 from gaitopt.display import Page
+from gaitopt.errors import UnknownNameError
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait
-from gaitopt.runs.basin import Basin
-from gaitopt.runs.front import Front
-from gaitopt.runs.sweep import Sweep
+from gaitopt.runs.basin import Basin, read_basin
+from gaitopt.runs.branch import stored_branch
+from gaitopt.runs.front import Front, read_fronts
+from gaitopt.runs.results import kind_of, restore_walk
+from gaitopt.runs.sweep import Sweep, read_sweep
 from gaitopt.show.catalogue import (
     Figures,
     basin_figures,
@@ -32,12 +35,18 @@ from gaitopt.show.catalogue import (
 )
 from gaitopt.show.pages import branch_report, comparison_report, walk_report
 from gaitopt.show.style import drawn
+from gaitopt.show.style import save as save_figure
 from gaitopt.show.tables import printed
-from gaitopt.store.files import write_whole
+from gaitopt.store.files import make_folder, write_whole
+from gaitopt.store.run import MANIFEST_FILE
 from gaitopt.verification.walk import Walk
 
-__all__ = ["animate", "draw", "html", "load_run", "plot", "report", "save", "write_page"]
+__all__ = ["animate", "draw", "figures_in", "html", "page_in", "plot", "report", "save", "save_figures", "write_page"]
 
+ANIMATION = "animation"
+"""Name of the page of the moving walker, beside the names of figures."""
+DRAWN_AXES = 2
+"""Maps are drawn over one or two keys."""
 SMALL = 60
 """Resolution of the picture beside a table [dots per inch]; figures are six inches wide."""
 
@@ -97,6 +106,75 @@ figures_of.register(Basin, basin_figures)
 figures_of.register(Front, front_figures)
 
 
+def save_figures(
+    result: Any, folder: str | Path, what: Sequence[str] = (), formats: Sequence[str] = ("svg", "png")
+) -> list[Path]:
+    """Draw figures of a result into a folder.
+
+    Parameters
+    ----------
+    result : as for ``plot``, or what ``figures_in`` returns.
+    folder : made if it is missing.
+    what : names of figures as for ``plot``, and ``animation`` of a gait or a walk; by default all that show something.
+    formats : of ``svg``, ``png``, ``pdf``.
+
+    Returns
+    -------
+    paths : of the files.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such figure.
+    """
+    figures, place = result if isinstance(result, Figures) else figures_of(result), Path(folder)
+    moving = [] if figures.animation is None else [ANIMATION]
+    known, written = (*figures.names, *moving), list[Path]()
+    unknown = [word for word in what if word not in known]
+    if unknown:
+        raise UnknownNameError(f"{unknown[0]}: choose from {', '.join(known)}").about("what")
+    make_folder(place)
+    for word in what or (*figures.usual, *moving):
+        if word == ANIMATION and figures.animation is not None:
+            written.append(write_page(figures.animation(), place / f"{ANIMATION}.html"))
+        else:
+            written += save_figure(figures.draw(word), place / (figures.stem or word), formats)
+    return written
+
+
+def figures_in(folder: Path) -> list[Figures]:
+    """The figures of the branch, walk, sweep or basin in a folder, or of its fronts; empty where it holds a gait.
+
+    Those of a branch are drawn from its records, without restoring the gaits of its points.
+
+    Raises
+    ------
+    StorageError
+        If the folder is broken or unfinished.
+    UnknownNameError
+        If a sweep or basin is over more than two keys.
+    """
+    kind = map_kind(folder) or kind_of(folder)
+    if kind in ("basin", "sweep"):
+        result = read_basin(folder) if kind == "basin" else read_sweep(folder)
+        if len(result.grid.axes) > DRAWN_AXES:
+            words = f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two"
+            raise UnknownNameError(words)
+        return [figures_of(result)]
+    if kind == "branch":
+        return [branch_figures(*stored_branch(folder))]
+    if kind == "walk":
+        return [walk_figures(restore_walk(folder))]
+    return [front_figures(front) for front in read_fronts(folder)] if kind == "front" else []
+
+
+def map_kind(folder: Path) -> str:
+    """``basin`` or ``sweep`` if the folder is that of one, finished or not, within a run folder; else empty."""
+    kind = folder.name.partition("-")[0]
+    is_map = kind in ("basin", "sweep") and folder.is_dir() and not (folder / MANIFEST_FILE).exists()
+    return kind if is_map else ""
+
+
 def animate(result: Gait | Walk) -> Page:
     """The moving walker as a page: a gait repeats itself, a walk is shown from its start to its end."""
     page = figures_of(result).animation
@@ -117,6 +195,15 @@ def report(*results: Any) -> Page:
         return Page(f"report of {first.problem.name}", walk_report(first))
     gaits = list(results) if isinstance(first, Gait) else list(first)
     return Page(f"report of {gaits[0].problem.name}", comparison_report(gaits))
+
+
+def page_in(folder: Path) -> Page | None:
+    """The page about the branch or walk in a run folder; None if it holds something else."""
+    kind = kind_of(folder)
+    if kind == "branch":
+        problem, parameter, records = stored_branch(folder)
+        return Page(f"report of {problem.name}", branch_report(problem, parameter, records))
+    return report(restore_walk(folder)) if kind == "walk" else None
 
 
 def html(result: Any) -> str:

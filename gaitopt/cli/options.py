@@ -1,6 +1,6 @@
-"""How the texts of options are read: ``KEY=VALUE``, ranges, grids, states and numbers; angles may carry deg or rad.
+"""Options that several commands take, and how their texts are read: ``KEY=VALUE``, ranges, grids, states and numbers.
 
-The arguments and options that several commands take.
+Angles may have the unit deg or rad.
 """
 
 import math
@@ -13,11 +13,11 @@ import typer
 from gaitopt.errors import ProblemError
 
 if TYPE_CHECKING:
-    from gaitopt.runs.grid import Axis, Grid
+    from gaitopt.api.verbs import Over
 
 
 LONGEST_COUNT = 100
-"""Characters of a number of values that are read; far fewer are accepted."""
+"""Maximum length of the text of a number of values."""
 Texts = Iterable[str] | None
 
 
@@ -30,7 +30,7 @@ def key_value(text: str, option: str) -> tuple[str, str]:
 
 
 def overrides(texts: Texts) -> dict[str, object]:
-    """Values by dotted key from ``--set`` options, as YAML reads them; the last one counts."""
+    """Values by dotted key from ``--set`` options, as YAML reads them; of equal keys the last one counts."""
     from gaitopt.problem.source import parse_value
 
     values: dict[str, object] = {}
@@ -42,24 +42,24 @@ def overrides(texts: Texts) -> dict[str, object]:
     return values
 
 
-def grid(texts: Iterable[str]) -> "Grid":
-    """The grid of ``--over`` options."""
-    from gaitopt.runs.grid import Grid
+def grid(texts: Iterable[str]) -> "Over":
+    """The ranges of ``--over KEY=LO:HI:N`` options by key, as the library takes them."""
+    from gaitopt.runs.grid import Grid, axis_of
 
+    ranges: dict[str, tuple[str, str, int]] = {}
     try:
-        return Grid(tuple(map(_axis, texts)))
+        axes = []
+        for text in texts:
+            key, span = key_value(text, "--over")
+            ends = span.split(":")
+            if len(ends) != 3 or not ends[2].strip().isdecimal() or len(ends[2]) > LONGEST_COUNT:
+                raise ValueError(f"{text}: write --over {key}=LO:HI:N, for instance {key}=0.1:0.3:20")
+            ranges[key] = (ends[0], ends[1], int(ends[2]))
+            axes.append(axis_of(key, *ranges[key]))
+        Grid(tuple(axes))
     except ValueError as error:
         raise typer.BadParameter(f"--over {error}") from error
-
-
-def _axis(text: str) -> "Axis":
-    from gaitopt.runs.grid import axis_of
-
-    key, spans = key_value(text, "--over")
-    parts = spans.split(":")
-    if len(parts) != 3 or not parts[2].strip().isdecimal() or len(parts[2]) > LONGEST_COUNT:
-        raise ValueError(f"{text}: write --over {key}=LO:HI:N, for instance {key}=0.1:0.3:20")
-    return axis_of(key, parts[0], parts[1], int(parts[2]))
+    return ranges
 
 
 def ranges(texts: Texts) -> dict[str, tuple[float, float]]:
@@ -106,7 +106,7 @@ def number(text: str, option: str) -> float:
 
 
 def counts(texts: Texts) -> dict[str, int]:
-    """How many times branches of each kind are followed, from ``--follow KIND=N``."""
+    """Numbers of times by kind, for all kinds, from ``--follow KIND=N`` options."""
     from gaitopt.branches.request import FOLLOWS
 
     numbers = dict.fromkeys(FOLLOWS.values(), 0)
@@ -132,7 +132,7 @@ GuessOption = Annotated[
     bool,
     typer.Option(
         "--from-guess",
-        help="Solve changed problems from the guess of the file; by default the file's gait is followed to them.",
+        help="Solve from the guess of the file; by default the file's gait is followed to the changed values.",
     ),
 ]
 OutOption = Annotated[
@@ -143,16 +143,20 @@ EngineOption = Annotated[
     str, typer.Option("--engine", metavar="auto|scipy|heyoka", help="Integrator of the simulation; auto chooses.")
 ]
 OverOption = Annotated[
-    list[str], typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key; repeat it for a grid.")
+    list[str],
+    typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key from LO to HI; repeat it for a grid."),
 ]
 WorkersOption = Annotated[
     int | None,
-    typer.Option("--workers", min=1, max=1024, help="Processes; by default one per core.", show_default=False),
+    typer.Option(
+        "--workers", min=1, max=1024, help="Number of processes; by default one per core.", show_default=False
+    ),
 ]
 SchedulerOption = Annotated[
-    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask scheduler, tcp://host:8786.")
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="Run on an existing Dask scheduler, tcp://host:8786."),
 ]
 SamplesOption = Annotated[
-    int, typer.Option("--starts", min=1, max=1_000_000, help="Start states of the search by simulation.")
+    int, typer.Option("--starts", min=1, max=1_000_000, help="Number of start states of the search by simulation.")
 ]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the sampled guesses.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed.")]

@@ -1,0 +1,626 @@
+"""The verbs of the library: what ``gaitopt`` can compute, each once, with progress and with what is kept.
+
+Three arguments mean the same everywhere. ``problem`` may be a name or a path, which ``load_problem`` reads.
+``progress`` is True (a bar on a terminal or in a notebook), False, or a function that is called instead. ``output`` is
+the run folder in which the result is kept; a call that was interrupted resumes from what is in its folder.
+
+Two functions of the library have no command: ``return_map``, for maps of many states at once, and ``check_walker``.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gaitopt.api.progress import (
+    Counter,
+    Follower,
+    Teller,
+    job_progress,
+    shown,
+    solver_progress,
+    value_progress,
+    word_progress,
+)
+from gaitopt.api.stored import compared, save
+from gaitopt.callbacks import Stop
+from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
+from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
+from gaitopt.gait.gait import Attractor, Gait
+from gaitopt.problem.problem import Problem, load_problem
+from gaitopt.search import solve as single
+from gaitopt.search.find import STARTS, Gaits, SearchPlan, in_memory, opened, search
+from gaitopt.simulation.engine import Engine
+from gaitopt.store.run import Run
+from gaitopt.verification.verify import verify as verify  # a verb as it is
+from gaitopt.verification.walk import Walk
+from gaitopt.verification.walk import simulate as simulate_walk
+from gaitopt.workers.jobs import make_workers
+
+if TYPE_CHECKING:
+    from gaitopt.design.neighbourhood import Neighbourhood
+    from gaitopt.proof.theorem import Proof
+    from gaitopt.runs.basin import Basin
+    from gaitopt.runs.front import Front
+    from gaitopt.runs.grid import Grid
+    from gaitopt.runs.multistart import Optimum
+    from gaitopt.runs.sweep import Sweep
+    from gaitopt.search.explain import Explanation
+
+Output = str | Path | bool
+"""Where a result is kept: True for the default folder in ``results``, False for nowhere."""
+Over = Mapping[str, tuple[float | str, float | str, int]]
+"""Lower and upper end and number of values of each dotted key; angles may be texts such as ``"2 deg"``."""
+
+CERTIFICATE_FILE = "proof.json"
+"""The certificate of a proof in the run folder of its gait."""
+STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
+"""Size of the arcs of one step, in memory and as rows of a table."""
+
+
+def solve(
+    problem: Problem | Attractor | str | Path,
+    *,
+    start: Gait | None = None,
+    output: Output = False,
+    progress: Follower = True,
+    should_stop: Stop = None,
+) -> Gait:
+    """Solve a problem for its gait; the reference of a PD law is solved first.
+
+    A problem whose continuous parameters were changed by ``replace`` keeps the gait of its file: that gait is followed
+    from the file's values to the new ones. If its family ends on the way, the status is ``infeasible``; the message
+    says where, and the causes say what the motion would violate at the new values. The command line, sweeps and
+    ``explain`` do the same.
+    ``solve(problem.from_guess())`` looks for a gait near the guess instead. So does ``solve`` itself where another
+    guess, mode sequence or structure was given, for designs, and where the file's problem has no gait.
+
+    If the mode sequence is open, the result is the stable gait among those that ``find`` lists (the one nearest to the
+    guess if there is a guess), else the least unstable gait; of a design the gait with the best objective.
+
+    Parameters
+    ----------
+    problem : a problem, its name or its path. If parameters are free it is a design, and the result is the best gait
+        that meets its constraints. Or an attractor of a basin: its cycle, with the modes that the simulator finds,
+        becomes a gait.
+    start : gait of the same walker, control law and mode sequence from which a design starts instead of the guess.
+    output : run folder; the gait is verified and saved in it. True for ``results/NAME-HASH``.
+    progress : whether to show it, or a function of the iteration's number and the largest violation of a constraint.
+    should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
+
+    Returns
+    -------
+    gait : ``gait.status`` says whether it may be trusted; a failure to converge is not an error.
+
+    Raises
+    ------
+    SolveError
+        If the reference of a PD law is not a gait.
+    StorageError
+        If the folder belongs to something else or cannot be written.
+    """
+    question = problem if isinstance(problem, Attractor) else _stated(problem)
+    stated = question.problem if isinstance(question, Attractor) else question
+    folder = None if isinstance(question, Attractor) else _folder(question, output)
+    with nullcontext() if folder is None else Run(folder).writing(stated):
+        with shown(progress, solver_progress, f"solving {stated.name}") as show:
+            gait = single.solve(question, start=start, progress=show, should_stop=should_stop)
+        if output and gait.converged:
+            gait = gait.verified(verify(gait).to_record())
+            save(gait, folder or _folder(gait.problem, output))
+    return gait
+
+
+def simulate(
+    start: Gait | Problem | str | Path,
+    state: Mapping[str, float] | None = None,
+    steps: int = 1,
+    *,
+    dense: bool = True,
+    engine: str = Engine.AUTO,
+    output: Output = False,
+    should_stop: Stop = None,
+) -> Walk:
+    """Simulate steps from a state just after an impact.
+
+    Parameters
+    ----------
+    start : a gait, or a problem, its name or path (then from the state of its guess).
+    state : values by name that replace those of ``start``'s state; what follows from the section is completed.
+    steps : number of steps.
+    dense : False keeps only the ends of every arc, for long walks.
+    engine : ``auto``, ``scipy`` or ``heyoka``.
+    output : run folder in which the walk is saved, to be compared with the gait of its problem where that has been
+        solved; True for the folder of the problem.
+    should_stop : polled at every step.
+
+    Raises
+    ------
+    SolveError
+        If ``start`` is a failed solve, and ``state`` does not say where to start.
+    ProblemError
+        If a coordinate or rate of the state is not a finite number.
+    UnknownNameError
+        If ``state`` names something that is not a section coordinate of the walker, or the
+        engine is unknown or not installed.
+    StorageError
+        If so many steps do not fit into memory or on the disk, or the folder cannot be written.
+    """
+    from gaitopt.runs.grid import check_room
+
+    begin = start if isinstance(start, Gait) else _stated(start)
+    folder = _folder(begin.problem if isinstance(begin, Gait) else begin, output)
+    if folder is not None:
+        Run(folder).check(begin.problem if isinstance(begin, Gait) else begin)
+    disk = 0 if folder is None else STEP_BYTES_DISK
+    check_room(steps, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
+    walk = simulate_walk(begin, state, steps, dense=dense, engine=engine, should_stop=should_stop)
+    if folder is not None:
+        walk = compared(walk)
+        save(walk, folder)
+    return walk
+
+
+def neighbourhood(gait: Gait, *, progress: Counter = True) -> "Neighbourhood":
+    """Search the feasible neighbourhood of a design for a better gait.
+
+    Parameters
+    ----------
+    gait : a converged design with an objective.
+    progress : whether to show it, or a function of the number of directions done and their total.
+
+    Raises
+    ------
+    SolveError
+        If the gait is no design.
+    """
+    from gaitopt.design.neighbourhood import neighbourhood as search_neighbourhood
+
+    with shown(progress, job_progress, "directions") as show:
+        return search_neighbourhood(gait, progress=show)
+
+
+def find(
+    problem: Problem | str | Path,
+    *,
+    starts: int = STARTS,
+    seed: int = 0,
+    within: Mapping[str, tuple[float, float]] | None = None,
+    workers: int | None = 1,
+    scheduler: str | None = None,
+    output: Output = False,
+    progress: Counter = True,
+    should_stop: Stop = None,
+) -> Gaits:
+    """Find all gaits at a problem's parameters that two searches lead to, of any mode sequence.
+
+    Parameters
+    ----------
+    problem : its phases are ignored if it has some; a guess is one of the starts. If parameters are free, the best
+        gait of every mode sequence is listed.
+    starts : number of start states of the search by simulation.
+    seed : of the samples.
+    within : range of the start states by name of a section coordinate, in place of the walker's default.
+    workers : number of processes; None for one per core.
+    scheduler : address of an existing Dask scheduler that runs the search instead, ``tcp://host:8786``.
+    output : run folder in which the finished parts of the search are kept; True for that of the problem with an open
+        mode sequence.
+    progress : whether to show it, or a function of the number of finished parts of the search and their total.
+    should_stop : polled; True ends the search with a KeyboardInterrupt.
+
+    Returns
+    -------
+    gaits : each solved to 1e-10 and verified; stable ones first, then by spectral radius.
+
+    Raises
+    ------
+    UnknownNameError
+        If ``within`` names something that is no section coordinate.
+    StorageError
+        If the folder belongs to something else or cannot be written.
+    """
+    plan = SearchPlan(problem=opened(_stated(problem)), starts=starts, seed=seed, within=within or {})
+    processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)
+    with shown(progress, job_progress, "parts of the search") as show:
+        if folder is None:
+            return search(plan, in_memory(processes, show, should_stop), should_stop=should_stop)
+        from gaitopt.runs.jobs import find_durably
+
+        return find_durably(plan, Run(folder), processes, progress=show, should_stop=should_stop)
+
+
+def explain(
+    problem: Problem | str | Path,
+    *,
+    starts: int = STARTS,
+    seed: int = 0,
+    workers: int | None = 1,
+    progress: Teller = True,
+    should_stop: Stop = None,
+) -> "Explanation":
+    """Explain why a problem has no gait: violated conditions, other gaits, and the nearest values with the gait.
+
+    Parameters
+    ----------
+    starts, seed, workers : of the search for gaits of other mode sequences, see ``find``.
+    progress : whether to show it, or a function that is called with a description of each stage.
+    should_stop : polled at every iteration.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` returned True.
+    """
+    from gaitopt.search.explain import explain as explain_problem
+
+    stated, processes = _stated(problem), make_workers(workers, None)
+    with shown(progress, word_progress, f"explaining {stated.name}") as say:
+        return explain_problem(
+            stated, starts=starts, seed=seed, workers=processes.count, progress=say, should_stop=should_stop
+        )
+
+
+def continuation(
+    start: Gait | SpecialPoint,
+    parameter: str,
+    to: float | Sequence[float],
+    *,
+    lower: float | None = None,
+    upper: float | None = None,
+    events: Mapping[str, Callable[[Gait], float]] | None = None,
+    max_points: int = 2000,
+    max_seconds: float | None = None,
+    verify_every: int = 10,
+    doublings: int = 0,
+    branch_points: int = 0,
+    mode_changes: int = 0,
+    output: Output = False,
+    progress: Follower = True,
+    should_stop: Stop = None,
+) -> Branch:
+    """Continue a gait in a parameter, through folds and changes of the mode sequence.
+
+    Parameters
+    ----------
+    start : a converged gait; or a special point of a branch, from which the other branches that begin there are
+        continued: at a ``period_doubling`` the cycles of twice as many steps, at a ``branch_point`` both halves of the
+        curve that crosses the known one, at a change of modes the mode sequences that were not followed.
+    parameter : dotted key of any scalar of walker, friction or control.
+    to : value of the parameter at which to stop; two values to go both ways.
+    lower, upper : further bounds of the parameter, for families with folds.
+    events : functions of a gait, continuous along the family: ``{"fast": lambda gait: gait.scalar("speed") - 0.5}``.
+        Their zeros are located as precisely as bifurcations, and are special points of that type.
+    max_points, max_seconds : limits of the work towards each target; a branch that ends at one of them is ``open``.
+    verify_every : the simulator verifies every N-th point; 0 for none.
+    doublings, branch_points, mode_changes : how many times in turn the other branches that begin at such special points
+        on the way are followed as well.
+    output : run folder in which every point is kept as soon as it is found; the branch is then read from it, with the
+        points of earlier calls. True for a folder in ``results`` that is named after gait, parameter and targets.
+    progress : whether to show it, or a function of the number of points and the parameter.
+    should_stop : polled before every point; True ends the branch there, or with ``output`` the call with a
+        KeyboardInterrupt.
+
+    Returns
+    -------
+    branch : points and special points.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such parameter; the message lists the near misses.
+    ProblemError
+        If a target lies beyond a bound, no other branch can begin at such a special point, or events are to be kept.
+    SolveError
+        If ``start`` is a failed solve, or no other branch is found at it.
+    StorageError
+        If the folder belongs to something else or cannot be written.
+    """
+    from gaitopt.branches.continuation import follow_family
+    from gaitopt.branches.request import Request, check_request
+
+    request = Request(
+        parameter=parameter,
+        to=(float(to),) if isinstance(to, int | float) else tuple(map(float, to)),
+        lower=lower,
+        upper=upper,
+        events=events or {},
+        max_points=max_points,
+        max_seconds=max_seconds,
+        verify_every=verify_every,
+        follow={"doublings": doublings, "branch_points": branch_points, "mode_changes": mode_changes},
+    )
+    with shown(progress, value_progress, "continuing", parameter) as show:
+        if not output:
+            records = list[BranchPoint | SpecialPoint]()
+            for record in follow_family(start, request, should_stop=should_stop):
+                records.append(record)
+                show(len(records), record.value)
+            return collected(parameter, records)
+        from gaitopt.runs.branch import BranchRun, restore_branch
+
+        gait = start if isinstance(start, Gait) else start.gait
+        if gait is None:
+            raise SolveError(f"there is no gait at the special point {start!r}")
+        if events:
+            raise ProblemError("events are functions, which no folder can keep; leave out events or output")
+        check_request(gait, request)
+        kind = start.type if isinstance(start, SpecialPoint) else ""
+        folder = None if output is True else Path(output)
+        run = BranchRun(problem=gait.problem, request=request, start_type=kind, output=folder)
+        with run.run.writing(run.problem):
+            stored, new = run.walk(start, should_stop=should_stop)
+            for number, point in enumerate(new, start=len(stored) + 1):
+                show(number, point["value"])
+            return restore_branch(run.folder)
+
+
+def prove(
+    start: Gait | SpecialPoint,
+    intervals: Mapping[str, str] | None = None,
+    *,
+    parameter: str | None = None,
+    width: float | None = None,
+    output: Output = False,
+    progress: Teller = True,
+) -> "Proof":
+    """Prove that a gait exists, is locally unique, has its mode sequence, and is stable or unstable.
+
+    Of a special point of a branch it is proved that the family exists around it, and that the function that defines the
+    special point changes its sign.
+
+    Parameters
+    ----------
+    start : a converged gait, of which nothing is trusted; or a special point with a gait.
+    intervals : parameters by dotted key for all of whose values this is to be proved, as ``0.18..0.25``. If the orbit
+        moves with the parameter, boxes that follow the orbit cover the interval.
+    parameter : dotted key of the branch of a special point.
+    width : of the bracket around a special point; None for the narrowest that can be proved.
+    output : file of the certificate; True for ``proof.json`` in the run folder of the gait.
+    progress : whether to show it, or a function that is called with a description of each stage.
+
+    Raises
+    ------
+    UnknownNameError
+        If a key is no parameter of the gait, or no special point of this type can be proved.
+    ValueError
+        If an interval is not of that form, or ``parameter`` is missing.
+    SolveError
+        If ``start`` is a failed solve, or there is no gait at the special point.
+    StorageError
+        If the certificate cannot be written.
+    """
+    from gaitopt.proof.prove import prove as prove_gait  # these modules need the extra "proof"
+    from gaitopt.proof.prove import prove_special
+    from gaitopt.proof.theorem import BRACKETED
+    from gaitopt.store.files import json_text, make_folder, write_whole
+
+    gait = start.gait if isinstance(start, SpecialPoint) else start
+    if isinstance(start, SpecialPoint):
+        if parameter is None:
+            raise ProblemError("parameter: missing; name the parameter of the branch of this special point")
+        if start.type not in BRACKETED or gait is None:
+            raise UnknownNameError(f"a special point of type {start.type} cannot be proved; {', '.join(BRACKETED)} can")
+        problem = gait.problem.with_gait(gait.to_record()).replace({parameter: start.value})
+        gait = single.solve(problem)  # as precise as a gait of its own, with its shooting nodes
+    if gait is None or not gait.converged:
+        raise SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}" if gait else f"{start!r} has no gait")
+    with shown(progress, word_progress, f"proving {gait.problem.name}") as say:
+        if isinstance(start, SpecialPoint) and parameter is not None:
+            proof = prove_special(gait, parameter, start.type, width, progress=say)
+        else:
+            proof = prove_gait(gait, intervals, progress=say)
+    if output:
+        file = Run.of(gait.problem).path(CERTIFICATE_FILE) if output is True else Path(output)
+        make_folder(file.parent)
+        write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
+    return proof
+
+
+def check_proof(path: str | Path) -> "Proof":
+    """Verify the certificate of a proof again, without any search.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be read, or is no certificate.
+    """
+    from gaitopt.proof.certificate import LARGEST_FILE, parse_certificate
+    from gaitopt.proof.check import check
+    from gaitopt.store.files import reason
+
+    file = Path(path)
+    try:
+        if file.exists() and not file.is_file():
+            raise StorageError(f"{file} is no certificate of a proof: it is no regular file")
+        with file.open("rb") as stream:
+            content = stream.read(LARGEST_FILE + 1)
+    except FileNotFoundError as error:
+        raise StorageError(f"{file} is missing") from error
+    except (OSError, ValueError) as error:
+        raise StorageError(f"cannot read {file}: {reason(error)}") from error
+    try:
+        return check(parse_certificate(content))
+    except StorageError as error:
+        raise StorageError(f"{file} is no certificate of a proof: {error}") from error
+
+
+def sweep(
+    problem: Problem | str | Path,
+    over: Over,
+    *,
+    warm: bool = False,
+    from_guess: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    output: str | Path | None = None,
+    progress: Counter = True,
+    should_stop: Stop = None,
+) -> "Sweep":
+    """Solve and verify a problem over a grid of its parameters; the result at a point is that of ``solve``.
+
+    Finished points are kept in the run folder and never solved again; an interrupted call resumes where it stopped.
+
+    Parameters
+    ----------
+    over : lower end, upper end and number of values by dotted key: ``{"friction": (0.1, 0.3, 20)}``.
+    warm : start each point from the gait of its neighbour instead, and solve it as ``solve`` where that fails. The
+        result may then depend on the grid.
+    from_guess : solve each point from the problem's guess instead, as ``solve(problem.from_guess())``.
+    workers : number of processes; by default one per core.
+    scheduler : address of an existing Dask scheduler that solves the points instead, ``tcp://host:8786``.
+    output : run folder, by default ``results/NAME-HASH``; the sweep has a folder of its own in it (``folder`` of the
+        result).
+    progress : whether to show it, or a function of the number of points done and their total.
+    should_stop : polled; True ends the call with a KeyboardInterrupt.
+
+    Raises
+    ------
+    UnknownNameError
+        If the grid is over something that is not a parameter.
+    ProblemError
+        If a range is empty, or a point of the grid is no valid problem.
+    StorageError
+        If the folder cannot be written, or the grid does not fit.
+    """
+    from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
+
+    stated, grid, processes = _stated(problem), _grid(over), make_workers(workers, scheduler)
+    folder = _run_folder(stated, output)
+    Run(folder).check(stated)
+    plan = SweepPlan(problem=stated, grid=grid, warm=warm, folder=folder, from_guess=from_guess)
+    check_sweep(plan)
+    with shown(progress, job_progress, "jobs") as show:
+        return run_sweep(plan, processes, progress=show, should_stop=should_stop)
+
+
+def basin(
+    start: Gait | Problem | str | Path,
+    over: Over,
+    *,
+    steps: int = 100,
+    engine: str = "auto",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    output: str | Path | None = None,
+    progress: Counter = True,
+    should_stop: Stop = None,
+) -> "Basin":
+    """Walk from every state of a grid until it settles on a gait or fails.
+
+    Parameters
+    ----------
+    start : gait, or problem with a guess, whose state gives the coordinates that the grid does not vary.
+    over : lower end, upper end and number of values by coordinate: ``{"theta1": ("-12 deg", "-6 deg", 50)}``.
+    steps : number of steps after which a state is undecided.
+    engine : ``auto``, ``scipy`` or ``heyoka``.
+    workers, scheduler, output, progress, should_stop : as for ``sweep``.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, StorageError
+        As for ``sweep``.
+    """
+    from gaitopt.runs.basin import BasinPlan, check_basin, walk_basin
+
+    origin = start if isinstance(start, Gait) else _stated(start)
+    grid, processes = _grid(over), make_workers(workers, scheduler)
+    folder = _run_folder(origin.problem if isinstance(origin, Gait) else origin, output)
+    plan = BasinPlan.around(origin, grid, max_steps=steps, engine=engine, folder=folder)
+    check_basin(plan)
+    with shown(progress, job_progress, "tiles") as show:
+        return walk_basin(plan, processes, progress=show, should_stop=should_stop)
+
+
+def front(
+    problem: Problem | str | Path,
+    over: Over,
+    *,
+    output: str | Path | None = None,
+    progress: Counter = True,
+    should_stop: Stop = None,
+) -> "Front":
+    """Design along one number of a problem, in both directions, and mark the Pareto front.
+
+    Parameters
+    ----------
+    problem : a design with an objective.
+    over : one key with its range, for instance ``{"constraints.speed.min": (0.3, 0.5, 9)}``.
+    output, progress, should_stop : as for ``sweep``.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no objective, a value is wrong for it, or there is more than one key.
+    StorageError
+        As for ``sweep``.
+    """
+    from gaitopt.runs.front import design_front
+
+    stated, axes = _stated(problem), _grid(over).axes
+    if len(axes) != 1:
+        raise ProblemError("a front runs along one key")
+    with shown(progress, job_progress, "designs") as show:
+        return design_front(stated, axes[0], _run_folder(stated, output), progress=show, should_stop=should_stop)
+
+
+def multistart(
+    problem: Problem | str | Path,
+    starts: int,
+    *,
+    seed: int = 0,
+    spread: float = 0.3,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    output: str | Path | None = None,
+    progress: Counter = True,
+    should_stop: Stop = None,
+) -> "list[Optimum]":
+    """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
+
+    Parameters
+    ----------
+    problem : a design, or a problem without unknowns (then its distinct gaits are found).
+    seed : of the samples.
+    spread : size of the samples: coordinates and freed numbers vary by this fraction of themselves, control points of
+        a curve by this fraction of the curve's range, all within their bounds.
+    workers, scheduler, output, progress, should_stop : as for ``sweep``.
+
+    Raises
+    ------
+    StorageError
+        If the folder belongs to something else or cannot be written, or so many starts do not fit.
+    """
+    from gaitopt.runs import multistart as runs
+
+    stated, processes = _stated(problem), make_workers(workers, scheduler)
+    folder = _run_folder(stated, output)
+    with shown(progress, job_progress, "starts") as show:
+        return runs.multistart(
+            stated, starts, folder, seed=seed, spread=spread, workers=processes, progress=show, should_stop=should_stop
+        )
+
+
+def _stated(problem: Problem | str | Path) -> Problem:
+    return problem if isinstance(problem, Problem) else load_problem(problem)
+
+
+def _folder(problem: Problem, output: Output) -> Path | None:
+    """The folder that ``output`` stands for, None if nothing is kept."""
+    if output is False:
+        return None
+    return Run.of(problem, None if output is True else output).folder
+
+
+def _run_folder(problem: Problem, output: str | Path | None) -> Path:
+    return Run.of(problem, output).folder
+
+
+def _grid(over: Over) -> "Grid":
+    from gaitopt.runs.grid import Grid, axis_of
+
+    try:
+        return Grid(tuple(axis_of(key, *span) for key, span in over.items()))
+    except (TypeError, ValueError) as error:
+        raise ProblemError(
+            f"over: {error}; write {{KEY: (LO, HI, N)}}, for instance {{'friction': (0.1, 0.3, 20)}}"
+        ) from error
