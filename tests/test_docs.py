@@ -11,7 +11,7 @@ import pytest
 from gaitopt import load_problem, simulate, solve, verify
 from gaitopt.cli import options
 from gaitopt.cli.main import main
-from gaitopt.gait.trajectory import Ending
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import parse_problem
 
 ROOT = Path(__file__).parents[1]

@@ -31,8 +31,8 @@ from gaitopt.gait.gait import Gait
 from gaitopt.iteration import overflow_allowed
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import IMPACT_MARGINS, MARGINS
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, margin
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.verification.verify import confirm
 
@@ -43,13 +43,14 @@ Phases = tuple[Mode, ...]
 Steps = list[tuple[Phases, Mode]]
 
 
-def successors(cycle: Cycle, active: Iterable[tuple[MonitorKey, MonitorValue]]) -> list[Cycle]:
+def successors(table: Transitions, cycle: Cycle, active: Iterable[tuple[MonitorKey, MonitorValue]]) -> list[Cycle]:
     """Cycles that may follow ``cycle`` where the ``active`` monitors vanish, the most plausible first."""
     candidates: dict[Cycle, None] = {}
     for name, monitor in active:
-        for steps in _edits(cycle, name, monitor.where):
+        for steps in _edits(table, cycle, name, monitor.where):
             try:
                 edited = Cycle(tuple(ModeSequence(_merge(phases), impact) for phases, impact in steps))
+                table.check(edited)
             except ValueError:  # the edit contradicts itself
                 continue
             candidates[edited] = None
@@ -63,20 +64,34 @@ def halved_cycle(gait: Gait) -> Cycle | None:
     return None if odd or half % gait.repeats_after else Cycle(gait.problem.cycle.steps[:half])
 
 
-def _edits(cycle: Cycle, name: MonitorKey, where: float) -> Iterator[Steps]:
+def _edits(table: Transitions, cycle: Cycle, name: MonitorKey, where: float) -> Iterator[Steps]:
     """Phases and impact of every step after an edit where the monitor ``name`` vanishes."""
     steps: Steps = [(step.phases, step.impact) for step in cycle.steps]
+    transition = transition_at(table, cycle, name)
     if name.phase is None:
         following = (name.step + 1) % len(steps)
-        for phases, impact in _impact_edits(steps[following][0], steps[name.step][1], name.kind):
+        for phases, impact in _impact_edits(steps[following][0], steps[name.step][1], transition):
             yield _changed(_changed(steps, following, phases=phases), name.step, impact=impact)
         return
     step = cycle.step_of(name.phase)
     own, previous = name.phase - cycle.first_phases[step], step - 1
-    for phases in _phase_edits(steps[step][0], own, name.kind, where):
+    for phases in _phase_edits(steps[step][0], own, transition, where):
         yield _changed(steps, step, phases=phases)
     if name.kind == "duration" and own == 0 and steps[previous][1].slips:
         yield _changed(_changed(steps, step, phases=steps[step][0][1:]), previous, impact=Mode.STICK)
+
+
+def transition_at(table: Transitions, cycle: Cycle, name: MonitorKey) -> Transition | None:
+    """What the table says of a monitor that vanishes; None where a phase has no duration left."""
+    if name.kind == "duration":
+        return None
+    if name.phase is None:
+        return table.of_impact(cycle.impacts[name.step])[name.kind]
+    mode, reset = cycle.phases[name.phase], cycle.reset_after(name.phase)
+    if name.kind == "onset":
+        return table.onset(mode)
+    rows = table.of(mode)
+    return rows[name.kind] if name.kind in rows or reset is None else table.of_impact(reset)[name.kind]
 
 
 def _changed(steps: Steps, index: int, *, phases: Phases | None = None, impact: Mode | None = None) -> Steps:
@@ -86,48 +101,45 @@ def _changed(steps: Steps, index: int, *, phases: Phases | None = None, impact: 
     return changed
 
 
-def _phase_edits(phases: Phases, own: int, kind: str, where: float) -> Iterator[Phases]:
+def _phase_edits(phases: Phases, own: int, transition: Transition | None, where: float) -> Iterator[Phases]:
+    """Phases of a step after an edit of one of them, where a margin of it or of the stop's impact at its end falls."""
     before, mode, after = phases[:own], phases[own], phases[own + 1 :]
-    if kind == "duration":
+    if transition is None:  # the phase has no duration left
         yield (*before, *after)
-        return
-    if kind in IMPACT_MARGINS:
-        for struck in _strike_edits(after, kind):
+    elif transition.guard in IMPACT_MARGINS:
+        for struck in _strike_edits(after, transition):
             yield (*before, mode, *struck)
-        return
-    onset = MARGINS[kind].onset
-    if onset is not None:
-        slip = mode.with_contact(onset)
-        for middle in _ordered(where, first=(slip, mode), inside=(mode, slip, mode), last=(mode, slip)):
-            yield (*before, *middle, *after)
-    elif kind in ("slip_velocity", "onset"):
-        for rest in map(mode.with_contact, (Mode.STICK, Mode.slip(-mode.direction))):
-            for middle in _ordered(where, first=(rest, mode), inside=(mode, rest, mode), last=(mode, rest)):
+    elif transition.reset is None and not transition.margin.rises:
+        for inserted in transition.candidates:
+            for middle in _ordered(where, first=(inserted, mode), inside=(mode, inserted, mode), last=(mode, inserted)):
                 yield (*before, *middle, *after)
-        yield (*before, *after)
+        if transition.at_rest:
+            yield (*before, *after)
 
 
-def _strike_edits(phases: Phases, kind: str) -> Iterator[Phases]:
+def _strike_edits(phases: Phases, transition: Transition) -> Iterator[Phases]:
     """Phases that follow the impact of a stop."""
-    first, onset = phases[0], MARGINS[kind].onset
-    if onset is not None:
-        slip = first.with_contact(onset)
-        yield phases if first is slip else (slip, *phases)
-    elif kind in ("impact_slip_velocity", "impact_onset"):
+    first = phases[0]
+    if transition.at_rest:
         if len(phases) > 1 and phases[1].locked == first.locked:
             yield phases[1:]
         yield (first.with_contact(Mode.STICK), *phases[1:])
+    else:
+        for slip in transition.candidates:
+            yield phases if first is slip else (slip, *phases)
 
 
-def _impact_edits(phases: Phases, impact: Mode, kind: str) -> Iterator[tuple[Phases, Mode]]:
+def _impact_edits(phases: Phases, impact: Mode, transition: Transition | None) -> Iterator[tuple[Phases, Mode]]:
     """Phases of the step that follows an impact, and the impact."""
-    first, onset = phases[0], MARGINS[kind].onset
-    if onset is not None:
-        yield (phases if first.contact is onset else (first.with_contact(onset), *phases)), onset
-    elif kind in ("impact_slip_velocity", "impact_onset"):
-        yield phases[1:], Mode.STICK
-        yield phases, Mode.STICK
-        yield (first.with_contact(Mode.slip(-impact.direction)), *phases[1:]), Mode.STICK
+    assert transition is not None
+    first = phases[0]
+    for other in transition.candidates:
+        if transition.at_rest:
+            yield phases[1:], other
+            yield phases, other
+            yield (first.with_contact(Mode.slip(-impact.direction)), *phases[1:]), other
+        else:
+            yield (phases if first.contact is other else (first.with_contact(other), *phases)), other
 
 
 def _ordered(where: float, *, first: Phases, inside: Phases, last: Phases) -> tuple[Phases, ...]:
@@ -182,7 +194,7 @@ def find_change(event: Location, key: MonitorKey) -> Change:
     """The branch that goes on from the zero of a monitor."""
     point, curve = event.point, event.point.curve
     ahead = np.sign(point.tangent[-1]) or 1.0
-    candidates = successors(curve.cycle, _active(point, key))
+    candidates = successors(point.gait.system.transitions, curve.cycle, _active(point, key))
     words = _words(key, curve.cycle)
     for side in (ahead, -ahead):
         for cycle in candidates:
@@ -204,7 +216,8 @@ def alternatives(point: CurvePoint, known: Sequence[Cycle]) -> Iterator[CurvePoi
 
     They include the cycle of the two known sequences in turn: at a border collision the period may double.
     """
-    candidates = [cycle for cycle in successors(point.curve.cycle, _active(point)) if cycle not in known]
+    proposals = successors(point.gait.system.transitions, point.curve.cycle, _active(point))
+    candidates = [cycle for cycle in proposals if cycle not in known]
     if len(known) == 2:
         candidates.append(in_turn(*known))
     for cycle in candidates:
@@ -237,9 +250,9 @@ def _active(point: CurvePoint, located: MonitorKey | None = None) -> list[tuple[
 
 def _words(key: MonitorKey, cycle: Cycle) -> str:
     if key.phase is None:
-        return MARGINS[key.kind].lost
+        return margin(key.kind).lost
     place = cycle.phase_words(key.phase)
-    return f"{place} shrinks to nothing" if key.kind == "duration" else f"{place}: {MARGINS[key.kind].lost}"
+    return f"{place} shrinks to nothing" if key.kind == "duration" else f"{place}: {margin(key.kind).lost}"
 
 
 @overflow_allowed()

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.branches.change import NEARBY, find_change, halved_cycle
+from gaitopt.branches.change import NEARBY, find_change, halved_cycle, transition_at
 from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, resumed_point
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
 from gaitopt.branches.request import FOLLOWS, Request, check_request, with_friction
@@ -25,7 +25,6 @@ from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint, WalkState
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.margins import MARGINS
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
 from gaitopt.store.gaits import special_point
@@ -349,10 +348,10 @@ class Continuation:
         if stride(event.point.gait) < VANISHED:
             yield self._special("vanishing", event.point, event.status, VANISHING)
             return
-        margin = MARGINS.get(key.kind)
-        if margin is not None and (margin.ending or key.kind == "touchdown"):
-            kind = margin.ending if margin.ending in TERMINAL else "end"
-            yield self._special(kind, event.point, event.status, margin.lost)
+        transition = transition_at(event.point.gait.system.transitions, event.point.curve.cycle, key)
+        if transition is not None and (transition.margin.ending or transition.ends_step):
+            kind = transition.margin.ending if transition.margin.ending in TERMINAL else "end"
+            yield self._special(kind, event.point, event.status, transition.margin.lost)
             return
         change = find_change(event, key)
         if change.point is None:

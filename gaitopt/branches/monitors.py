@@ -45,8 +45,8 @@ from gaitopt.gait import curves
 from gaitopt.gait.curves import SHORT_ARC, lowest_after_rise
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc
-from gaitopt.model.margins import ending_margin, margin, margin_names, margin_scales, margin_unit
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import CONE, margin_unit
 
 OPEN = 1.0
 """Value of a monitor that is far from anything."""
@@ -63,7 +63,7 @@ class MonitorKey:
 
     Attributes
     ----------
-    kind : ``duration``, or one of ``mechanics.margins``, where ``touchdown`` is a second one within the step.
+    kind : ``duration``, or the name of a margin; ``touchdown`` is a second one within the step.
     phase : index of the phase, None for an impact.
     step : index of the step that an impact ends.
     """
@@ -132,7 +132,7 @@ def stride(gait: Gait) -> float:
 
 
 def _phase_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKey, MonitorValue]]:
-    modes = gait.problem.cycle.phases
+    modes, table = gait.problem.cycle.phases, gait.system.transitions
     along = {id(arc): _margins(gait, arc) for whole in arcs for arc in whole}
     period = abs(gait.period)
     for phase, whole in enumerate(arcs):
@@ -142,18 +142,19 @@ def _phase_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKe
             continue
         group = [arc for arc in whole if arc.duration > SHORT_ARC * period]
         margins = [along[id(arc)] for arc in group]
-        for row, kind in enumerate(margin_names(modes[phase])):
-            if kind != "upright" and not margin(kind).rises:
+        for row, (kind, transition) in enumerate(table.of(modes[phase]).items()):
+            if kind != "upright" and not transition.margin.rises:
                 values = [own[row] for own in margins]
                 yield MonitorKey(kind, phase), _lowest(values, _zeros(gait, phase, kind), group, whole)
         if gait.problem.cycle.starts_from_rest(phase) and gait.dynamics.friction_drops:
             yield MonitorKey("onset", phase), MonitorValue(_beyond_cone(gait, whole[0]), 0.0)
     for first, step in zip(gait.problem.cycle.first_phases, gait.steps, strict=True):
-        for name in dict.fromkeys(name for arc in step.arcs for name in margin_names(arc.mode) if margin(name).rises):
-            within = [name in margin_names(arc.mode) for arc in step.arcs]
+        rows = [row for arc in step.arcs for row in table.of(arc.mode).values()]
+        for name in dict.fromkeys(row.guard for row in rows if row.margin.rises):
+            within = [name in table.of(arc.mode) for arc in step.arcs]
             last = max(phase for phase, has in zip(step.arc_phases, within, strict=True) if has)
             own = [arc for arc, has in zip(step.arcs, within, strict=True) if has]
-            clearances = [along[id(arc)][margin_names(arc.mode).index(name)] for arc in own]
+            clearances = [along[id(arc)][table.margin_names(arc.mode).index(name)] for arc in own]
             yield MonitorKey(name, first + last), MonitorValue(_early_fall(own, clearances))
 
 
@@ -174,7 +175,8 @@ def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
     cycle, jump = gait.problem.cycle, gait.dynamics.friction_drops
     start = cycle.onset_order(phase, jump=jump) if kind == "slip_velocity" else 0
     after = cycle.after(phase)
-    return start, int(after is not None and kind == ending_margin(cycle.phases[phase], after))
+    ends = after is not None and kind == gait.system.transitions.between(cycle.phases[phase], after).guard
+    return start, int(ends)
 
 
 def _lowest(values: list[Array], zeros: tuple[int, int], group: list[Arc], whole: list[Arc]) -> MonitorValue:
@@ -208,12 +210,12 @@ def _beyond_cone(gait: Gait, arc: Arc) -> float:
     """By how much the force that would hold the foot at the start of a slip exceeds static friction [N]."""
     stick = arc.mode.with_contact(Mode.STICK)
     margins = gait.dynamics.standing(arc.side).margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
-    return -float(margins[margin_names(stick).index(ending_margin(stick, arc.mode))])
+    return -float(margins[gait.system.transitions.margin_names(stick).index(CONE[arc.mode.contact])])
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:
     values = gait.dynamics.standing(arc.side).margins(arc.mode, arc.segment, arc.times, arc.states)
-    return np.asarray(values / margin_scales(arc.mode, gait.dynamics.scales)).T
+    return np.asarray(values / gait.dynamics.margin_units(arc.mode)).T
 
 
 def _impact_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKey, MonitorValue]]:

@@ -17,7 +17,6 @@ from gaitopt.design.sensitivity import EVENT_MARGINS
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
-from gaitopt.model.margins import margin_names, margin_scales
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import polish, refine
@@ -195,8 +194,8 @@ def _margins(gait: Gait) -> list[float]:
     system, scales, rows = gait.system, gait.dynamics.scales, list[float]()
     for arc in step.arcs:
         values = system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, system.control.data(arc.segment))
-        names = margin_names(arc.mode)
-        for name, row, unit in zip(names, np.asarray(values), margin_scales(arc.mode, scales), strict=True):
+        names = system.transitions.margin_names(arc.mode)
+        for name, row, unit in zip(names, np.asarray(values), gait.dynamics.margin_units(arc.mode), strict=True):
             if name not in EVENT_MARGINS:
                 rows.append(-curves.maximum(-row)[1] / float(unit))
     impact, friction = step.final_impact, float(system.static_friction(gait.p))

@@ -24,7 +24,6 @@ from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names, margin_scales
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_steps
@@ -173,7 +172,7 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
             for value, slope in zip(values, total, strict=True)
         ]
     )
-    names, motors = margin_names(arc.mode), range(len(system.walker.actuators))
+    names, motors = system.transitions.margin_names(arc.mode), range(len(system.walker.actuators))
     return ArcCurves(
         arc=arc,
         force=(next(every), next(every)),
@@ -302,7 +301,7 @@ class ExactScalars:
         t, scales = self._t, self._s.dynamics.scales
         for k, arc in enumerate(self._s.arcs):
             last, mode = t.layout.arcs[k].intervals, arc.arc.mode
-            for (name, curve), unit in zip(arc.margins.items(), margin_scales(mode, scales), strict=True):
+            for (name, curve), unit in zip(arc.margins.items(), self._s.dynamics.margin_units(mode), strict=True):
                 if name in EVENT_MARGINS:
                     continue
                 ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]

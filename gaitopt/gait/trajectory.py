@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -12,28 +11,12 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Tabulated
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
-
-
-class Ending(StrEnum):
-    """Why a simulated motion ended."""
-
-    COMPLETED = "completed"
-    FALL = "fall"
-    NO_TOUCHDOWN = "no_touchdown"
-    LIFT_OFF = "lift_off"
-    PAINLEVE = "painleve"
-    CHATTERING = "chattering"
-    IMPACT_INCONSISTENT = "impact_inconsistent"
-    IMPACT_AMBIGUOUS = "impact_ambiguous"
-    DOUBLE_SUPPORT = "double_support"
-    NUMERICAL = "numerical"
-    SCUFFING = "scuffing"
-    PUSH_SLIPS = "push_slips"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

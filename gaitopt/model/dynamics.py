@@ -14,10 +14,11 @@ from functools import cached_property
 
 import numpy as np
 
-from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.arrays import Array, ReadOnlyArrays, read_only
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import margin_unit
 from gaitopt.model.units import Scales
 
 
@@ -75,6 +76,17 @@ class Dynamics(ReadOnlyArrays):
         units = np.array([self.scales.length if name in lengths else 1.0 for name in self.system.walker.coordinates()])
         return np.concatenate([units, units / self.scales.time])
 
+    @cached_property
+    def _margin_units(self) -> dict[Mode, Array]:
+        return {}
+
+    def margin_units(self, mode: Mode) -> Array:
+        """Natural unit of every margin of a mode, shape (n,); read-only."""
+        if mode not in self._margin_units:
+            names, scales = self.system.transitions.margin_names(mode), self.scales
+            self._margin_units[mode] = read_only(np.array([margin_unit(name, scales) for name in names]))
+        return self._margin_units[mode]
+
     def lift(self, xi: Array) -> Array:
         """State just after an impact, shape (n_z,), from section coordinates with or without dx."""
         full = np.zeros(len(self.system.walker.section_names(slipping=True)))
@@ -89,14 +101,14 @@ class Dynamics(ReadOnlyArrays):
         return z_plus
 
     def margins(self, mode: Mode, segment: int, times: Array, states: Array) -> Array:
-        """Margins of a mode at times (m,) and states (m, n_z), in the order of ``margin_names``; shape (m, n)."""
+        """Margins of a mode at times (m,) and states (m, n_z), in the order of its transitions; shape (m, n)."""
         margins = buffered_map(self.system.margins(mode), times.size)
         return margins(times[:, None], states, self.p, self.system.data(segment))[0].copy()
 
     def impact_margins(self, mode: Mode, z: Array) -> dict[str, float]:
         """Margins by name of the impact that follows the state ``z``, shape (n_z,)."""
         (values,) = buffered(self.system.impact_margins(mode))(z, self.p)
-        return dict(zip(self.system.impact_margin_names(mode), values.tolist(), strict=True))
+        return dict(zip(self.system.transitions.impact_margin_names(mode), values.tolist(), strict=True))
 
 
 def saltation(

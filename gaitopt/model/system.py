@@ -27,8 +27,8 @@ from gaitopt.model.control import Control
 from gaitopt.model.declaration import state_after_impact
 from gaitopt.model.friction import CoulombFriction, Friction
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
-from gaitopt.model.margins import PUSH, impact_margin_names, margin_names
 from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.transitions import transitions
 from gaitopt.model.walker import Walker
 
 
@@ -51,6 +51,7 @@ class Expressions:
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[Mode, Impact] = {}
 
+        self.transitions = transitions(walker, type(friction))
         self._kinetic = friction.kinetic(self._coefficients)
         self._static = friction.static(self._coefficients)
 
@@ -109,7 +110,7 @@ class Expressions:
         return impact(self.eom, slip, ImpactLaw.COULOMB, self._kinetic, self._locked(()))
 
     def margins(self, mode: Mode) -> SX:
-        """What a mode assumes, in the order of ``margin_names(mode)``."""
+        """What a mode assumes, in the order of ``Transitions.margin_names``."""
         state, mu = self.motion(mode), self._static
         f_t, f_n = state.force[0], state.force[1]
         lands = mode.flies or not self.walker.flies  # a walker that flies lands out of flight alone
@@ -125,7 +126,7 @@ class Expressions:
             **self.eom.mechanism.stops,
             **self.eom.switches,
         }
-        return vertcat(*(margins[name] for name in margin_names(mode)))
+        return vertcat(*(margins[name] for name in self.transitions.margin_names(mode)))
 
     @cached_property
     def push(self) -> Push:
@@ -185,6 +186,7 @@ class HybridSystem:
     ----------
     parameters : dotted keys of ``p`` in order: walker, friction, control.
     friction : as given.
+    transitions : the table of modes, margins, events and what may follow.
     state_names : names of ``z`` in order.
     n_z, n_shape : number of states, and of the coordinates before x: the shape, and the height of a foot that can fly.
     """
@@ -209,6 +211,7 @@ class HybridSystem:
         n_walker = len(walker.model_fields)
         self._friction_entries = slice(n_walker, n_walker + len(friction.parameters))
         self._symbols = Expressions(walker, control, law, friction)
+        self.transitions = self._symbols.transitions
         self._eom, self._t = self._symbols.eom, self._symbols.t
         self._p, self._r = self._symbols.p, self._symbols.r
         self._functions: dict[str, Function] = {}
@@ -228,7 +231,7 @@ class HybridSystem:
         return self._build(f"flow_{mode.key}", lambda: {"dz": self._symbols.motion(mode).dz})
 
     def margins(self, mode: Mode) -> Function:
-        """(t, z, p, r) -> margins in the order of ``margin_names(mode)``."""
+        """(t, z, p, r) -> margins in the order of ``transitions.margin_names(mode)``."""
         return self._build(f"margins_{mode.key}", lambda: {"margins": self._symbols.margins(mode)})
 
     def events(self, mode: Mode) -> Function:
@@ -313,17 +316,12 @@ class HybridSystem:
 
         return self._build(f"impact_jacobian_{mode.key}", outputs, "zp")
 
-    def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
-        """Names of the margins of an impact, in the order of ``impact_margins``."""
-        names = impact_margin_names(mode, self.walker, two_coefficients=self.friction.two_coefficients)
-        return (*names, *PUSH) if self.walker.pushes and not mode.locked else names
-
     def impact_margins(self, mode: Mode) -> Function:
-        """(z, p) -> margins of an impact in the order of ``impact_margin_names(mode)``."""
+        """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode)``."""
 
         def outputs() -> dict[str, SX]:
             margins = self._symbols.impact_margins(mode)
-            return {"margins": vertcat(*(margins[name] for name in self.impact_margin_names(mode)))}
+            return {"margins": vertcat(*(margins[name] for name in self.transitions.impact_margin_names(mode)))}
 
         return self._build(f"impact_margins_{mode.key}", outputs, "zp")
 

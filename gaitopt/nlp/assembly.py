@@ -13,8 +13,8 @@ from gaitopt.gait.trajectory import Arc, ImpactRecord, Step
 from gaitopt.model.buffered import buffered
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import ending_margin
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Transitions
 from gaitopt.nlp.layout import COINCIDENT, ArcLayout, layout
 from gaitopt.nlp.newton import Solution, section_sensitivity
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
@@ -142,16 +142,16 @@ def _arc(equations: MultipleShooting, w: Array, p: Array, index: int, counts: tu
         times, states = equations.sample(w, p, index, count)
         if curves.tail(states / unit) < curves.RESOLVED:
             break
-    _zero_slip_at_events(cycle, arc, states)
+    _zero_slip_at_events(equations.system.transitions, cycle, arc, states)
     side = equations.system.walker.side(cycle.step_of(arc.phase))
     return Arc(mode=arc.mode, segment=arc.segment, times=times, states=states, side=side)
 
 
-def _zero_slip_at_events(cycle: Cycle, arc: ArcLayout, states: Array) -> None:
+def _zero_slip_at_events(table: Transitions, cycle: Cycle, arc: ArcLayout, states: Array) -> None:
     """Set to zero the slip velocity where an event makes it zero: the sign of its rounding would decide a mode."""
     if arc.mode.sticks:
         states[:, -1] = 0.0
     elif arc.start is None and cycle.onset_order(arc.phase) > 0:
         states[0, -1] = 0.0
-    if arc.end is None and ending_margin(arc.mode, cycle.after(arc.phase)) == "slip_velocity":
+    if arc.end is None and "slip_velocity" in table.between(arc.mode, cycle.after(arc.phase)).zeros:
         states[-1, -1] = 0.0

@@ -9,9 +9,9 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.curves import lowest_after_rise
 from gaitopt.gait.gait import Cause
-from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.margins import PUSH, ending_margin, margin, margin_names, margin_scales
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import PUSH, margin
 from gaitopt.nlp.layout import COINCIDENT
 from gaitopt.nlp.shooting import Label, MultipleShooting
 
@@ -79,16 +79,17 @@ def _rising_margins(
             continue
         times, states = equations.sample(w, p, index, SAMPLES)
         dynamics = equations.dynamics(p, freed, arc.phase)
-        values = dynamics.margins(arc.mode, arc.segment, times, states) / margin_scales(arc.mode, dynamics.scales)
-        for name, column in zip(margin_names(arc.mode), values.T, strict=True):
+        values = dynamics.margins(arc.mode, arc.segment, times, states) / dynamics.margin_units(arc.mode)
+        for name, column in zip(dynamics.system.transitions.margin_names(arc.mode), values.T, strict=True):
             if margin(name).rises:
                 rising.setdefault(name, []).append((arc.phase, times, column))
     return rising
 
 
-def missing_event(cycle: Cycle, phase: int, control: Control) -> Cause:
+def missing_event(system: HybridSystem, cycle: Cycle, phase: int) -> Cause:
     """Why a phase of the guess has no end; the cause may be a reference that is too short."""
-    ending = ending_margin(cycle.phases[phase], cycle.after(phase))
+    control = system.control
+    ending = system.transitions.between(cycle.phases[phase], cycle.after(phase)).guard
     words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
     what, end = ending, None
     if ending == "touchdown" and control.breakpoints and np.isinf(control.horizon):

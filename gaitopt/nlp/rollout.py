@@ -20,7 +20,6 @@ from gaitopt.iteration import bracketed_root, overflow_allowed
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import ending_margin, margin_names, margin_unit
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.interval import shooting_step
@@ -191,10 +190,10 @@ class _ModeFlow:
 
     def __init__(self, dynamics: Dynamics, mode: Mode, after: Mode | None) -> None:
         system, self._p, self._scales = dynamics.system, dynamics.p, dynamics.scales
-        names, self._slips = margin_names(mode), mode.slips
-        self._units = np.array([margin_unit(name, self._scales) for name in names])
+        table, self._slips = system.transitions, mode.slips
+        names, self._units = table.margin_names(mode), dynamics.margin_units(mode)
         self._upright, self._touchdown = names.index("upright"), 0  # or the clearance, while a stop is free
-        self._ending = names.index(ending_margin(mode, after))
+        self._ending = names.index(table.between(mode, after).guard)
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
         self._within, self._margins = shooting_step(system, mode), buffered(system.margins(mode))

@@ -32,16 +32,13 @@ from gaitopt.integration import N_STAGES
 from gaitopt.model.buffered import BufferedFunction, BufferedMap, buffered, buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import ending_margin, margin, margin_names, margin_unit
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import CONE, GROUND_FORCES, margin, margin_unit
 from gaitopt.model.units import Scales
 from gaitopt.nlp.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
-
-GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
-"""Margins that are zero where the spring of a massless leg has its full length: at landing and take-off."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,7 +244,8 @@ class MultipleShooting:
             return [times, Z, *self.constants(arc, arc.intervals + 1)]
 
         for i, margins in enumerate(self.map_arcs(self.system.margins, columns)):
-            arc, first, names = self.layout.arcs[i], self.layout.first_nodes[i], margin_names(self.layout.arcs[i].mode)
+            arc, first = self.layout.arcs[i], self.layout.first_nodes[i]
+            names = self.system.transitions.margin_names(arc.mode)
             places = [
                 (row, k, name)
                 for row, name in enumerate(names)
@@ -265,16 +263,19 @@ class MultipleShooting:
         if name in GROUND_FORCES and self._is_unloaded(index, k):
             return True
         after = cycle.after(arc.phase)
-        return k == arc.intervals and arc.end is None and after is not None and name == ending_margin(arc.mode, after)
+        ends = k == arc.intervals and arc.end is None and after is not None
+        return ends and name in self.system.transitions.between(arc.mode, after).zeros
 
     def _is_unloaded(self, index: int, k: int) -> bool:
         """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
         arc, cycle = self.layout.arcs[index], self.layout.cycle
-        if not self.system.walker.massless_feet or arc.mode.flies:
-            return False
-        after = cycle.after(arc.phase)
-        lands = k == 0 and arc.start is None and arc.phase in cycle.first_phases
-        return lands or (k == arc.intervals and arc.end is None and after is not None and after.flies)
+        table, phases, after = self.system.transitions, cycle.phases, cycle.after(arc.phase)
+        if k == 0 and arc.start is None:
+            before = (arc.phase - 1) % len(phases)
+            begins = table.between(phases[before], cycle.after(before))
+            return "normal_force" in begins.zeros_after and "normal_force" in table.of(arc.mode)
+        ends = k == arc.intervals and arc.end is None and after is not None
+        return ends and set(GROUND_FORCES) <= set(table.between(arc.mode, after).zeros)
 
     def _unloaded_margins(self) -> Iterator[tuple[MX, Label]]:
         """Rates of the ground forces where a massless leg lands and takes off; the forces themselves are zero there."""
@@ -286,7 +287,7 @@ class MultipleShooting:
                 data = self.system.data(arc.segment)
                 _, rates = self.system.events(arc.mode)(start + k * h, Z[:, k], self.standing(arc.phase), data)
                 for name in GROUND_FORCES:
-                    rate = rates[margin_names(arc.mode).index(name)]
+                    rate = rates[self.system.transitions.margin_names(arc.mode).index(name)]
                     yield sign * rate, Label(name=name, phase=arc.phase, node=first + k)
 
     def _onset_margins(self) -> Iterator[tuple[MX, Label]]:
@@ -298,7 +299,8 @@ class MultipleShooting:
                 _, Z, start, _ = self.arc(i)
                 data = self.system.data(arc.segment)
                 margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.standing(arc.phase), data)
-                cone = margins[margin_names(Mode.STICK).index(ending_margin(Mode.STICK, arc.mode))]
+                names = self.system.transitions.margin_names(Mode.STICK)
+                cone = margins[names.index(CONE[arc.mode.contact])]
                 yield -cone, Label(name="onset", phase=arc.phase, node=first)
 
     def impact_margins(self) -> Iterator[tuple[MX, Label]]:
@@ -306,7 +308,7 @@ class MultipleShooting:
         for (phase, mode), node in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
             values = self.system.impact_margins(mode)(self.Z[:, node], self.standing(phase))
             place = {"phase": phase, "node": node} if mode.locked else {"step": self.layout.cycle.step_of(phase)}
-            for row, name in enumerate(self.system.impact_margin_names(mode)):
+            for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
                 yield values[row], Label(name=name, **place)
 
     # ---- the same as numbers
@@ -504,7 +506,7 @@ def endings(system: HybridSystem, cycle: Cycle) -> Iterator[tuple[Mode, str, int
     """Mode of every phase, the margin that ends it, and the order of the zero from which this margin starts."""
     jump = system.friction.two_coefficients
     for phase, mode in enumerate(cycle.phases):
-        name = ending_margin(mode, cycle.after(phase))
+        name = system.transitions.between(mode, cycle.after(phase)).guard
         yield mode, name, cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
 
 
@@ -531,7 +533,7 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
         step = cycle.step_of(phase)
         time = sum1(durations[cycle.first_phases[step] : phase + 1])
         margins = system.margins(mode)(time, ends[:, phase], standing[step], system.data(segments[phase]))
-        rows.append(margins[margin_names(mode).index(name)] / durations[phase] ** order)
+        rows.append(margins[system.transitions.margin_names(mode).index(name)] / durations[phase] ** order)
     for k, (phase, impact) in enumerate(cycle.resets):
         z_plus = system.impact(impact)(z=ends[:, phase], p=standing[cycle.step_of(phase)])["z_plus"]
         if not impact.locked:  # counted from the new stance foot

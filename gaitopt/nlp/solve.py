@@ -219,7 +219,7 @@ def _causes(failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
     """
     equations, p, missing = failed.transcription, failed.p, None
     if guess.endless is not None:
-        missing = missing_event(equations.layout.cycle, guess.endless, equations.system.control)
+        missing = missing_event(equations.system, equations.layout.cycle, guess.endless)
         if missing.what == "reference":
             return (missing,)
     start = failed.w if failed.start is None else failed.start

@@ -9,7 +9,6 @@ in the file must agree with it.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,8 +19,9 @@ from gaitopt.model.checks import check_walker, section_posture
 from gaitopt.model.control import BeyondEnd
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import calling
-from gaitopt.model.modes import NEXT_STATE, Mode
+from gaitopt.model.modes import Mode
 from gaitopt.model.registry import refused_walkers
+from gaitopt.model.transitions import transitions
 from gaitopt.model.units import SMALLEST, Angle, Number
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
@@ -316,57 +316,11 @@ def _read_cycle(
         if model is not None:
             if len(steps) % model.n_sides():
                 raise ValueError(UNEVEN.format(len(steps)))
-            for step in steps:
-                _check_contacts(step, model)
-                _check_stops(step, model)
+            transitions(model).check(cycle)
         return cycle
     except ValueError as error:
         faults.append(Fault(path, str(error)))
         return None
-
-
-def _check_contacts(step: StepSection, model: type[Walker]) -> None:
-    """Whether the foot can do what every phase says, and the step of a walker that flies ends out of flight.
-
-    Raises
-    ------
-    ValueError
-        If not; the message says what the walker can do.
-    """
-    allowed = model.contacts()
-    for mode in (*step.phases, step.impact):
-        if mode.contact not in allowed:
-            raise ValueError(f"the {model.model} has no {mode.contact}: its foot can {', '.join(allowed)}")
-    if step.impact.flies:
-        raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
-    if model.flies and not step.phases[-1].flies:
-        raise ValueError(f"the {model.model} lands out of flight: the last phase of a step must be flight")
-
-
-def _check_stops(step: StepSection, model: type[Walker]) -> None:
-    """Whether every phase states the stops and switches, which lock or are thrown one after the other.
-
-    Those of a walker that stays on the ground are all locked when the foot comes down.
-
-    Raises
-    ------
-    ValueError
-        If not; the message says how to write it.
-    """
-    start = model.released(Mode.STICK).stops
-    stops = tuple(start)
-    for mode in step.phases:
-        if tuple(mode.stops) != stops or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
-            form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
-            raise ValueError(f"{mode} must be written {form if stops else mode.contact}, as the walker has its stops")
-    thrown = [{name for name in stops if mode.stops[name] != start[name]} for mode in step.phases]
-    jumps = [len(later) - len(earlier) for earlier, later in pairwise(thrown) if earlier <= later]
-    if len(jumps) < len(thrown) - 1 or max(jumps, default=0) > 1 or thrown[0]:
-        raise ValueError("a step begins with all stops free and all switches off, and they change one at a time")
-    if not model.flies and step.phases[-1].free:
-        raise ValueError("all stops lock before the foot comes down")
-    if step.impact.stops:
-        raise ValueError(f"the impact is written {step.impact.contact}: that of the foot frees all stops")
 
 
 def _read_state(

@@ -37,9 +37,9 @@ from gaitopt.model.control import (
 )
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.friction import CoulombFriction, StaticKineticFriction
-from gaitopt.model.margins import ending_margin
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Transitions
 from gaitopt.model.units import ANGLE_UNITS
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import shown
@@ -416,7 +416,7 @@ def restore_statement(record: CertificateRecord, walkers: Sequence[type[Walker]]
     texts, varied = record.parameters, record.varied
     _check_parameters(problem, system, texts)
     arcs = [OrbitArc(Mode(a.mode), a.segment, a.phase, a.event, tuple(a.fractions)) for a in record.arcs]
-    _check_arcs(arcs, problem.cycle, control)
+    _check_arcs(arcs, problem.cycle, system.transitions, control)
     if varied is not None and varied not in texts:
         raise ValueError(f"no parameter is called {varied}")
     if varied is None and record.special is not None:
@@ -539,7 +539,7 @@ def _check_parameters(problem: Problem, system: HybridSystem, texts: dict[str, s
             raise ValueError(f"{key} is {texts[key]} in the certificate, but {known[key]!r} in its problem")
 
 
-def _check_arcs(arcs: list[OrbitArc], sequence: Cycle, control: Control) -> None:
+def _check_arcs(arcs: list[OrbitArc], sequence: Cycle, table: Transitions, control: Control) -> None:
     """Require that the arcs follow the mode sequence, its events, and the breakpoints of the control law."""
     phases = [arc.phase for arc in arcs]
     if phases != sorted(phases) or set(phases) != set(range(len(sequence.phases))):
@@ -548,7 +548,7 @@ def _check_arcs(arcs: list[OrbitArc], sequence: Cycle, control: Control) -> None
     for j, arc in enumerate(arcs):
         after = arcs[j + 1].phase if j + 1 < len(arcs) else None
         mode = sequence.phases[arc.phase]
-        event = BREAKPOINT if after == arc.phase else ending_margin(mode, sequence.after(arc.phase))
+        event = BREAKPOINT if after == arc.phase else table.between(mode, sequence.after(arc.phase)).guard
         if (arc.mode, arc.event, arc.segment) != (mode, event, segment):
             raise ValueError(
                 f"arc {j + 1} is {arc.mode} on segment {arc.segment} until {arc.event[:40]}, but the mode sequence of "

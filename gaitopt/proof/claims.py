@@ -23,9 +23,9 @@ from flint import arb
 
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.margins import MARGINS, margin_names
 from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import MARGINS
 from gaitopt.proof.arithmetic import NotProved, Refuted, hull
 from gaitopt.proof.orbit import BREAKPOINT, CycleEnclosure, Orbit, OrbitArc
 from gaitopt.proof.taylor import TaylorSeries, evaluate
@@ -147,7 +147,7 @@ def mode_claim_names(system: HybridSystem, sequence: Cycle, arcs: Sequence[Orbit
     names = list[str]()
     for j, arc in enumerate(arcs):
         begins = j == 0 or arcs[j - 1].phase != arc.phase
-        of_arc = [name for name in margin_names(arc.mode) if name != "touchdown"]
+        of_arc = [name for name in system.transitions.margin_names(arc.mode) if name != "touchdown"]
         of_arc += [APPARENT_MASS] if arc.mode.sticks else []
         of_arc += [TIME_WINDOW] if _has_windows(system.control) else []
         of_arc += [AT_REST] if begins and sequence.impact_before(arc.phase) in (None, Mode.STICK) else []
@@ -165,7 +165,8 @@ def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofC
             arc, begins = orbit.arcs[j], j == 0 or orbit.arcs[j - 1].phase != orbit.arcs[j].phase
             title, along = f"arc {j + 1}, {arc.mode}", _margins_along(orbit, cycle, j, begins=begins)
             margins_at_end = orbit.field(arc.mode, j).margins(cycle.ends[j])[0]
-            for name, at_end in zip(margin_names(arc.mode), margins_at_end, strict=True):
+            names = orbit.system.transitions.margin_names(arc.mode)
+            for name, at_end in zip(names, margins_at_end, strict=True):
                 if name != "touchdown":
                     pattern = ENDS if name == arc.event else POSITIVE
                     yield _claim(f"{title}: {name}", _margin, name, along[name], pattern, at_end)
@@ -201,7 +202,7 @@ def _has_windows(control: Control) -> bool:
 def _margins_along(orbit: Orbit, cycle: CycleEnclosure, j: int, *, begins: bool) -> dict[str, list[SignPart]]:
     """The signs of all margins of a mode on arc ``j``, which begins a phase or follows a breakpoint."""
     arc, steps = orbit.arcs[j], cycle.steps[j]
-    names, lengths = margin_names(arc.mode), [hull(step.h) for step in steps]
+    names, lengths = orbit.system.transitions.margin_names(arc.mode), [hull(step.h) for step in steps]
     series = zip(*(step.along(orbit.field(arc.mode, j).margins) for step in steps), strict=True)
     signs = dict[str, list[SignPart]]()
     for name, values in zip(names, series, strict=True):
@@ -233,7 +234,7 @@ def _vanishes_after_impact(system: HybridSystem, name: str) -> bool:
     The expression is simplified in the parameters and in their inverses, as CasADi cancels only some quotients.
     """
     xi, p = SX.sym("xi", system.lift.size1_in(0)), SX.sym("p", len(system.parameters))
-    index = margin_names(Mode.STICK).index(name)
+    index = system.transitions.margin_names(Mode.STICK).index(name)
     return any(
         simplify(system.margins(Mode.STICK)(0, system.lift(xi, q), q, SX.zeros(system.n_r))[index]).is_zero()
         for q in (p, 1 / p)
@@ -292,9 +293,9 @@ def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | Non
 
 def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     """A foot at rest can only do what the arc says: stick, or slip because sticking would need too much friction."""
-    arc = orbit.arcs[j]
+    arc, table = orbit.arcs[j], orbit.system.transitions
     margins = {
-        mode: dict(zip(margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True)) for mode in CONTACTS
+        mode: dict(zip(table.margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True)) for mode in CONTACTS
     }
     cones = dict(zip(SLIPS, (margins[Mode.STICK][name] for name in CONES), strict=True))
     needed = {f"no lift-off in {slip}": margins[slip]["normal_force"] * margins[slip]["painleve"] for slip in SLIPS}
@@ -322,7 +323,7 @@ def _impact(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> tuple[str, ar
 
 def _impact_margins(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> dict[str, arb]:
     """The margins that have to be positive for an impact to be consistent."""
-    return dict(zip(orbit.system.impact_margin_names(mode), orbit.impact(mode, j)(y)[0], strict=True))
+    return dict(zip(orbit.system.transitions.impact_margin_names(mode), orbit.impact(mode, j)(y)[0], strict=True))
 
 
 def _all_positive(needed: Mapping[str, arb]) -> arb:

@@ -29,7 +29,6 @@ from casadi import SX, Function, cse, jacobian, vertcat
 from flint import acb, acb_mat, arb, arb_mat
 
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import (
@@ -258,7 +257,7 @@ class Orbit:
             event = y[n_z] - time
             after[n_z] = time
         else:
-            index = margin_names(arc.mode).index(arc.event)
+            index = system.transitions.margin_names(arc.mode).index(arc.event)
             event = system.margins(arc.mode)(y[n_z], y[:n_z], values, r)[index]
         if arc.event == "slip_velocity":
             after[n_z - 1] = 0

@@ -17,7 +17,6 @@ from flint import arb
 
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
-from gaitopt.model.margins import ending_margin
 from gaitopt.model.walker import Walker
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
 from gaitopt.proof.certificate import (
@@ -170,11 +169,11 @@ def arc_records(arcs: Sequence[OrbitArc]) -> list[dict[str, Any]]:
 
 def arcs_of(gait: Gait) -> list[OrbitArc]:
     """The arcs of a gait, not yet divided into steps of the integration."""
-    cycle, arcs, first = gait.problem.cycle, [], 0
+    table, cycle, arcs, first = gait.system.transitions, gait.problem.cycle, [], 0
     for step in gait.steps:
         for k, (arc, phase) in enumerate(zip(step.arcs, step.arc_phases, strict=True)):
             is_last = k + 1 == len(step.arcs) or step.arc_phases[k + 1] != phase
-            event = ending_margin(arc.mode, cycle.after(first + phase)) if is_last else BREAKPOINT
+            event = table.between(arc.mode, cycle.after(first + phase)).guard if is_last else BREAKPOINT
             arcs.append(OrbitArc(arc.mode, int(arc.segment), first + phase, event, ()))
         first += len(step.phases)
     return arcs

@@ -28,7 +28,6 @@ from typing import Any
 from casadi import SX, Function, cse, jacobian, sum1, vertcat
 from flint import arb, arb_mat, arb_series, ctx
 
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import BallFunction, NotProved, assemble, entries_of, hull, matrix
@@ -124,7 +123,8 @@ def _function(space: PhaseSpace, mode: Mode, name: str) -> Function:
         expression = system.margins(mode)(*inputs)
     elif name == "apparent_masses":
         slips = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
-        expression = vertcat(*(system.margins(slip)(*inputs)[margin_names(slip).index("painleve")] for slip in slips))
+        names = system.transitions.margin_names
+        expression = vertcat(*(system.margins(slip)(*inputs)[names(slip).index("painleve")] for slip in slips))
     else:
         force, _, power, *_ = system.observation(mode)(*inputs)
         expression = vertcat(force, sum1(power))

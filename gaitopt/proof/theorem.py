@@ -18,7 +18,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat
 
-from gaitopt.model.margins import IMPACT_MARGINS, PHASE_MARGINS, Margin
+from gaitopt.model.transitions import IMPACT_MARGINS, PHASE_MARGINS, Ending, Margin
 from gaitopt.proof.arithmetic import NotProved, decimal_bounds, precision
 from gaitopt.proof.certificate import Statement
 from gaitopt.proof.claims import ProofClaim, mode_claim_names
@@ -30,7 +30,7 @@ CONNECTION, SIGN_CHANGE = "connected family", "sign change"
 """Names of claims, besides those of the mode sequence."""
 
 
-def _margins_ending(*tables: Mapping[str, Margin], ending: str | None) -> tuple[str, ...]:
+def _margins_ending(*tables: Mapping[str, Margin], ending: Ending | None) -> tuple[str, ...]:
     """The margins whose fall ends a motion in this way; None: by another mode or impact."""
     return tuple(name for table in tables for name, margin in table.items() if margin.ending == ending)
 
@@ -38,8 +38,8 @@ def _margins_ending(*tables: Mapping[str, Margin], ending: str | None) -> tuple[
 MARGIN_CHANGES: Mapping[str, tuple[str, ...]] = {
     "mode_change": _margins_ending(PHASE_MARGINS, ending=None),
     "impact_change": _margins_ending(IMPACT_MARGINS, ending=None),
-    "lift_off": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending="lift_off"),
-    "painleve": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending="painleve"),
+    "lift_off": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending=Ending.LIFT_OFF),
+    "painleve": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending=Ending.PAINLEVE),
 }
 """Special points beyond which the orbit is no gait of its mode sequence, and the margins that become negative there."""
 BRACKETED = ("neimark_sacker", "period_doubling", *MARGIN_CHANGES)

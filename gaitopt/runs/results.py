@@ -17,8 +17,9 @@ from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, Status, trajectory_header, trajectory_rows
 from gaitopt.gait.measures import measure
 from gaitopt.gait.records import GaitRecord, WalkRecord, differing
-from gaitopt.gait.trajectory import Ending, Trajectory
+from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
 from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
 from gaitopt.runs.front import Front, front_file, read_fronts

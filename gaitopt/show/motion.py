@@ -33,9 +33,10 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import Observation, friction_ratio, observe
-from gaitopt.gait.trajectory import Arc, Ending, Step
+from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
 from gaitopt.model.walker import Walker
 from gaitopt.problem.scalars import state_unit
 from gaitopt.show.style import (

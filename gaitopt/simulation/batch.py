@@ -19,17 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.gait.trajectory import Ending, ImpactRecord
+from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import ONSETS, margin_names
-from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
-from gaitopt.simulation.contact_resolver import CANNOT_SLIP, CONE, NORMAL_FORCE, ContactResolver, Termination
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.transitions import CONE, Ending, Transition
+from gaitopt.simulation.contact_resolver import (
+    ContactResolver,
+    Termination,
+    comes_down,
+    is_at_edge,
+    is_consistent_impact,
+    is_within_cone,
+    stick_comes_first,
+)
 from gaitopt.simulation.events import AT_REST, EDGE, INSTANT
 from gaitopt.simulation.heyoka_batch import HeyokaBatch
 from gaitopt.simulation.heyoka_stepper import HeyokaRowMap
-from gaitopt.simulation.natural import PAINLEVE, natural_system, units
-from gaitopt.simulation.simulator import FATAL, MAX_STEP_TIME, MAX_SWITCHES, StepOutcome
-from gaitopt.simulation.stepper import Arrivals
+from gaitopt.simulation.natural import natural_system, units
+from gaitopt.simulation.simulator import MAX_STEP_TIME, MAX_SWITCHES, StepOutcome
+from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals
 
 Codes = NDArray[np.int64]
 
@@ -129,9 +137,6 @@ def followed_by(first: BatchSteps, second: BatchSteps, rows: NDArray[np.intp], m
 Flags = NDArray[np.bool_]
 ResolverCodes = NDArray[np.int64]
 
-CONE_EDGE = 1e-9
-"""Relative distance from the edge of the cone within which an impact is resolved by itself."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Landing:
@@ -158,24 +163,28 @@ class BatchResolver:
         p = dynamics.p
         self._n_x = system.n_shape
         self._friction = dynamics.static_friction
-        self._stick_first = system.law is ImpactLaw.FRICTIONLESS or dynamics.friction_drops
+        self._stick_first = stick_comes_first(dynamics)
         self._one_by_one = ContactResolver(dynamics)
         self._units = units(dynamics)
         self._modes = system.walker.modes()
         self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
-        self._contacts = system.walker.contacts()
-        self._ground = tuple(mode for mode in self._contacts if not mode.flies)
+        self._table = table = system.transitions
+        self._ground = tuple(mode.contact for mode in table.landed)
+        stuck, slips = table.margin_names(Mode.STICK), table.margin_names(Mode.SLIP_FORWARD)
+        self._normal_force, self._painleve = stuck.index("normal_force"), slips.index("painleve")
+        self._cone = [stuck.index(name) for name in CONE.values()]
         self._lifts = not system.walker.flies
         self._impacts = HeyokaRowMap(system.impacts(self._ground), {1: p})
-        n = len(self._contacts)
-        self._at_rest = [self._rest(self._modes[k : k + len(self._ground)]) for k in range(0, len(self._modes), n)]
+        self._at_rest: dict[tuple[Mode, ...], HeyokaRowMap] = {}
 
-    def mode_at_rest(self, stops: int, times: Array, states: Array, data: Array) -> tuple[ResolverCodes, ResolverCodes]:
+    def mode_at_rest(
+        self, candidates: tuple[Mode, ...], times: Array, states: Array, data: Array
+    ) -> tuple[ResolverCodes, ResolverCodes]:
         """Modes of feet at rest and, where there is none, endings; both of shape (n,).
 
         Parameters
         ----------
-        stops : index of the states of the stops, the same for all: code of the mode divided by the number of contacts.
+        candidates : what the feet can do, the same for all; stick first.
         times : ndarray, shape (n,) - times since the last impact [s].
         states : ndarray, shape (n, n_z).
         data : ndarray, shape (n, n_r) - segment data of the control.
@@ -183,29 +192,30 @@ class BatchResolver:
         if not times.size:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         taus, zetas = times / self._units.time, states / self._units.state
-        first = stops * len(self._contacts)
-        _, margins, rates, *slips = self._at_rest[stops](taus[:, None], zetas, data)
-        stick, cone = margins[:, NORMAL_FORCE], [margins[:, k] for k in CONE.values()]
-        clear = [np.abs(own) > EDGE + INSTANT * np.abs(rates[:, k]) for own, k in zip(cone, CONE.values(), strict=True)]
+        if candidates not in self._at_rest:
+            self._at_rest[candidates] = self._rest(tuple(mode for mode in candidates if not mode.flies))
+        _, margins, rates, *slips = self._at_rest[candidates](taus[:, None], zetas, data)
+        stick, cone = margins[:, self._normal_force], [margins[:, k] for k in self._cone]
+        clear = [np.abs(own) > EDGE + INSTANT * np.abs(rates[:, k]) for own, k in zip(cone, self._cone, strict=True)]
         possible = [(stick > EDGE) & (cone[0] > 0) & (cone[1] > 0)]
-        possible += [(own < 0) & (slip[:, NORMAL_FORCE] > 0) for own, slip in zip(cone, slips, strict=False)]
-        unique = [(slip[:, PAINLEVE] > 0) & (slip[:, NORMAL_FORCE] >= 0) for slip in slips]
+        possible += [(own < 0) & (slip[:, self._normal_force] > 0) for own, slip in zip(cone, slips, strict=False)]
+        unique = [(slip[:, self._painleve] > 0) & (slip[:, self._normal_force] >= 0) for slip in slips]
         plain = np.all([*clear, *unique, np.abs(stick) > EDGE, np.sum(possible, axis=0) == 1], axis=0)
-        modes = first + np.argmax(possible, axis=0)
+        modes = self._modes.index(candidates[0]) + np.argmax(possible, axis=0)
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~plain):
-            decision = self._one_by_one.mode_at_rest(self._modes[first], float(times[k]), states[k], data[k])
+            decision = self._one_by_one.mode_at_rest(candidates, float(times[k]), states[k], data[k])
             if isinstance(decision, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
             else:
                 modes[k] = self._modes.index(decision)
         return modes, endings
 
-    def strike(self, mode: Mode, stop: str, states: Array) -> tuple[ResolverCodes, Array, ResolverCodes]:
+    def strike(self, transition: Transition, states: Array) -> tuple[ResolverCodes, Array, ResolverCodes]:
         """Modes and states just after a stop has locked and, where no impact is possible, endings."""
         modes, after, endings = np.zeros(len(states), dtype=np.int64), states.copy(), np.zeros(len(states), np.int64)
         for k, state in enumerate(states):
-            struck = self._one_by_one.strike(mode, stop, state)
+            struck = self._one_by_one.strike(transition, state)
             if isinstance(struck, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(struck.ending)
             else:
@@ -217,8 +227,12 @@ class BatchResolver:
         n, n_z = states.shape
         columns, approach = self._impacts(states)
         candidates = columns.reshape(n, len(self._ground), -1)
+        impacts = candidates[:, :, n_z : n_z + 3]  # (F_t, F_n), slip velocity
         consistent = np.column_stack(
-            [self._consistent(mode, *candidates[:, k, n_z : n_z + 3].T) for k, mode in enumerate(self._ground)]
+            [
+                is_consistent_impact(mode, impacts[:, k, 0], impacts[:, k, 1], impacts[:, k, 2], self._friction)
+                for k, mode in enumerate(self._ground)
+            ]
         )
         if self._stick_first:
             consistent[:, 1:] &= ~consistent[:, :1]
@@ -227,12 +241,12 @@ class BatchResolver:
         after, lift_velocities = chosen[:, :n_z], chosen[:, n_z + 3]
         step_lengths, endings = after[:, self._n_x].copy(), np.zeros_like(modes)
         after[:, self._n_x] = 0.0
-        comes_down = approach[:, 0] < -EDGE * self._units.speed
+        edge = is_at_edge(impacts[:, 0, 0], impacts[:, 0, 1], self._friction)
         lifts = lift_velocities > 0 if self._lifts else True
-        plain = comes_down & (consistent.sum(axis=1) == 1) & lifts & ~self._at_edge(*candidates[:, 0, n_z : n_z + 2].T)
+        plain = comes_down(approach[:, 0], self._units) & (consistent.sum(axis=1) == 1) & lifts & ~edge
         if self._push is not None:
             p_t, p_n = self._push(states)[0].T
-            plain &= np.abs(p_t) < self._friction * p_n
+            plain &= is_within_cone(p_t, p_n, self._friction) & ~is_at_edge(p_t, p_n, self._friction)
         for k in np.flatnonzero(~plain):
             decision = self._one_by_one.impact(states[k])
             if isinstance(decision, ImpactRecord):
@@ -251,14 +265,6 @@ class BatchResolver:
         stuck, *slips = modes
         fixed = {2: self._units.parameters[stuck], 4: self._units.margins[modes[-1]]}
         return HeyokaRowMap(natural_system(self._system).rest(stuck, tuple(slips)), fixed)
-
-    def _consistent(self, mode: Mode, f_t: Array, f_n: Array, slip_velocity: Array) -> Flags:
-        if mode.sticks:
-            return (f_n > 0) & (np.abs(f_t) <= self._friction * f_n)
-        return (f_n > 0) & (mode.direction * slip_velocity > 0)
-
-    def _at_edge(self, f_t: Array, f_n: Array) -> Flags:
-        return np.abs(np.abs(f_t) - self._friction * f_n) <= CONE_EDGE * np.abs(self._friction * f_n)
 
 
 SimulatorCodes = NDArray[np.int64]
@@ -282,7 +288,7 @@ class BatchSimulator:
         max_switches: int = MAX_SWITCHES,
     ) -> None:
         self.system = system = dynamics.system
-        self._max_switches = max_switches
+        self._max_switches, self._table = max_switches, system.transitions
         self._stepper, self._resolver = HeyokaBatch(dynamics), BatchResolver(dynamics)
         self._units, self._modes = units(dynamics), system.walker.modes()
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
@@ -293,9 +299,9 @@ class BatchSimulator:
         """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
         motion = _Motion(states, self.system.n_shape, AT_REST * self._units.speed, self._modes)
         slips = motion.states[:, -1] != 0
-        self._choose_at_rest(motion, np.flatnonzero(~slips))
-        if self.system.walker.massless_feet:
-            motion.end(np.flatnonzero(slips), CANNOT_SLIP.ending)
+        self._choose_at_rest(motion, np.flatnonzero(~slips), self._table.at_rest(self._table.landed[0]))
+        if not any(mode.slips for mode in self._table.landed):
+            motion.end(np.flatnonzero(slips), Ending.PAINLEVE)
         while (going := np.flatnonzero(motion.endings < 0)).size:
             modes = motion.modes[going]
             for code in np.unique(modes):
@@ -314,68 +320,61 @@ class BatchSimulator:
         mode, segments = self._modes[code], motion.segments[rows]
         arrivals = self._stepper.advance(mode, segments, motion.times[rows], motion.states[rows], self._ends[segments])
         motion.arrive(rows, code, arrivals)
-        names = np.array([*margin_names(mode), "failure", "limit"])[arrivals.events]
-        for name in np.unique(names):
-            self._follow(motion, mode, name, rows[names == name])
+        for event in np.unique(arrivals.events):
+            self._follow(motion, mode, event, rows[arrivals.events == event])
 
-    def _follow(self, motion: "_Motion", mode: Mode, event: str, rows: Indices) -> None:
+    def _follow(self, motion: "_Motion", mode: Mode, event: int, rows: Indices) -> None:
         """What comes after the same event in the given rows, all in the same mode."""
-        if event == "failure":
+        if event == FAILURE:
             motion.end(rows, Ending.NUMERICAL)
-        elif event == "limit":
+            return
+        if event == LIMIT:
             self._pass_breakpoint(motion, rows)
-        elif event in FATAL and not (event == "normal_force" and self.system.walker.flies):
-            motion.end(rows, FATAL[event].ending)
-        elif event == "touchdown":
+            return
+        transition = [*self._table.of(mode).values()][event]
+        if transition.ending is not None:
+            motion.end(rows, transition.ending)
+            return
+        if transition.ends_step:
             motion.land(rows, self._resolver.land(motion.states[rows]))
-        else:
-            self._switch(motion, mode, event, rows)
-
-    def _switch(self, motion: "_Motion", mode: Mode, event: str, rows: Indices) -> None:
+            return
         motion.switches[rows] += 1
         chattering = motion.switches[rows] > self._max_switches
         motion.end(rows[chattering], Ending.CHATTERING)
         rows = rows[~chattering]
-        if event == "normal_force":
-            motion.modes[rows] = self._modes.index(mode.with_contact(Mode.FLIGHT))
-        elif event in mode.off:
-            motion.modes[rows] = self._modes.index(mode.with_next(event))
-            self._choose_at_rest(motion, rows if mode.sticks else rows[:0])
-        elif event in mode.free:
-            self._lock(motion, mode, event, rows)
-        elif event in ONSETS and self.system.walker.massless_feet:
-            motion.end(rows, CANNOT_SLIP.ending)
-        elif event in ONSETS:
-            motion.modes[rows] = self._modes.index(mode.with_contact(ONSETS[event]))
-        else:
+        if transition.reset is not None:
+            self._strike(motion, transition, rows)
+        elif transition.at_rest:
             motion.states[rows, -1] = 0.0
-            self._choose_at_rest(motion, rows)
+            self._choose_at_rest(motion, rows, transition.candidates)
+        else:
+            motion.modes[rows] = self._modes.index(transition.candidates[0])
 
-    def _lock(self, motion: "_Motion", mode: Mode, stop: str, rows: Indices) -> None:
+    def _strike(self, motion: "_Motion", transition: Transition, rows: Indices) -> None:
         """A stop locks in the given rows."""
-        modes, states, endings = self._resolver.strike(mode, stop, motion.states[rows])
+        modes, states, endings = self._resolver.strike(transition, motion.states[rows])
         motion.modes[rows], motion.states[rows] = modes, states
         motion.endings[rows[endings > 0]] = endings[endings > 0]
-        self._choose_at_rest(motion, rows[(endings == 0) & self._sticks(modes)])
+        self._decide_again(motion, rows[endings == 0])
 
     def _pass_breakpoint(self, motion: "_Motion", rows: Indices) -> None:
         last = motion.segments[rows] == len(self._ends) - 1
         motion.end(rows[last], Ending.NO_TOUCHDOWN)
-        rows = rows[~last]
-        motion.segments[rows] += 1
-        self._choose_at_rest(motion, rows[self._sticks(motion.modes[rows])])
+        motion.segments[rows[~last]] += 1
+        self._decide_again(motion, rows[~last])
 
-    def _sticks(self, codes: SimulatorCodes) -> NDArray[np.bool_]:
-        return codes % len(self.system.walker.contacts()) == CONTACTS.index(Mode.STICK)
+    def _decide_again(self, motion: "_Motion", rows: Indices) -> None:
+        """The mode of a foot at rest follows from the forces; any other mode goes on."""
+        codes = motion.modes[rows]
+        for code in np.unique(codes):
+            if self._modes[code].sticks:
+                self._choose_at_rest(motion, rows[codes == code], self._table.at_rest(self._modes[code]))
 
-    def _choose_at_rest(self, motion: "_Motion", rows: Indices) -> None:
-        stops = motion.modes[rows] // len(self.system.walker.contacts())
-        for k in np.unique(stops):
-            own = rows[stops == k]
-            data = self._stepper.data[motion.segments[own]]
-            modes, endings = self._resolver.mode_at_rest(k, motion.times[own], motion.states[own], data)
-            motion.modes[own] = modes
-            motion.endings[own[endings > 0]] = endings[endings > 0]
+    def _choose_at_rest(self, motion: "_Motion", rows: Indices, candidates: tuple[Mode, ...]) -> None:
+        data = self._stepper.data[motion.segments[rows]]
+        modes, endings = self._resolver.mode_at_rest(candidates, motion.times[rows], motion.states[rows], data)
+        motion.modes[rows] = modes
+        motion.endings[rows[endings > 0]] = endings[endings > 0]
 
 
 class _Motion:

@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.iteration import bracketed_root
-from gaitopt.model.margins import PHASE_MARGINS
+from gaitopt.model.transitions import PHASE_MARGINS
 
 PRIORITY = (
     "painleve", "normal_force", "upright", "clearance", "touchdown", "", "slip_velocity", "cone_forward",

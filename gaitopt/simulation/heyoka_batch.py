@@ -7,7 +7,7 @@ in one lane does not depend on the others, to the last bit. The rules at the sta
 of ``events``; inside, all is in natural units.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import heyoka as hy
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import Mode
 from gaitopt.simulation.events import (
     EDGE,
@@ -112,8 +111,8 @@ class HeyokaBatch:
         _, margins, rates = start = self._point(mode, segments, taus, zetas)
         fallen = self._fallen(mode, segments, taus, zetas, start)
         moved = np.flatnonzero(~fallen.any(axis=1) & (times < limits))
-        ends = Arrivals(times=taus.copy(), states=zetas, events=_first(mode, fallen, LIMIT))
-        lifts = [lift(*column) for column in zip(margin_names(mode), margins.T, rates.T, strict=True)]
+        ends = Arrivals(times=taus.copy(), states=zetas, events=_first(self._names(mode), fallen, LIMIT))
+        lifts = [lift(*column) for column in zip(self._names(mode), margins.T, rates.T, strict=True)]
         constants = np.column_stack([self._runtime(mode)[segments], *lifts])
         if moved.size:
             taylor = batch_integrator(self._system, mode).taylor
@@ -137,7 +136,7 @@ class HeyokaBatch:
         if close.size:
             later = self._point(mode, segments[close], taus[close] + LOOK, zetas[close] + LOOK * flow[close])[2]
             bends[close] = (later - rates[close]) / LOOK
-        columns = zip(margin_names(mode), margins.T, rates.T, bends.T, strict=True)
+        columns = zip(self._names(mode), margins.T, rates.T, bends.T, strict=True)
         return np.column_stack([falls(*column) for column in columns])
 
     def _land_at_limits(self, mode: Mode, segments: Indices, ends: Arrivals, moved: Indices) -> None:
@@ -167,7 +166,7 @@ class HeyokaBatch:
         together = coincides(margins + shift[:, None] * rates, rates)
         together[:, 0] &= (first[rows, 0] > EDGE) | (ends.times[rows] > starts[rows] + INSTANT)
         together[fired] = True
-        ends.events[rows] = _first(mode, together, LIMIT)
+        ends.events[rows] = _first(self._names(mode), together, LIMIT)
         return rows[~linear]
 
     def _advance_alone(
@@ -177,7 +176,10 @@ class HeyokaBatch:
         arrival = self._alone.advance(mode, data, float(time), state, float(limit))
         arrivals.times[row], arrivals.states[row] = arrival.time, arrival.state
         event = FAILURE if arrival.failure else LIMIT
-        arrivals.events[row] = event if arrival.event is None else margin_names(mode).index(arrival.event)
+        arrivals.events[row] = event if arrival.event is None else self._names(mode).index(arrival.event)
+
+    def _names(self, mode: Mode) -> tuple[str, ...]:
+        return self._system.transitions.margin_names(mode)
 
     def _point(self, mode: Mode, segments: Indices, taus: Array, zetas: Array) -> list[Array]:
         """Rates of states, margins and their rates."""
@@ -258,8 +260,8 @@ class _Lanes:
             arrivals.times[row], arrivals.states[row] = self._times[row], self._states[row]
 
 
-def _first(mode: Mode, flags: Flags, otherwise: int) -> Indices:
+def _first(names: Sequence[str], flags: Flags, otherwise: int) -> Indices:
     """For each row the flagged margin that comes first by priority; shape (n,)."""
-    order = np.argsort([priority(name) for name in margin_names(mode)])
+    order = np.argsort([priority(name) for name in names])
     first = order[np.argmax(flags[:, order], axis=1)]
     return np.where(flags.any(axis=1), first, otherwise)

@@ -37,7 +37,6 @@ from casadi import SX, Function
 
 from gaitopt.arrays import Array
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.simulation.events import (
@@ -275,7 +274,7 @@ class _Equations:
 
 
 def _with_margins(system: HybridSystem, mode: Mode) -> _Equations:
-    return _Equations(natural_system(system).arc(mode), len(margin_names(mode)))
+    return _Equations(natural_system(system).arc(mode), len(system.transitions.of(mode)))
 
 
 @per_thread(maxsize=32)
@@ -418,7 +417,7 @@ class HeyokaStepper:
 
     def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``; see ``Stepper``."""
-        unit, names = self._units, margin_names(mode)
+        unit, names = self._units, self._system.transitions.margin_names(mode)
         start = self._points(mode, time / unit.time, state / unit.state, data)
         event = fallen(names, start.margins, start.rates, partial(self._look, mode, data, start))
         if event is not None or limit <= time:
@@ -468,7 +467,7 @@ class HeyokaStepper:
     def _located(self, mode: Mode, data: Array, start: Point, k: int, near: Point) -> tuple[str, float, Array]:
         """The event that counts at the root of the k-th margin, of which ``near`` is the lifted one; time and state."""
         end, zeta = refine(k, near, partial(self._reach, mode, data))
-        names, shift = margin_names(mode), end - near.time
+        names, shift = self._system.transitions.margin_names(mode), end - near.time
         together = [
             names[j]
             for j, rate in enumerate(near.rates)

@@ -16,13 +16,10 @@ from casadi import SX, Function, cse, repmat, vertcat
 from gaitopt.arrays import Array
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names, margin_scales
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.simulation.events import Point
 
-PAINLEVE = margin_names(Mode.SLIP_FORWARD).index("painleve")
-"""Its place among the margins of every slip."""
 SINGULAR = 1e-5
 """Apparent mass of a slipping foot, relative to that of a sticking one, at which no engine goes on with its slip.
 Forces lose digits in proportion to its inverse: from 1e-6 on a Runge-Kutta method may take more than 20,000 steps
@@ -63,7 +60,7 @@ class Units:
 def units(dynamics: Dynamics) -> Units:
     """Natural units of a walker under its control law."""
     p, scales, state = dynamics.p, dynamics.scales, dynamics.state_units
-    own = {mode: margin_scales(mode, scales) for mode in dynamics.system.walker.modes()}
+    own = {mode: dynamics.margin_units(mode) for mode in dynamics.system.transitions.modes}
     most = max(map(len, own.values()))
     margins = {mode: np.append(values, np.ones(most - values.size)) for mode, values in own.items()}
     parameters = {mode: np.concatenate([p, [scales.time], state, values]) for mode, values in margins.items()}
@@ -82,7 +79,7 @@ class NaturalSystem:
         n_z = system.n_z
         self._tau, self._r = SX.sym("tau"), SX.sym("r", system.n_r)
         self._p, self._time = SX.sym("p", len(system.parameters)), SX.sym("T")
-        n_margins = len(margin_names(system.walker.released(Mode.STICK)))
+        n_margins = max(len(system.transitions.of(mode)) for mode in system.transitions.modes)
         self._state, self._margins = SX.sym("D", n_z), SX.sym("S", n_margins)
         angles = {*system.walker.shape} - {*system.walker.lengths}  # they are their own unit
         self._d = vertcat(*(1 if name in angles else self._state[k] for k, name in enumerate(system.state_names)))
@@ -128,17 +125,20 @@ class NaturalSystem:
         units = self._margins[: margins.numel()]
         scaled, scaled_rates = margins / units, rates * (self._time / units)
         if mode.slips:
-            k, (other, other_rates) = PAINLEVE, self._system.events(_reversed(mode))(*arguments)
+            k, (other, other_rates) = self._place(mode, "painleve"), self._system.events(_reversed(mode))(*arguments)
             foot, foot_rate = (margins[k] + other[k]) / 2, (rates[k] + other_rates[k]) / 2
             scaled[k] = margins[k] / foot - SINGULAR
             scaled_rates[k] = (rates[k] - margins[k] / foot * foot_rate) * (self._time / foot)
         return [scaled, scaled_rates]
 
+    def _place(self, mode: Mode, margin: str) -> int:
+        return self._system.transitions.margin_names(mode).index(margin)
+
     def _scaled(self, mode: Mode, arguments: list[SX], units: SX) -> SX:
         margins = self._system.margins(mode)(*arguments)
         scaled = margins / units[: margins.numel()]
         if mode.slips:
-            k, other = PAINLEVE, self._system.margins(_reversed(mode))(*arguments)
+            k, other = self._place(mode, "painleve"), self._system.margins(_reversed(mode))(*arguments)
             scaled[k] = 2 * margins[k] / (margins[k] + other[k]) - SINGULAR
         return scaled
 

@@ -9,7 +9,6 @@ from gaitopt.arrays import Array
 from gaitopt.integration import CompiledStep, Integration, StepSizeError
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import Mode
 from gaitopt.simulation.events import EDGE, INSTANT, LOOK, Point, fallen, first_event, is_armed
 from gaitopt.simulation.natural import NaturalSystem, natural_system, units
@@ -48,7 +47,7 @@ class ScipyStepper:
 
     def __init__(self, dynamics: Dynamics, *, rtol: float = RTOL, atol: float = ATOL) -> None:
         self._natural, self._units = natural_system(dynamics.system), units(dynamics)
-        self._tolerances = rtol, atol
+        self._transitions, self._tolerances = dynamics.system.transitions, (rtol, atol)
         self._fields: dict[Mode, _Field] = {}
         self._variations: dict[tuple[Mode, int], tuple[CompiledStep, Buffers]] = {}
 
@@ -150,7 +149,8 @@ class ScipyStepper:
 
     def _field(self, mode: Mode, data: Array) -> "_Field":
         if mode not in self._fields:
-            self._fields[mode] = _Field(self._natural, mode, self._units.parameters[mode], *self._tolerances)
+            names = self._transitions.margin_names(mode)
+            self._fields[mode] = _Field(self._natural, names, mode, self._units.parameters[mode], *self._tolerances)
         self._fields[mode].load(data)
         return self._fields[mode]
 
@@ -158,8 +158,10 @@ class ScipyStepper:
 class _Field:
     """Right-hand side and margins of one mode, compiled."""
 
-    def __init__(self, system: NaturalSystem, mode: Mode, p: Array, rtol: float, atol: float) -> None:
-        self.names = margin_names(mode)
+    def __init__(
+        self, system: NaturalSystem, names: tuple[str, ...], mode: Mode, p: Array, rtol: float, atol: float
+    ) -> None:
+        self.names = names
         self._p = p
         self._point = Buffers(system.point(mode))
         watch = _watch(len(self.names))

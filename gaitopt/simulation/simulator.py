@@ -4,7 +4,6 @@ On every arc one mode holds and dz/dt = flow_mode(t, z, p, r) is integrated to i
 mode follows from the forces, and at touchdown the impact from the impulses. Gamus & Or (2013), section II.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
@@ -14,11 +13,11 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord, Step, Trajectory
+from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import ONSETS, PHASE_MARGINS
 from gaitopt.model.modes import Mode
-from gaitopt.simulation.contact_resolver import CANNOT_SLIP, ContactResolver, Termination
+from gaitopt.model.transitions import CANNOT_SLIP, Ending, Transition
+from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.natural import units
 from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
@@ -28,10 +27,6 @@ MAX_STEP_TIME = 50.0
 """A walker that has not touched down by then, in units of sqrt(l / g), no longer walks: 20 s for legs of 1.6 m."""
 MAX_SWITCHES = 50
 """Mode switches within a step after which it is called chattering; walking takes a handful."""
-
-FATAL: Mapping[str, Termination] = {
-    name: Termination(Ending(margin.ending), margin.lost) for name, margin in PHASE_MARGINS.items() if margin.ending
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,12 +92,12 @@ class Simulator:
         self.system = system = dynamics.system
         self._max_switches, self._max_step_time, self._side = max_switches, max_step_time, side
         self.stepper = ScipyStepper(dynamics, rtol=rtol, atol=atol) if stepper is None else stepper
+        self._table = system.transitions
         self._resolver = ContactResolver(dynamics)
         self._units = units(dynamics)
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
         self._limit = min(longest, system.control.horizon)
         self._ends = (*(t for t in system.control.breakpoints if t < self._limit), self._limit)
-        self._released = system.walker.released(Mode.STICK)
 
     @cached_property
     def sides(self) -> tuple["Simulator", ...]:
@@ -187,23 +182,24 @@ class Simulator:
     def _first_mode(self, moment: _Moment) -> Mode | Termination:
         slip_velocity = moment.state.item(-1)
         if slip_velocity == 0:
-            return self._mode_at_rest(self._released, moment)
-        if self.system.walker.massless_feet:
-            return CANNOT_SLIP
-        return self._released.with_contact(Mode.slip(slip_velocity))
+            return self._mode_at_rest(self._table.at_rest(self._table.landed[0]), moment)
+        slips = [mode for mode in self._table.landed if mode.direction * slip_velocity > 0]
+        return slips[0] if slips else Termination(Ending.PAINLEVE, CANNOT_SLIP)
 
-    def _mode_at_rest(self, mode: Mode, moment: _Moment) -> Mode | Termination:
-        return self._resolver.mode_at_rest(mode, moment.time, moment.state, self.system.data(moment.segment))
+    def _mode_at_rest(self, candidates: tuple[Mode, ...], moment: _Moment) -> Mode | Termination:
+        data = self.system.data(moment.segment)
+        return self._resolver.mode_at_rest(candidates, moment.time, moment.state, data)
 
-    def _is_touchdown(self, mode: Mode, moment: _Moment) -> bool:
-        """Whether touchdown falls on a breakpoint of the control; the arc that would follow could not see it."""
-        return self._resolver.touches_down(mode, moment.time, moment.state, self.system.data(moment.segment))
+    def _touchdown(self, mode: Mode, moment: _Moment) -> Transition | None:
+        """The end of the step where it falls on a breakpoint of the control; the arc that follows could not see it."""
+        return self._resolver.touchdown(mode, moment.time, moment.state, self.system.data(moment.segment))
 
     def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
         """The arc from here to its first event, the control's next breakpoint or the time limit."""
         end, data = self._ends[moment.segment], self.system.data(moment.segment)
         arrival = self.stepper.advance(mode, data, moment.time, moment.state, end)
-        return arrival._replace(state=_at_rest(arrival.state)) if arrival.event == "slip_velocity" else arrival
+        stops = arrival.event is not None and self._table.of(mode)[arrival.event].at_rest
+        return arrival._replace(state=_at_rest(arrival.state)) if stops else arrival
 
     def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
         times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
@@ -220,40 +216,33 @@ class Simulator:
         here = _Moment(arrival.time, arrival.state, moment.segment, moment.switches)
         if arrival.failure:
             return Termination(Ending.NUMERICAL, arrival.failure), here
-        event = "touchdown" if arrival.event is None and self._is_touchdown(mode, here) else arrival.event
-        if event is None:
+        transition = self._touchdown(mode, here) if arrival.event is None else self._table.of(mode)[arrival.event]
+        if transition is None:
             return self._pass_breakpoint(mode, here)
-        leaves = event == "normal_force" and self.system.walker.flies
-        if event in FATAL and not leaves:
-            return FATAL[event], here
-        if event == "touchdown":
+        if transition.ending is not None:
+            return Termination(transition.ending, transition.reason), here
+        if transition.ends_step:
             return self._resolver.impact(here.state), here
-        here = _Moment(arrival.time, arrival.state, moment.segment, moment.switches + 1)
+        here = here._replace(switches=moment.switches + 1)
         if here.switches > self._max_switches:
             return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
-        if leaves:
-            return mode.with_contact(Mode.FLIGHT), here
-        if event in mode.off:
-            return self._throw(mode, event, here)
-        if event in mode.free:
-            return self._lock(mode, event, here)
-        onset = ONSETS.get(event)
-        if onset is not None and self.system.walker.massless_feet:
-            return CANNOT_SLIP, here
-        return (self._mode_at_rest(mode, here) if onset is None else mode.with_contact(onset)), here
+        if transition.reset is not None:
+            return self._strike(transition, here)
+        if transition.at_rest:
+            return self._mode_at_rest(transition.candidates, here), here
+        return transition.candidates[0], here
 
-    def _lock(self, mode: Mode, stop: str, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
+    def _strike(self, transition: Transition, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
         """What follows the impact of a stop, and the moment after it."""
-        struck = self._resolver.strike(mode, stop, moment.state)
+        struck = self._resolver.strike(transition, moment.state)
         if isinstance(struck, Termination):
             return struck, moment
-        after = moment._replace(state=struck[1])
-        return (self._mode_at_rest(struck[0], after) if struck[0].sticks else struck[0]), after
+        mode, state = struck
+        return self._decided_again(mode, moment._replace(state=state))
 
-    def _throw(self, mode: Mode, switch: str, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
-        """What follows where a switch is thrown: forces may jump, and the mode of a foot at rest is decided again."""
-        after = mode.with_next(switch)
-        return (self._mode_at_rest(after, moment) if after.sticks else after), moment
+    def _decided_again(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
+        """The mode of a foot at rest follows from the forces; any other mode goes on."""
+        return (self._mode_at_rest(self._table.at_rest(mode), moment) if mode.sticks else mode), moment
 
     def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
         """The next segment of the control; its torques may jump, and the mode of a foot at rest is decided again."""
@@ -261,7 +250,7 @@ class Simulator:
             where = ", where the control law ends" if self._limit == self.system.control.horizon else ""
             return Termination(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment
         moment = moment._replace(segment=moment.segment + 1)
-        return (self._mode_at_rest(mode, moment) if mode.sticks else mode), moment
+        return self._decided_again(mode, moment)
 
     def _describe(self, termination: Termination, number: int, mode: Mode | None, moment: _Moment) -> str:
         values = ", ".join(

@@ -1,6 +1,6 @@
 """The seam between the hybrid simulator and the integrator: advance along one arc, until an event or a time limit.
 
-A mode assumes its margins (``gaitopt.model.margins.margin_names``); an event is a margin falling through zero.
+A mode assumes its margins (``gaitopt.model.transitions``); an event is a margin falling through zero.
 
 * ``touchdown`` is armed once it has been positive after the impact: the feet are level at the start of every step,
   and the legs pass each other in mid-swing, where this margin rises through zero.

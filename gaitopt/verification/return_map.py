@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.callbacks import Stop
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.trajectory import Arc, Ending, Step
+from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered
 from gaitopt.model.dynamics import Dynamics, projection, saltation
-from gaitopt.model.margins import ending_margin, margin_names, margin_unit
 from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.transitions import Ending, margin_unit
 from gaitopt.problem.problem import Problem
 from gaitopt.simulation.batch import ENDINGS, BatchSteps, followed_by, phase_names, stack_outcomes
 from gaitopt.simulation.engine import Engine, choose_engine
@@ -374,16 +374,18 @@ def _ends_at_breakpoint(dynamics: Dynamics, arc: Arc, after: Arc) -> bool:
     """Whether the mode changes at a breakpoint of the control, so that no arc lies between the two events."""
     if after.mode is arc.mode:
         return False
-    name = ending_margin(arc.mode, after.mode)
+    table = dynamics.system.transitions
+    name = table.between(arc.mode, after.mode).guard
     margins = dynamics.margins(arc.mode, arc.segment, arc.times[-1:], arc.states[-1:])[0]
     unit = margin_unit(name, dynamics.scales)
-    return bool(abs(margins[margin_names(arc.mode).index(name)]) <= AT_EVENT * unit)
+    return bool(abs(margins[table.margin_names(arc.mode).index(name)]) <= AT_EVENT * unit)
 
 
 def _event(dynamics: Dynamics, arc: Arc, after: Arc | None) -> Array:
     """Matrix by which the event at the end of an arc maps deviations; shape (n_z, n_z)."""
     system, z, p, data = dynamics.system, arc.states[-1], dynamics.p, dynamics.system.data(arc.segment)
-    row = margin_names(arc.mode).index(ending_margin(arc.mode, None if after is None else after.mode))
+    transition = system.transitions.between(arc.mode, None if after is None else after.mode)
+    row = system.transitions.margin_names(arc.mode).index(transition.guard)
     flow, gradients, rates = buffered(system.linearized(arc.mode))(arc.end, z, p, data)
     gradient, rate = gradients.reshape(z.size, -1)[:, row], rates[row].item()
     if after is None:

@@ -6,8 +6,8 @@ from named import named
 
 from gaitopt import simulate, solve, verify
 from gaitopt.gait.gait import Status
-from gaitopt.gait.trajectory import Ending
 from gaitopt.model.control import BeyondEnd, BezierTracking, control_points
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import load_problem, parse_problem
 from gaitopt.systems import build_system
 

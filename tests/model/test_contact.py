@@ -16,7 +16,6 @@ from oracles import (
 from scipy.integrate import solve_ivp
 
 from gaitopt.model.control import ConstantTorque
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -190,7 +189,7 @@ def test_energy_is_conserved_in_passive_stick(case: Case) -> None:
 def test_painleve_margin_is_the_determinant_of_the_apparent_mass_times_equation_6s_denominator(
     case: Case, mode: Mode
 ) -> None:
-    index = margin_names(mode).index("painleve")
+    index = case.system.transitions.margin_names(mode).index("painleve")
     for z in case.states():
         q, _ = case.coordinates(z)
         inverse = np.linalg.inv(case.oracle.M(q))
@@ -206,7 +205,7 @@ def test_painleve_margin_can_be_lost() -> None:
     case = Case(wheel, CASES["rimless_wheel"].oracle)
     theta = -0.4
     critical = (np.sin(theta) ** 2 + 0.05) / abs(np.sin(theta) * np.cos(theta))
-    index = margin_names(Mode.SLIP_FORWARD).index("painleve")
+    index = case.system.transitions.margin_names(Mode.SLIP_FORWARD).index("painleve")
     for mu, sign in ((0.999 * critical, 1), (1.001 * critical, -1)):
         p = np.append(case.numbers, mu)
         (margins,) = numbers(case.system.margins(Mode.SLIP_FORWARD)(0, [theta, 0, 0.5, 0.1], p, []))
@@ -219,7 +218,7 @@ def test_margins_are_the_quantities_they_are_named_after(case: Case, mode: Mode)
         z = state_for(mode, z)
         _, (f_t, f_n) = flow_and_force(case, mode, z)
         (margins,) = numbers(case.system.margins(mode)(0, z, case.p, []))
-        named = dict(zip(margin_names(mode), margins, strict=True))
+        named = dict(zip(case.system.transitions.margin_names(mode), margins, strict=True))
         assert named["normal_force"] == pytest.approx(f_n)
         if mode is Mode.STICK:
             assert named["cone_forward"] == pytest.approx(FRICTION * f_n + f_t)

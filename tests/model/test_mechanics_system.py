@@ -7,7 +7,6 @@ import pytest
 from oracles import CASES, Case, differences, directional, numbers
 
 from gaitopt.model.control import BeyondEnd, Piece, ProportionalDerivative, continued
-from gaitopt.model.margins import ending_margin, margin_names
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -94,18 +93,6 @@ def test_lift_has_the_jacobian_of_its_central_differences() -> None:
         xi = np.random.default_rng(3).normal(size=case.system.lift.size1_in(0))
         expected = differences(lambda xi, case=case: numbers(case.system.lift(xi, case.p))[0], xi)
         np.testing.assert_allclose(case.system.lift_jacobian(xi, case.p), expected, atol=1e-9)
-
-
-def test_every_phase_ends_by_a_margin_of_its_own_mode() -> None:
-    for mode in MODES:
-        for after in (*MODES, None):
-            if after is not mode:
-                assert ending_margin(mode, after) in margin_names(mode)
-
-
-def test_slip_that_follows_stick_begins_where_its_own_edge_of_the_cone_is_reached() -> None:
-    assert ending_margin(Mode.STICK, Mode.SLIP_FORWARD) == "cone_forward"
-    assert ending_margin(Mode.STICK, Mode.SLIP_BACKWARD) == "cone_backward"
 
 
 def test_parameters_are_named_by_dotted_keys_in_order() -> None:

@@ -5,7 +5,6 @@ import pytest
 
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names, margin_scales
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -36,9 +35,9 @@ def test_margins_in_natural_units_do_not_depend_on_the_units_of_the_problem(mode
     dimensionless = []
     for w in (wheel, other):
         p = np.array([*w.model_dump().values(), 0.4])
-        scales = Dynamics(system, p).scales
-        state = z * Dynamics(system, p).state_units
+        dynamics = Dynamics(system, p)
+        state = z * dynamics.state_units
         margins = np.asarray(system.margins(mode)(0, state, p, [])).ravel()
-        dimensionless.append(margins / margin_scales(mode, scales))
-    assert len(margin_names(mode)) == dimensionless[0].size
+        dimensionless.append(margins / dynamics.margin_units(mode))
+    assert len(system.transitions.of(mode)) == dimensionless[0].size
     np.testing.assert_allclose(dimensionless[0], dimensionless[1], rtol=1e-13)

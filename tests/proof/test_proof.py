@@ -259,7 +259,7 @@ def reversed_impact(impact, name):
     """Impacts one of whose margins has the other sign."""
 
     def margins(self, mode, j):
-        names, graph = self.system.impact_margin_names(mode), impact(self, mode, j)
+        names, graph = self.system.transitions.impact_margin_names(mode), impact(self, mode, j)
 
         def spoiled_graph(y):
             values, after = graph(y)

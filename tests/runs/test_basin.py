@@ -13,9 +13,9 @@ from named import named
 import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
-from gaitopt.gait.trajectory import Ending
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import load_problem
 from gaitopt.runs import basin as basin_run
 from gaitopt.runs.basin import (

@@ -12,11 +12,11 @@ pytest.importorskip("heyoka")
 from named import named
 
 from gaitopt import return_map
-from gaitopt.gait.trajectory import Ending
 from gaitopt.model.control import Control, NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import load_problem
 from gaitopt.simulation.batch import ENDINGS, BatchResolver, BatchSimulator, max_phases, phase_code, phase_names

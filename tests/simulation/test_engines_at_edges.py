@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 pytest.importorskip("heyoka")
 
+
 import gaitopt as go
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -126,7 +126,7 @@ def painleve(rng: np.random.Generator) -> Iterator[Case]:
 
 
 def margin(system: HybridSystem, p: Array, state: Array, mode: Mode, name: str) -> float:
-    return float(system.margins(mode)(0, state, p, [])[margin_names(mode).index(name)])
+    return float(system.margins(mode)(0, state, p, [])[system.transitions.margin_names(mode).index(name)])
 
 
 def root(function: Callable[[float], float], low: float = 0.0, high: float = 8.0) -> tuple[float, ...]:

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from gaitopt.model.margins import margin_names
-from gaitopt.model.modes import CONTACTS
+from gaitopt.model.transitions import transitions
+from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.simulation.events import (
     EDGE,
@@ -129,8 +129,8 @@ def test_simultaneous_events_are_ranked(names: tuple[str, ...], winner: str) -> 
 
 
 def test_every_margin_has_a_rank() -> None:
-    modes = KneedWalker.modes()
-    names = {name for mode in (*CONTACTS, *modes) for name in margin_names(mode)}
+    tables = [transitions(CompassBiped), transitions(KneedWalker)]
+    names = {name for table in tables for mode in table.modes for name in table.margin_names(mode)}
     assert set(PRIORITY) == names - set(KneedWalker.stops) | {""}
     assert priority("touchdown") < priority("knee") < priority("slip_velocity")
 

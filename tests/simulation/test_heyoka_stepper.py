@@ -11,9 +11,9 @@ from named import named
 
 from gaitopt import verify
 from gaitopt.errors import UnknownNameError
-from gaitopt.gait.trajectory import Ending
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import load_problem
 from gaitopt.problem.source import problem_names
 from gaitopt.simulation.engine import choose_engine, make_stepper

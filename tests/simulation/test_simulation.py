@@ -9,12 +9,12 @@ from scipy.integrate import quad, solve_ivp
 
 from gaitopt.gait import curves
 from gaitopt.gait.measures import measure, observe
-from gaitopt.gait.trajectory import Arc, Ending, Step
+from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.events import LINEAR
@@ -248,7 +248,7 @@ def test_events_agree_with_a_brute_force_integration(arc: int, margin: str) -> N
     """Scipy's own events, on steps so short that its interpolant is exact to 1e-13."""
     p, expected = compass_parameters(0.14), compass(0.14).run(compass_gait(0.14)).steps[0].arcs[arc]
     flow, margins = compass_system().flow(expected.mode), compass_system().margins(expected.mode)
-    k = margin_names(expected.mode).index(margin)
+    k = compass_system().transitions.margin_names(expected.mode).index(margin)
 
     def rate(t: float, z: Array) -> Array:
         return np.asarray(flow(t, z, p, [])).ravel()
@@ -336,7 +336,7 @@ def threshold() -> tuple[float, float, float]:
     system, start = compass_system(), compass_gait(0.2)
     f_t, f_n = np.asarray(system.observation(STICK)(0, start, compass_parameters(0.2), [])[0]).ravel()
     _, rates = system.events(STICK)(0, start, compass_parameters(-f_t / f_n), [])
-    return -f_t / f_n, f_n, float(rates[margin_names(STICK).index("cone_forward")])
+    return -f_t / f_n, f_n, float(rates[system.transitions.margin_names(STICK).index("cone_forward")])
 
 
 ROUNDING_OF_FORCES = 1e-13

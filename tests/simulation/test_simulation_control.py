@@ -10,11 +10,11 @@ from scipy.integrate import solve_ivp
 
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
-from gaitopt.gait.trajectory import Ending
 from gaitopt.model.control import Control, Piece, ProportionalDerivative, Reference
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ReturnMap

@@ -7,11 +7,12 @@ import pytest
 from casadi import DM, SX, Function
 from numpy.typing import NDArray
 
-from gaitopt.gait.trajectory import Ending, ImpactRecord
+from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
@@ -38,7 +39,7 @@ def wheel_parameters(friction: float, kappa: float = 1 / 3, slope: float = 0.2) 
 
 def at_rest(p, z):
     """What the foot of the wheel does at rest."""
-    return ContactResolver(Dynamics(wheel(), p)).mode_at_rest(Mode.STICK, 0.0, z, NO_DATA)
+    return ContactResolver(Dynamics(wheel(), p)).mode_at_rest(CONTACTS, 0.0, z, NO_DATA)
 
 
 def compass_parameters(friction: float) -> Array:

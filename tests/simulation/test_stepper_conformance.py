@@ -12,9 +12,9 @@ from scipy.integrate import quad
 
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.margins import margin_names
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.engine import Engine, is_installed, make_stepper
 from gaitopt.simulation.stepper import FAILURE, LIMIT, BatchStepper, Stepper
@@ -123,7 +123,7 @@ def test_every_state_of_a_batch_ends_where_it_does_alone(batch: tuple[BatchStepp
     for k in range(9):
         arrival = alone.advance(Mode.STICK, NO_DATA, times[k], states[k], limits[k])
         code = int(arrivals.events[k])
-        assert (None if code == LIMIT else margin_names(Mode.STICK)[code]) == arrival.event
+        assert (None if code == LIMIT else transitions(RimlessWheel).margin_names(Mode.STICK)[code]) == arrival.event
         assert arrivals.times[k] == pytest.approx(arrival.time, abs=1e-12)
         assert arrivals.states[k] == pytest.approx(arrival.state, abs=1e-12)
 

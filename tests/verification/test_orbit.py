@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.gait.gait import floquet_multipliers
-from gaitopt.gait.trajectory import Ending
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.simulator import Simulator

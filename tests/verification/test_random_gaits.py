@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance
-from gaitopt.gait.trajectory import Ending
+from gaitopt.model.transitions import Ending
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.verify import Claim
 

@@ -11,8 +11,8 @@ from named import named
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.trajectory import Ending
 from gaitopt.model.control import BeyondEnd
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.systems import build_system, gait_reference
 from gaitopt.verification.walk import Walk

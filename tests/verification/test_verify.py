@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 import gaitopt as go
 from gaitopt.errors import SolveError
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.trajectory import Arc, Ending, ImpactRecord
+from gaitopt.gait.trajectory import Arc, ImpactRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import FixedPoint, Return, ReturnMap
 from gaitopt.verification.verify import LINEARITY, MULTIPLIER_AGREEMENT, Outcome, perturbation_claim, record_claims

@@ -1,0 +1,115 @@
+"""The table of transitions against the mechanics: what each event of a walker does, and what may follow it."""
+
+import numpy as np
+import pytest
+
+from gaitopt.model.control import NoControl
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.friction import StaticKineticFriction
+from gaitopt.model.modes import Mode
+from gaitopt.model.registry import registered_walkers
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import FOOT, Ending, transitions
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.kneed import KneedWalker
+from gaitopt.model.walkers.slip_runner import SlipRunner
+
+WALKERS = sorted(registered_walkers().values(), key=lambda walker: walker.model)
+TABLES = [transitions(walker) for walker in WALKERS]
+IDS = [walker.model for walker in WALKERS]
+
+
+@pytest.mark.parametrize("table", TABLES, ids=IDS)
+def test_every_event_ends_the_motion_or_leads_to_modes_of_the_walker(table):
+    for mode in table.modes:
+        for transition in table.of(mode).values():
+            assert (transition.ending is None) == bool(transition.candidates)
+            assert set(transition.candidates) <= {*table.modes}
+            assert mode not in transition.candidates or transition.at_rest or transition.ends_step
+
+
+@pytest.mark.parametrize("table", TABLES, ids=IDS)
+def test_the_event_between_two_modes_has_the_second_as_a_candidate(table):
+    for mode in table.modes:
+        for transition in table.of(mode).values():
+            for after in transition.candidates:
+                if not transition.ends_step:
+                    event = table.between(mode, after)
+                    assert after in event.candidates
+                    assert not event.ends_step
+
+
+@pytest.mark.parametrize("table", TABLES, ids=IDS)
+def test_every_mode_can_be_reached_from_the_modes_after_an_impact(table):
+    reached = set[Mode]()
+    frontier = {*table.landed}
+    while frontier:
+        reached |= frontier
+        frontier = {after for mode in frontier for row in table.of(mode).values() for after in row.candidates} - reached
+    assert reached == {*table.modes}
+
+
+@pytest.mark.parametrize("walker", WALKERS, ids=IDS)
+def test_the_compiled_margins_are_those_of_the_table(walker):
+    system = HybridSystem(walker, NoControl(), friction=StaticKineticFriction())
+    table = system.transitions
+    for mode in table.modes:
+        assert system.margins(mode).numel_out(0) == len(table.of(mode))
+    for impact in {mode.contact for mode in table.landed}:
+        assert system.impact_margins(impact).numel_out(0) == len(table.of_impact(impact))
+
+
+def test_a_slip_begins_where_its_own_edge_of_the_cone_is_reached():
+    table = transitions(CompassBiped)
+    assert table.between(Mode.STICK, Mode.SLIP_FORWARD).guard == "cone_forward"
+    assert table.between(Mode.STICK, Mode.SLIP_BACKWARD).guard == "cone_backward"
+
+
+def test_a_slip_that_is_followed_by_another_mode_ends_where_the_foot_comes_to_rest():
+    table = transitions(CompassBiped)
+    for after in (Mode.STICK, Mode.SLIP_BACKWARD):
+        assert table.between(Mode.SLIP_FORWARD, after).guard == "slip_velocity"
+
+
+def test_a_foot_that_comes_to_rest_may_do_anything_on_the_ground():
+    table = transitions(CompassBiped)
+    stops = table.of(Mode.SLIP_FORWARD)["slip_velocity"]
+    assert stops.at_rest == (FOOT,)
+    assert stops.candidates == (Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
+
+
+def test_lift_off_ends_a_walk_and_begins_the_flight_of_a_runner():
+    assert transitions(CompassBiped).of(Mode.STICK)["normal_force"].ending is Ending.LIFT_OFF
+    assert transitions(SlipRunner).of(Mode.STICK)["normal_force"].candidates == (Mode.FLIGHT,)
+
+
+def test_a_stop_locks_with_an_impact_and_before_that_the_foot_must_not_land():
+    table = transitions(KneedWalker)
+    free, locked = Mode("stick, knee free"), Mode("stick, knee locked")
+    assert table.of(free)["clearance"].ending is Ending.SCUFFING
+    assert table.between(free, locked).reset.of == "knee"
+    assert table.between(locked, None).ends_step
+    with pytest.raises(ValueError, match="no event of the kneed_walker leads"):
+        table.between(free, None)
+
+
+@pytest.mark.parametrize("walker", WALKERS, ids=IDS)
+def test_a_cycle_that_no_event_goes_through_is_refused(walker):
+    table = transitions(walker)
+    lands = [mode for mode in table.modes if any(row.ends_step for row in table.of(mode).values())]
+    for last in {*table.modes} - {*lands}:
+        with pytest.raises(ValueError, match=r"stops|flight"):
+            table.check(Cycle.of_one_step((last,), table.landed[0].contact))
+
+
+def test_margins_that_an_event_makes_zero_are_zero_there():
+    """The force of a massless leg's spring vanishes where it takes off, and with it both margins of the cone."""
+    massless = next(table for table in TABLES if table.walker.massless_feet and table.walker.flies)
+    stick = next(mode for mode in massless.modes if mode.sticks)
+    takes_off = massless.between(stick, stick.with_contact(Mode.FLIGHT))
+    assert takes_off.zeros == ("normal_force", "cone_forward", "cone_backward")
+    system = HybridSystem(massless.walker, NoControl())
+    rng = np.random.default_rng(0)
+    z, p = rng.normal(size=system.n_z), rng.uniform(0.5, 1.5, len(system.parameters))
+    cone = dict(zip(massless.of(stick), np.asarray(system.margins(stick)(0, z, p, [])).ravel(), strict=True))
+    assert cone["cone_forward"] + cone["cone_backward"] == pytest.approx(2 * p[-1] * cone["normal_force"])
