@@ -1,5 +1,6 @@
-"""From the unknowns of a solution to the gait: arcs that join, rest that is exact, impacts that lead on."""
+"""From a solution to its gait and back: arcs that join, exact rest, impacts that lead on, the same unknowns."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +17,21 @@ def unknowns(gait):
     """The transcription of a gait and its solution."""
     solution = solution_of(gait)
     return solution.transcription, solution.w
+
+
+@pytest.mark.parametrize("free", [(), ("friction",)])
+@pytest.mark.parametrize("name", GAITS)
+def test_unknowns_of_a_gait_solve_its_equations_on_its_own_mesh(name, free):
+    gait = named(name)
+    solution = solution_of(gait, free)
+    assert solution.size < 1e-13
+    assert tuple(arc.intervals for arc in solution.transcription.layout.arcs) == gait.shooting.intervals
+    assert solution.transcription.unpack(solution.w).freed.tolist() == [gait.dynamics.parameter(key) for key in free]
+
+
+def test_unknowns_of_a_gait_without_nodes_are_refused():
+    with pytest.raises(ValueError, match=r"compass-passive-a: .* solve it first"):
+        solution_of(replace(named("compass-passive-a"), shooting=None))
 
 
 @pytest.mark.parametrize("name", GAITS)

@@ -1,4 +1,4 @@
-"""Newton's method alone: the same gait as by IPOPT, and nothing where the guess is not plainly next to one."""
+"""Newton's method alone finds the gait that IPOPT finds, and fails where the guess is not near one; its predictor."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ import gaitopt as go
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp import newton, solve
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.newton import REACH, solve_nearby
+from gaitopt.nlp.newton import REACH, extrapolation, solve_nearby
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.shooting import transcribe
 from gaitopt.nlp.solve import solve_gait
@@ -87,3 +87,24 @@ def test_problems_that_differ_in_values_share_their_system():
     other = problem.replace({"friction": 0.2, "control.hip": 0.5})
     assert build_system(other) is build_system(problem)
     assert build_system(problem.replace({"impact_law": "frictionless"})) is not build_system(problem)
+
+
+@pytest.mark.portable
+@pytest.mark.parametrize("slopes", [False, True])
+@pytest.mark.parametrize("places", [[0.0], [0.0, -0.1], [0.0, -1e-5, -3e-5], [0.0, -2.0, 1.5]])
+def test_polynomials_are_continued_exactly(places, slopes):
+    degree = len(places) * (1 + slopes) - 1
+    unit = np.abs(places).max() or 1e-3
+    coefficients = np.random.default_rng(3).standard_normal(degree + 1)
+    curve = np.polynomial.Polynomial(coefficients, window=[-1, 1], domain=[-unit, unit])
+    ahead = 0.3 * unit if len(places) > 1 else unit
+    weights = extrapolation(places, ahead, slopes=slopes)
+    assert weights is not None
+    known = [*curve(np.array(places)), *(curve.deriv()(np.array(places)) if slopes else [])]
+    assert weights @ known == pytest.approx(curve(ahead), rel=1e-9)
+
+
+@pytest.mark.portable
+def test_too_far_ahead_there_is_no_extrapolation():
+    assert extrapolation([0.0, -1e-3, -2e-3], 1.0) is None
+    assert extrapolation([0.0, 0.0], 1.0) is None
