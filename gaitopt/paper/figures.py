@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from gaitopt.gait.gait import Gait
+import gaitopt as go
 from gaitopt.paper.gaits import FAMILIES, SHOWN, Archive, Records, copied_torques, family_of, gait_of
 from gaitopt.show.families import over_parameter
 from gaitopt.show.motion import Motion, force_ratio, motion_of, phase_portrait
@@ -13,9 +13,9 @@ from gaitopt.show.style import COLOURS, Parameter, entry, label, legend_below, p
 Draw = Callable[[Archive, Mapping[str, str]], Figure]
 
 CONSTANT = (0, (1.2, 1.4))
-"""Line of the constants that approximate a torque."""
+"""Line style of the constant torques."""
 SAME = 1e-9
-"""Coefficients of friction this close are the same."""
+"""Largest difference of coefficients of friction that count as equal."""
 LAST = 10**9
 """Index of a point after all others of its branch."""
 
@@ -25,7 +25,7 @@ def _motions(archive: Archive, names: Mapping[str, str]) -> list[Motion]:
 
 
 def _drawn(records: Records, targets: Sequence[float]) -> Records:
-    """The records without the ends of the drawn range; where the family itself ends, its line continues to the end."""
+    """The records without the ends at the targets; where the family itself ends, its line is drawn to the end."""
     ends = [record for record in records if record.get("type") == "end"]
     inner = [end for end in ends if min(abs(end["value"] - target) for target in targets) > SAME]
     last = [
@@ -36,7 +36,7 @@ def _drawn(records: Records, targets: Sequence[float]) -> Records:
     return [record for record in records if record not in ends] + last + inner
 
 
-def _torques(passive: Gait, constant: Gait) -> Figure:
+def _torques(passive: go.Gait, constant: go.Gait) -> Figure:
     """Torques that copy the passive gait on level ground, and the constants of gait I beside them."""
     figure, (axes,) = panels()
     handles = []
@@ -78,7 +78,7 @@ FIGURES: Mapping[str, Draw] = {
     "fig11": _over_friction("cost_of_transport"),
     "fig12": _over_friction("spectral_radius"),
 }
-"""What draws each figure, of the gaits in it."""
+"""Draws each figure from the gaits in it."""
 
 
 def draw(archive: Archive, name: str) -> Figure:

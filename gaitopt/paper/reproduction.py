@@ -1,16 +1,59 @@
-"""The reproduction of a paper: its figures and its table, written into one folder."""
+"""The reproduction: compute the gaits and families of the paper on all cores, and write figures and table.
 
-from collections.abc import Sequence
+Every part states what it needs. What is missing is computed longest first, and a part is written as soon as all that it
+needs is there. Everything computed is kept in run folders, so that a second reproduction computes nothing.
+"""
+
+from collections.abc import Iterator, Sequence
+from enum import StrEnum
 from pathlib import Path
 
 from gaitopt.callbacks import Counted
 from gaitopt.errors import UnknownNameError
 from gaitopt.paper import table
-from gaitopt.paper.gaits import EVERYTHING, SHOWN, TABLE, Archive, Need, cost, needs, prepared
+from gaitopt.paper.gaits import (
+    FAMILIES,
+    ROUNDED,
+    SHOWN,
+    SOURCES,
+    Archive,
+    family_of,
+    gait_of,
+    has_family,
+    has_gait,
+    problem_of,
+    rounded_torques,
+)
 from gaitopt.store.files import clear_leftovers, json_file, make_folder, write_whole
-from gaitopt.workers.jobs import Workers
+from gaitopt.workers.jobs import Job, Workers, key_of, run_jobs
 
 PAPERS = ("gamus-or-2013",)
+TABLE = "table"
+"""The part that is not a figure."""
+OVER_FRICTION = ("fig4", "fig9", "fig11", "fig12")
+"""Figures of the families that start at their gaits."""
+
+
+class Kind(StrEnum):
+    """What can be computed for a short name."""
+
+    FAMILY = "family"
+    ROUNDED = "rounded torques"
+    GAIT = "gait"
+
+
+Need = tuple[Kind, str]
+"""A kind, and the short name of a gait."""
+EVERYTHING: Sequence[Need] = (
+    *((Kind.FAMILY, name) for name in reversed(tuple(FAMILIES))),
+    *((Kind.ROUNDED, name) for name in ROUNDED),
+    *((Kind.GAIT, name) for name in SOURCES),
+)
+"""In the order of computation: the longest first, and families before their gaits, which they contain."""
+COSTS = {Kind.FAMILY: 3, Kind.ROUNDED: 1, Kind.GAIT: 1}
+"""Processor time relative to that of one figure."""
+CLOSED_LOOP = 3
+"""Factor for gaits that track a reference."""
 
 
 def parts() -> tuple[str, ...]:
@@ -38,10 +81,10 @@ def reproduce(
 
     Parameters
     ----------
-    archive : where gaits and families are kept, or computed.
-    only : names out of ``parts()``; everything if empty.
-    progress : called with the part of the work that is done, in percent, and 100.
-    workers : processes that compute gaits and families; this very one unless given.
+    archive : computes and keeps gaits and families.
+    only : names from ``parts()``; empty for everything.
+    progress : called with the finished part of the work in percent, and 100.
+    workers : processes that compute gaits and families; by default only the calling one.
 
     Returns
     -------
@@ -58,7 +101,7 @@ def reproduce(
         progress(0, 100)
     for need in prepared(archive, needed, workers):
         met.add(need)
-        for name in [name for name, own in waiting.items() if own <= met]:
+        for name in [name for name, required in waiting.items() if required <= met]:
             written[name] = _table(archive, folder) if name == TABLE else _figure(archive, folder, name)
             del waiting[name]
         if progress is not None:
@@ -66,12 +109,79 @@ def reproduce(
     return [path for name in names for path in written[name]]
 
 
+def needs(parts: Sequence[str]) -> dict[str, set[Need]]:
+    """What every part needs; of two needs with the same problem only the first in ``EVERYTHING``."""
+    stated = {part: _stated(part) for part in parts}
+    every = set().union(*stated.values())
+    first: dict[str, Need] = {}
+    for need in EVERYTHING:
+        if need in every:
+            first.setdefault(_identity(need), need)
+    return {part: {first[_identity(need)] for need in needed} for part, needed in stated.items()}
+
+
+def _stated(part: str) -> set[Need]:
+    if part == TABLE:
+        return set(EVERYTHING)
+    return {(Kind.FAMILY if part in OVER_FRICTION else Kind.GAIT, name) for name in SHOWN[part]}
+
+
+def _identity(need: Need) -> str:
+    kind, name = need
+    return f"{kind} {name}" if kind is Kind.ROUNDED else problem_of(name).digest
+
+
+def prepared(archive: Archive, needed: Sequence[Need], workers: Workers) -> Iterator[Need]:
+    """Compute what is missing, and yield every need once it is there.
+
+    A need that fails in another process is yielded too; whoever uses it gets the error.
+    """
+    missing = [need for need in needed if not _is_kept(archive, need)]
+    yield from (need for need in needed if need not in missing)
+    count, results = min(workers.count, len(missing)), str(archive.results.resolve())
+    if count < 2:
+        for need in missing:
+            _compute(archive, need)
+            yield need
+        return
+    archive.narrate(f"computing {len(missing)} gaits and families in {count} processes")
+    jobs = {key_of([*need, results]): need for need in missing}
+    every = [Job(key=key, argument=(*need, results)) for key, need in jobs.items()]
+    for key, _ in run_jobs(_compute_in_process, every, Workers(count=count), should_stop=archive.should_stop):
+        yield jobs[key]
+    if archive.should_stop():
+        raise KeyboardInterrupt
+
+
+def _is_kept(archive: Archive, need: Need) -> bool:
+    kind, name = need
+    return kind is not Kind.ROUNDED and (has_family if kind is Kind.FAMILY else has_gait)(archive, name)
+
+
+def _compute(archive: Archive, need: Need) -> None:
+    """Compute what is not kept yet, and keep it."""
+    kind, name = need
+    compute = {Kind.FAMILY: family_of, Kind.ROUNDED: rounded_torques, Kind.GAIT: gait_of}[kind]
+    compute(archive, name)
+
+
+def _compute_in_process(argument: tuple[str, str, str], parent: object) -> None:
+    kind, name, results = argument
+    _compute(Archive(Path(results)), (Kind(kind), name))
+
+
+def _cost(need: Need) -> int:
+    """Approximate cost of a need, relative to one figure."""
+    kind, name = need
+    return COSTS[kind] * (CLOSED_LOOP if name.startswith("III") else 1)
+
+
 def _percent(met: Sequence[bool], needed: Sequence[Need], count: int, written: int, parts: int) -> int:
-    """How much of the work is done; what several processes are at counts half."""
-    costs = [cost(need) for need in needed]
-    done = sum(own for own, is_met in zip(costs, met, strict=True) if is_met)
-    going = [own for own, is_met in zip(costs, met, strict=True) if not is_met][: count if count > 1 else 0]
-    return int(100 * (done + sum(going) / 2 + written) / (sum(costs) + parts))
+    """Finished part of the work; what several processes are computing counts half."""
+    costs = [_cost(need) for need in needed]
+    done = sum(cost for cost, is_met in zip(costs, met, strict=True) if is_met)
+    in_progress = [cost for cost, is_met in zip(costs, met, strict=True) if not is_met][: count if count > 1 else 0]
+    return int(100 * (done + sum(in_progress) / 2 + written) / (sum(costs) + parts))
 
 
 def _figure(archive: Archive, folder: Path, name: str) -> list[Path]:

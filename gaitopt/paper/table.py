@@ -1,13 +1,8 @@
-"""The table of truth: printed and computed numbers side by side, as Markdown and JSON.
+"""The table of the reproduction: every printed number and sentence beside what is computed, as Markdown and JSON.
 
-Why a computed number may differ from the printed one: the whole list, in one place.
-
-Every number that the paper prints, with what computes it again.
-
-Nothing here is fitted to a printed digit: the gaits are those of the catalogue, and a number that differs says why, by
-a reason out of ``reasons.py``, with what another reading of the paper would give.
-
-What the paper says about its gaits without a number, examined on the computed families.
+``NUMBERS`` lists the printed numbers with what computes them, ``SENTENCES`` the statements without a number, which are
+examined on the computed families. A number that differs has one of the reasons in ``EXPLANATIONS``, with the values
+that other readings of the paper give. Nothing is fitted to a printed digit.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,7 +17,7 @@ from gaitopt.paper.gaits import Archive, family_of, gait_of, mean_torques, round
 
 
 class Reason(StrEnum):
-    """A reason, as the table of numbers gives it."""
+    """Why a computed number may differ from the printed one."""
 
     LEG_LENGTH = "leg length"
     TORQUE_SIGN = "torque sign"
@@ -68,11 +63,11 @@ class Printed:
     Attributes
     ----------
     where : place in the paper.
-    quantity : what it is, with its unit.
-    printed : its digits.
-    compute : computes it.
-    reason : why it differs, or what had to be read differently so that it does not.
-    otherwise : what other readings give, by their words.
+    quantity : the quantity with its unit.
+    printed : the printed digits.
+    compute : computes the number.
+    reason : why the computed number differs, or how the paper has to be read for it to agree.
+    otherwise : values that other readings give, by the words for the reading.
     """
 
     where: str
@@ -210,7 +205,7 @@ NUMBERS = (
 
 
 LINE_WIDTH = 1e-3
-"""Of the height of a curve: the paper shows no less."""
+"""Width of a drawn line relative to the height of the curve; the paper resolves nothing smaller."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,8 +215,8 @@ class Sentence:
     Attributes
     ----------
     where : place in the paper.
-    words : what it says.
-    holds : whether it does.
+    words : the statement.
+    holds : whether the statement is true.
     """
 
     where: str
@@ -292,7 +287,7 @@ SENTENCES = (
 
 
 SLACK = 1e-9
-"""A number half a digit away agrees in spite of rounding."""
+"""Allows for rounding where a number is exactly half a digit away."""
 DIGITS = 5
 """Significant digits in the Markdown table; the JSON has all of them."""
 INTRODUCTION = """# Gamus & Or (2013): every printed number, computed again
@@ -334,7 +329,7 @@ def record(archive: Archive) -> dict[str, Any]:
 
 
 def markdown(table: Mapping[str, Any]) -> str:
-    """The same for people."""
+    """The table as Markdown."""
     reasons = [f"- **{reason}**: {EXPLANATIONS[reason]}" for reason in Reason]
     sections = (INTRODUCTION, *_numbers(table["numbers"]), "", "## Reasons", "", *reasons, "")
     return "\n".join([*sections, "## Sentences without a number", "", *_sentences(table["sentences"]), ""])

@@ -15,19 +15,8 @@ from gaitopt.errors import StorageError
 from gaitopt.gait.gait import Gait
 from gaitopt.paper import reproduction
 from gaitopt.paper.figures import FIGURES
-from gaitopt.paper.gaits import (
-    SOURCES,
-    Archive,
-    Kind,
-    copied_torques,
-    family_of,
-    has_family,
-    mean_torques,
-    needs,
-    prepared,
-    problem_of,
-)
-from gaitopt.paper.reproduction import parts, reproduce
+from gaitopt.paper.gaits import SOURCES, Archive, copied_torques, family_of, has_family, mean_torques, problem_of
+from gaitopt.paper.reproduction import Kind, needs, parts, prepared, reproduce
 from gaitopt.paper.table import EXPLANATIONS, NUMBERS, SENTENCES, Reason, markdown, record, row
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Workers
