@@ -1,4 +1,9 @@
-"""All gaits of a problem, whatever their mode sequence; the one that ``solve`` returns; why there is none.
+"""Searches for gaits: the one that ``solve`` returns, all gaits of a problem, and why a gait does not exist.
+
+- ``solve``: the gait of a problem, with one meaning for all callers.
+- ``candidates``: proposals for gaits of unknown mode sequence, by simulation, by complementarity, along families.
+- ``find``: the gaits behind the candidates, each solved, verified and listed once.
+- ``explain``: violated conditions, and the nearest parameters at which a mode sequence exists.
 
 Every search raises ``KeyboardInterrupt`` when ``should_stop`` returns True.
 """

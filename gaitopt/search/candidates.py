@@ -1,13 +1,14 @@
-"""Candidates of a search for gaits: a mode sequence with a motion, not yet solved nor verified.
+"""Candidates of a search for gaits: mode sequences with a motion, not yet solved nor verified.
 
-Two searches propose them. Walks of the simulator, which chooses its own modes, end near gaits or are led to them by
-Newton's method on the return map. A program with complementarity conditions in place of a mode sequence finds motions
-of any sequence, also where parameters are free and where no walk leads.
+Three searches propose them:
 
-Gaits of other mode sequences next to a known one: its family is followed a little way, and may come back.
-
-Where a mode sequence is about to change, the branch turns or other branches begin, several gaits exist side by side,
-of which some attract no walk. Each time that a branch of the family crosses the parameter's own value there is one.
+- walks of the simulator, which finds the modes itself, end near fixed points of the return map, x = P(x); Newton's
+  method converges to those next to near-returns |P^n(x) - x|;
+- a program with complementarity conditions in place of a mode sequence finds motions of any sequence, also where
+  parameters are free and where no walk leads;
+- the family of a known gait is followed a little way in a parameter. Next to mode changes, folds and branch points
+  several gaits exist at the same parameters, some of which attract no walk. Each crossing of a branch with the
+  parameter's original value is a candidate.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,27 +43,32 @@ Phases = tuple[tuple[Mode, float], ...]
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
 """Half widths of the default box of start states, in rad and natural units."""
 RATE_OF_FLIGHT = 2.0
-"""The same for walkers that fly: they come down from some height."""
+"""Half width of rates for walkers that fly, which come down from some height."""
 SMALLEST_SCALE = 0.3
-"""Samples of the default box lie in boxes from this part of it to its whole: walkers make small steps too."""
-STANDING = 0.05
-"""A period shorter than this in natural units is no step: feet that stay together solve all equations."""
+"""Smallest size of the sampled boxes relative to the default box: walkers make small steps too."""
+SHORTEST_STEP = 0.05
+"""Minimum period of a step in natural units; two feet that rest side by side solve the equations with period 0."""
 SAME = 1e-3
-"""States whose difference is less than this part of their size are one."""
+"""Relative difference below which two states are the same."""
 PERIODS = (0.7, 3.0)
 """Range of the guessed periods in natural units."""
 TYPICAL_PERIOD = 1.7
 WALK = 8
-"""Steps of a walk within which a near-return counts."""
+"""Steps of a walk that is searched for near-returns."""
 TRIES = 40
-"""Walks of one job from which Newton's method starts, those that come closest to themselves first."""
+"""Maximum number of starts of Newton's method per job, from the closest near-returns."""
 WALKS, GUESSES = 250, 4
-"""Start states of one job of walks, and guesses of one job of complementarity."""
+"""Number of start states of a simulation job, and of guesses of a complementarity job."""
+
+REACH = 0.25
+"""How far a family is followed to either side, relative to the parameter."""
+MAX_POINTS = 150
+"""Maximum number of points in one direction; a family without folds has about forty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Box:
-    """Range of the start states by section coordinate; ``given`` where it is not the walker's default."""
+class StartBox:
+    """Range of the start states by section coordinate; ``given`` by the user, or the walker's default."""
 
     lower: Array
     upper: Array
@@ -76,9 +82,9 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchJob:
-    """A part of a search for cycles of up to ``n_steps``.
+    """One job of a search for cycles of up to ``n_steps`` steps.
 
-    ``number`` distinguishes the samples of its parts, ``parameter`` is that of a family.
+    ``number`` selects its samples, ``parameter`` is the one in which a family is followed.
     """
 
     problem: Problem
@@ -91,7 +97,7 @@ class SearchJob:
 
 
 def search_part(job: SearchJob, _: None = None, should_stop: Stop = None) -> Record:
-    """Candidates of one part of a search, and how many starts it took."""
+    """Candidates of one job of a search, and the number of its starts."""
     stop = should_stop or (lambda: False)
     step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process
     dynamics = step.dynamics
@@ -101,7 +107,7 @@ def search_part(job: SearchJob, _: None = None, should_stop: Stop = None) -> Rec
     return {"method": job.method, "starts": starts, "candidates": candidates}
 
 
-def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[float, float]]) -> Box:
+def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[float, float]]) -> StartBox:
     """The box of start states: that of the walker, changed by ``within``."""
     names = problem.walker.section_names(slipping=True)
     units = dict(zip(dynamics.system.state_names, dynamics.state_units, strict=True))
@@ -111,15 +117,15 @@ def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[f
     lower, upper = -half, half.copy()
     for name, span in within.items():
         lower[names.index(name)], upper[names.index(name)] = span
-    return Box(lower=lower, upper=upper, given=bool(within))
+    return StartBox(lower=lower, upper=upper, given=bool(within))
 
 
 def _walks(
-    job: SearchJob, dynamics: Dynamics, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
+    job: SearchJob, dynamics: Dynamics, box: StartBox, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Fixed points of the return map and of its powers next to the walks from sampled states."""
     system = dynamics.system
-    xi, standing = _samples(dynamics, box, rng), STANDING * dynamics.scales.time
+    xi, shortest = _samples(dynamics, box, rng), SHORTEST_STEP * dynamics.scales.time
     if job.problem.start is not None and job.number == 0:
         xi[0] = [job.problem.start.state[name] for name in job.problem.walker.section_names(slipping=True)]
     engine = choose_engine(Engine.AUTO, steps=WALKS * WALK)
@@ -135,12 +141,12 @@ def _walks(
             mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
             n = state.size if state[-1] else state.size - 1
             steps = maps[mode].damped_fixed_point(state[:n], box.sizes[:n])
-            if steps is not None and steps[0].period > standing:
+            if steps is not None and steps[0].period > shortest:
                 candidates.append(cycle_record(system, steps, f"{job.method} {job.number}.{row}"))
     return candidates, len(xi)
 
 
-def _samples(dynamics: Dynamics, box: Box, rng: np.random.Generator) -> Array:
+def _samples(dynamics: Dynamics, box: StartBox, rng: np.random.Generator) -> Array:
     """Start states, every other one at rest, in boxes of all sizes unless a box is given; shape (WALKS, n_xi)."""
     walker = dynamics.system.walker
     xi = rng.uniform(box.lower, box.upper, (WALKS, box.lower.size))
@@ -156,7 +162,7 @@ def _samples(dynamics: Dynamics, box: Box, rng: np.random.Generator) -> Array:
 
 
 def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
-    """Mirror postures (n, n_xi) to which a step backward would lead."""
+    """Mirror the postures in ``xi``, shape (n, n_xi), whose step would lead backward."""
     system, p = dynamics.system, dynamics.p
     n, n_section = system.n_shape, len(system.walker.section)
     (lifted,) = RowMap(system.lift)(xi, p)
@@ -179,8 +185,8 @@ def _walk(problem: Problem, engine: Engine, xi: Array, steps: int) -> Array:
     return history
 
 
-def _near_returns(history: Array, n_steps: int, box: Box) -> Iterator[tuple[int, Array]]:
-    """The walks that come closest to where they were ``n_steps`` before, and the states there, the closest first."""
+def _near_returns(history: Array, n_steps: int, box: StartBox) -> Iterator[tuple[int, Array]]:
+    """Rows of ``history`` with the closest near-returns after ``n_steps``, and the states there; the closest first."""
     distances = np.abs((history[n_steps:] - history[:-n_steps]) / box.sizes).max(axis=2)
     distances = np.where(np.isnan(distances), np.inf, distances)
     nearest = np.argmin(distances, axis=0)
@@ -190,12 +196,12 @@ def _near_returns(history: Array, n_steps: int, box: Box) -> Iterator[tuple[int,
 
 
 def _guesses(
-    job: SearchJob, dynamics: Dynamics, box: Box, rng: np.random.Generator, should_stop: Callable[[], bool]
+    job: SearchJob, dynamics: Dynamics, box: StartBox, rng: np.random.Generator, should_stop: Callable[[], bool]
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
     walker = dynamics.system.walker
     if walker.n_sides() > 1 or walker.stops or walker.switches or walker.flies or walker.pushes:
-        return [], 0  # the conditions are those of legs that are alike, of which one is always on the ground
+        return [], 0  # the conditions assume equal legs, one of which is always on the ground
     time, n = dynamics.scales.time, len(job.problem.walker.section)
     within = {
         name.removeprefix("state."): (span.minimum, span.maximum)
@@ -238,7 +244,7 @@ def _record(
     freed: Mapping[str, float],
     start: str,
 ) -> Record:
-    """A cycle without repetitions, from the smallest of its states in lexical order."""
+    """The candidate of a cycle without repetitions, starting at its smallest state in lexical order."""
     sides = system.walker.n_sides()
     n = next(k for k in range(sides, len(steps) + 1, sides) if len(steps) % k == 0 and _repeats(states, k))
     first = min(range(0, n, sides), key=lambda k: tuple(states[k]))
@@ -254,15 +260,9 @@ def _record(
 
 
 def _repeats(states: Sequence[Array], n: int) -> bool:
-    """Whether a cycle of states is one of ``n`` states several times over."""
+    """Whether the states repeat after ``n`` steps."""
     size = np.abs(states[0]).max()
     return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
-
-
-REACH = 0.25
-"""Part of a parameter's value by which a family is followed to either side."""
-MAX_POINTS = 150
-"""Bound on the work for one direction; without folds there are forty."""
 
 
 def varied(problem: Problem) -> list[str]:
@@ -272,7 +272,7 @@ def varied(problem: Problem) -> list[str]:
 
 
 def search_family(job: SearchJob, _: None = None, should_stop: Stop = None) -> Record:
-    """Candidates on the family of one gait, that of the job's closed problem, along the job's parameter."""
+    """Candidates on the family of the gait of the job's problem, followed in the job's parameter."""
     gait = solve_sequence(job.problem, should_stop=should_stop)
     candidates = list[Record]()
     if gait.converged:
@@ -288,7 +288,7 @@ def search_family(job: SearchJob, _: None = None, should_stop: Stop = None) -> R
 
 
 def _crossings(gait: Gait, job: SearchJob, to: float, should_stop: Stop) -> Iterator[Gait]:
-    """Gaits of a family next to which a branch crosses the value at which it begins, on the way to another one."""
+    """Gaits of a family, on the way to a value, next to which a branch crosses the value at which it began."""
     value = job.problem.parameters[job.parameter]
     request = Request(
         parameter=job.parameter,

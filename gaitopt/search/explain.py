@@ -1,10 +1,8 @@
-"""Why a problem has no gait with its mode sequence, what there is instead, and what would have to change.
+"""Why a problem has no gait with its mode sequence: violated conditions, existing gaits, nearest parameters.
 
-The nearest values of parameters at which a mode sequence does exist: where families of gaits gain or lose it.
-
-A family is followed from a gait that exists: from that of the problem's own file towards the new values, and
-from the gaits that other mode sequences have at these values. The special point on the way is the answer, located to
-rounding.
+A mode sequence begins or ceases to exist at special points of families. Families are followed from gaits that exist:
+from that of the problem's file towards the changed values, and from gaits of other mode sequences at these values. The
+special point on the way is located to rounding; its parameter is the answer.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -34,9 +32,15 @@ from gaitopt.workers.jobs import Workers
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
 """Special points beyond which a mode sequence does not continue, or not in the same direction."""
 MAX_POINTS = 200
-"""Bound on the work for one family, which answers within some tens of points if it does."""
+"""Maximum number of points of one family; an answer takes some tens."""
 WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
 """Largest friction and slope [rad] of the search."""
+INDIRECT = ("search", "motion", "event", "periodicity", "duration", "touchdown", "slip_velocity", "equations")
+"""Causes that only say where the solver ended; the end of a family of gaits is listed before them."""
+LONGEST = 120
+"""Maximum length of a cause in one line [characters]."""
+WALK = 20
+"""Number of steps of the walk from the guess."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,104 +65,6 @@ class Nearest:
         """One JSON object with the keys of the command line."""
         record = {"parameter": self.parameter, "value": self.value, "type": self.type, "reason": self.reason}
         return record | {"gait": None if self.gait is None else self.gait.to_record()}
-
-
-def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
-    """Dotted keys whose values in the problem are not those of the gait."""
-    values = gait.dynamics.parameters
-    return [key for key, value in problem.parameters.items() if key in values and values[key] != value]
-
-
-def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Nearest | None:
-    """Where a gait's mode sequence ends on the way to a value of a parameter; None where it gets there."""
-    cycle, request = gait.problem.cycle, _request(parameter, value)
-    for record in follow_family(gait, request, should_stop=should_stop):
-        if isinstance(record, SpecialPoint) and record.type in ENDS:
-            is_there = np.isclose(record.value, value, rtol=1e-12, atol=1e-14)
-            return None if is_there else _nearest(parameter, record)
-        if isinstance(record, BranchPoint) and record.gait.problem.cycle != cycle:
-            return None
-    return None
-
-
-def begin_of_sequence(gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Stop) -> Nearest | None:
-    """Where the family of a gait changes to a mode sequence on the way to a value of a parameter."""
-    for record in follow_family(gait, _request(parameter, value), should_stop=should_stop):
-        if isinstance(record, SpecialPoint) and record.after == cycle:
-            return _nearest(parameter, record)
-    return None
-
-
-def nearest_values(
-    problem: Problem, own: Gait | None, others: Iterable[Gait], free: Mapping[str, Free], should_stop: Stop = None
-) -> list[Nearest]:
-    """For friction, slope, free numbers and what differs from the file the nearest value at which the modes exist.
-
-    Parameters
-    ----------
-    problem : with all its numbers given.
-    own : the gait of the problem's own file.
-    others : gaits of other mode sequences at the problem's parameters.
-    free : numbers that a design leaves free, with their ranges.
-    """
-    changed = [] if own is None else changed_parameters(problem, own)
-    gaits, values = list(others), problem.parameters
-    ranges = {key: _widened(problem, key, span) for key, span in free.items()}
-    ranges |= {key: (0.0, WIDEST_FRICTION) for key in values if key.partition(".")[0] == "friction"}
-    ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in values if key == "walker.slope"}
-    answers = list[Nearest]()
-    for parameter in dict.fromkeys([*changed, *ranges]):
-        best: Nearest | None = None
-        if own is not None and changed == [parameter]:
-            best = _attempt(end_of_family, own, parameter, values[parameter], should_stop)
-        for gait in gaits:
-            for bound in ranges.get(parameter, ()):
-                target = _no_further(values[parameter], bound, best)
-                if target != values[parameter]:
-                    closer = _attempt(begin_of_sequence, gait, parameter, target, problem.cycle, should_stop)
-                    best = closer or best
-        if best is not None:
-            answers.append(best)
-    return answers
-
-
-def _no_further(value: float, bound: float, best: Nearest | None) -> float:
-    """The bound, or the value on its side that is as far from ``value`` as what is known already."""
-    reach = np.inf if best is None else abs(best.value - value)
-    return float(np.clip(bound, value - reach, value + reach))
-
-
-def _attempt(follow: Callable[..., Nearest | None], gait: Gait, *arguments: Any) -> Nearest | None:
-    """The answer of a family; None where the family cannot be followed in this parameter at all."""
-    try:
-        return follow(gait, *arguments)
-    except (ProblemError, SolveError):
-        return None
-
-
-def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
-    """The range of a free number and as much again on either side, where the walker can have it."""
-    width = span.upper - span.lower
-    wide = ((span.lower - width, span.lower), (span.upper + width, span.upper))
-    return tuple(bound if problem.objection(key, beyond) else beyond for beyond, bound in wide)
-
-
-def _request(parameter: str, value: float) -> Request:
-    return Request(parameter=parameter, to=(value,), max_points=MAX_POINTS, verify_every=0)
-
-
-def _nearest(parameter: str, special: SpecialPoint) -> Nearest:
-    return Nearest(
-        parameter=parameter, value=special.value, type=special.type, reason=special.reason, gait=special.gait
-    )
-
-
-INDIRECT = ("search", "motion", "event", "periodicity", "duration", "touchdown", "slip_velocity", "equations")
-"""Causes that only state where a search ended; the end of a family of gaits comes before them."""
-LONGEST = 120
-"""Characters of a cause in one line."""
-WALK = 20
-"""Steps of the walk from the guess."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,8 +138,8 @@ def explain(
 
     instead = gaits_at(problem)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
-    own, nearest = _begins(problem, gait, instead, gaits_at, say, should_stop)
-    causes = _causes(problem, gait, refuted or gait.causes, nearest, own)
+    gait_of_file, nearest = _begins(problem, gait, instead, gaits_at, say, should_stop)
+    causes = _causes(problem, gait, refuted or gait.causes, nearest, gait_of_file)
     return Explanation(
         problem=problem, gait=gait, exists=False, causes=causes, instead=instead, walk=walk, nearest=tuple(nearest)
     )
@@ -252,11 +158,11 @@ def _begins(
     if given is None:
         return None, []
     say("following families of gaits to where the mode sequence begins")
-    own = file_gait(problem, should_stop=should_stop)
+    gait_of_file = file_gait(problem, should_stop=should_stop)
     others: Sequence[Gait] = instead
     if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
         others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
-    return own, nearest_values(given, own, others, problem.free, should_stop)
+    return gait_of_file, nearest_values(given, gait_of_file, others, problem.free, should_stop)
 
 
 def _given(problem: Problem, gait: Gait) -> Problem | None:
@@ -288,20 +194,114 @@ def _refuted(gait: Gait) -> tuple[Cause, ...]:
 
 
 def _causes(
-    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest], own: Gait | None
+    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest], gait_of_file: Gait | None
 ) -> tuple[Cause, ...]:
-    """The conditions that the attempt violates; before those that only state where it ended, the end of the family.
+    """The violated conditions. If they only say where the solver ended, the end of the family comes first.
 
-    Along a parameter that has been changed that is the end of the file's own gait, else the nearest of all. It also
-    comes before what an attempt violates that could not be followed to the problem's values.
+    The end is that of the gait of the problem's file along a changed parameter, or else the nearest of all. It also
+    comes first if the gait could not be followed to the problem's values.
     """
     causes = direct or (Cause(what="search", words=gait.message),)
     here = gait.solver.get("followed", 1.0) == 1.0
     if (here and causes[0].what not in INDIRECT) or not nearest:
         return causes
-    values, changed = problem.parameters, [] if own is None else changed_parameters(problem, own)
+    values, changed = problem.parameters, [] if gait_of_file is None else changed_parameters(problem, gait_of_file)
     along = [n for n in nearest if n.parameter in changed] or nearest
     first = min(along, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
     words = f"{first.reason} at {first.parameter} = {first.value:.6g}; here it is {values[first.parameter]:.6g}"
     cause = Cause(what=first.type, words=words, needed=first.value, available=values[first.parameter])
     return (cause, *causes)
+
+
+def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
+    """Dotted keys whose values in the problem are not those of the gait."""
+    values = gait.dynamics.parameters
+    return [key for key, value in problem.parameters.items() if key in values and values[key] != value]
+
+
+def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Nearest | None:
+    """Where a gait's mode sequence ends on the way to a value of a parameter; None where it gets there."""
+    cycle, request = gait.problem.cycle, _request(parameter, value)
+    for record in follow_family(gait, request, should_stop=should_stop):
+        if isinstance(record, SpecialPoint) and record.type in ENDS:
+            is_there = np.isclose(record.value, value, rtol=1e-12, atol=1e-14)
+            return None if is_there else _nearest(parameter, record)
+        if isinstance(record, BranchPoint) and record.gait.problem.cycle != cycle:
+            return None
+    return None
+
+
+def begin_of_sequence(gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Stop) -> Nearest | None:
+    """Where the family of a gait changes to a mode sequence on the way to a value of a parameter."""
+    for record in follow_family(gait, _request(parameter, value), should_stop=should_stop):
+        if isinstance(record, SpecialPoint) and record.after == cycle:
+            return _nearest(parameter, record)
+    return None
+
+
+def nearest_values(
+    problem: Problem,
+    gait_of_file: Gait | None,
+    others: Iterable[Gait],
+    free: Mapping[str, Free],
+    should_stop: Stop = None,
+) -> list[Nearest]:
+    """For friction, slope, free numbers and what differs from the file the nearest value at which the modes exist.
+
+    Parameters
+    ----------
+    problem : with all its numbers given.
+    gait_of_file : the gait of the problem's own file.
+    others : gaits of other mode sequences at the problem's parameters.
+    free : numbers that a design leaves free, with their ranges.
+    """
+    changed = [] if gait_of_file is None else changed_parameters(problem, gait_of_file)
+    gaits, values = list(others), problem.parameters
+    ranges = {key: _widened(problem, key, span) for key, span in free.items()}
+    ranges |= {key: (0.0, WIDEST_FRICTION) for key in values if key.partition(".")[0] == "friction"}
+    ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in values if key == "walker.slope"}
+    answers = list[Nearest]()
+    for parameter in dict.fromkeys([*changed, *ranges]):
+        best: Nearest | None = None
+        if gait_of_file is not None and changed == [parameter]:
+            best = _attempt(end_of_family, gait_of_file, parameter, values[parameter], should_stop)
+        for gait in gaits:
+            for bound in ranges.get(parameter, ()):
+                target = _no_further(values[parameter], bound, best)
+                if target != values[parameter]:
+                    closer = _attempt(begin_of_sequence, gait, parameter, target, problem.cycle, should_stop)
+                    best = closer or best
+        if best is not None:
+            answers.append(best)
+    return answers
+
+
+def _no_further(value: float, bound: float, best: Nearest | None) -> float:
+    """The bound, or the value on its side that is as far from ``value`` as what is known already."""
+    reach = np.inf if best is None else abs(best.value - value)
+    return float(np.clip(bound, value - reach, value + reach))
+
+
+def _attempt(follow: Callable[..., Nearest | None], gait: Gait, *arguments: Any) -> Nearest | None:
+    """The answer of a family; None where the family cannot be followed in this parameter at all."""
+    try:
+        return follow(gait, *arguments)
+    except (ProblemError, SolveError):
+        return None
+
+
+def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
+    """The range of a free number and as much again on either side, where the walker can have it."""
+    width = span.upper - span.lower
+    wide = ((span.lower - width, span.lower), (span.upper + width, span.upper))
+    return tuple(bound if problem.objection(key, beyond) else beyond for beyond, bound in wide)
+
+
+def _request(parameter: str, value: float) -> Request:
+    return Request(parameter=parameter, to=(value,), max_points=MAX_POINTS, verify_every=0)
+
+
+def _nearest(parameter: str, special: SpecialPoint) -> Nearest:
+    return Nearest(
+        parameter=parameter, value=special.value, type=special.type, reason=special.reason, gait=special.gait
+    )

@@ -1,8 +1,6 @@
-"""All gaits at given parameters, of any mode sequence: candidates, each solved, verified and counted once.
+"""All gaits at given parameters, of any mode sequence: candidates are solved, verified, and listed once.
 
-Nothing is claimed about gaits that no start has led to: ``searched`` says what was tried.
-
-From the candidates of a search to gaits: each solved with its mode sequence, verified, and counted once.
+The search may miss gaits; ``searched`` of the result says what was tried and what was rejected.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,10 +22,21 @@ from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
 
 Item = TypeVar("Item")
 
+STARTS = 1000
+"""Default number of start states of the search by simulation."""
+MOST_STARTS = 1_000_000
+"""Maximum number of start states; more would take days, and fill the memory with candidates."""
+GUESSED = 8
+"""Number of guesses of the search by complementarity."""
 ATTEMPTS = 3
-"""Candidates of one gait from which it is solved before they are given up."""
+"""Maximum number of candidates of one gait from which it is solved."""
 SAME_GAIT = 1e-6
-"""Gaits of one mode sequence whose states differ by less than this part of their size are one."""
+"""Relative difference of states below which two gaits of one mode sequence are the same."""
+
+Within = Mapping[str, tuple[float, float]]
+Part = Record | FailedJob
+Task = Callable[..., Record]
+Run = Callable[[Task, list[Job]], list[Part]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +48,7 @@ class Gaits(Reported, Sequence[Gait]):
     problem : the problem of the search.
     gaits : verified gaits.
     starts : for every gait the starts that led to it.
-    searched : what was tried, and what became of it.
+    searched : number of starts by method, and the candidates that were rejected, with the reasons.
     """
 
     problem: Problem
@@ -78,23 +87,26 @@ def gaits_of(
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gaits:
-    """The gaits behind the candidates of all parts of a search; ``known`` ones need not be solved again."""
+    """The gaits of the candidates of all jobs of a search; ``known`` gaits are not solved again."""
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
-    part = np.inf if problem.free or problem.objective else SAME  # a design finds its own motion
+    tolerance = np.inf if problem.free or problem.objective else SAME  # a design ends at the same optimum
     listed: list[tuple[Gait, list[str]]] = []
     rejected = []
-    for group in grouped([c for c in candidates if _fits(problem, c)], lambda a, b: _same(a, b, part)):
+    for group in grouped([c for c in candidates if _fits(problem, c)], lambda a, b: _same(a, b, tolerance)):
         starts = [candidate["start"] for candidate in group]
-        gait = next((gait for gait in known if _same(gait.to_record(), group[0], part)), None)
+        gait = next((gait for gait in known if _same(gait.to_record(), group[0], tolerance)), None)
         gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
         if not gait.converged or not (gait.verification or {}).get("passed"):
             words = gait.message if not gait.converged else "the simulator does not confirm it"
             rejected.append({"sequence": str(gait.problem.cycle), "reason": words, "starts": starts})
             continue
         record = gait.to_record()
-        same = next((own for other, own in listed if _same(other.to_record(), record, SAME_GAIT)), None)
-        listed.append((gait, starts)) if same is None else same.extend(starts)
+        known_starts = next((s for other, s in listed if _same(other.to_record(), record, SAME_GAIT)), None)
+        if known_starts is None:
+            listed.append((gait, starts))
+        else:
+            known_starts.extend(starts)
     listed.sort(key=lambda entry: _rank(entry[0]))
     methods = dict.fromkeys(part["method"] for part in done)
     searched = {
@@ -113,7 +125,7 @@ def gaits_of(
 
 
 def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, should_stop: Stop) -> Gait:
-    """The gait of the first candidate that leads to one, verified; or the last attempt."""
+    """The verified gait of the first candidate that converges, or the last failed solve."""
     for candidate in candidates:
         gait = solve_sequence(problem.with_gait(candidate), progress=progress, should_stop=should_stop)
         if gait.repeats_after < len(gait.steps):  # a shorter cycle, which is counted once
@@ -128,14 +140,14 @@ def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, sh
 
 
 def _fits(problem: Problem, candidate: Record) -> bool:
-    """Whether a candidate has no more steps than the problem allows, and its impact if that is stated."""
+    """Whether a candidate has no more steps than the problem allows, and the impact that the problem requires."""
     impact = getattr(problem.modes, "impact", None)
     short = len(candidate["steps"]) <= getattr(problem.modes, "steps", 1)
     return short and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
 
 
 def grouped(items: Iterable[Item], same: Callable[[Item, Item], bool]) -> list[list[Item]]:
-    """The items in groups of the ``same``, as far as their first ones tell; groups in the order of those."""
+    """Items in groups; an item joins the first group whose first item is the ``same``."""
     groups: list[list[Item]] = []
     for item in items:
         group = next((g for g in groups if same(g[0], item)), None)
@@ -143,10 +155,10 @@ def grouped(items: Iterable[Item], same: Callable[[Item, Item], bool]) -> list[l
     return groups
 
 
-def _same(first: Mapping[str, Any], second: Mapping[str, Any], part: float) -> bool:
-    """Whether two records have the same mode sequence, and states that differ by less than a part of their size."""
+def _same(first: Mapping[str, Any], second: Mapping[str, Any], tolerance: float) -> bool:
+    """Whether two records have the same mode sequence, and states that agree within a relative tolerance."""
     a, b = (np.array(list(record["state"].values())) for record in (first, second))
-    near = np.abs(a - b).max() < part * np.abs(a).max()
+    near = np.abs(a - b).max() < tolerance * np.abs(a).max()
     return bool(near) and Cycle.from_record(first) == Cycle.from_record(second)
 
 
@@ -160,21 +172,9 @@ def is_stable(gait: Gait) -> bool:
     return (gait.spectral_radius or 0.0) < 1
 
 
-STARTS = 1000
-"""Start states of the search by simulation."""
-MOST_STARTS = 1_000_000
-"""Start states of one search; more would be days of walking, and millions of candidates to hold."""
-GUESSED = 8
-"""Guesses of the search by complementarity."""
-Within = Mapping[str, tuple[float, float]]
-Part = Record | FailedJob
-Task = Callable[..., Record]
-Run = Callable[[Task, list[Job]], list[Part]]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchPlan:
-    """What is to be searched, with the arguments of ``find``; the problem leaves its mode sequence open."""
+    """The arguments of a search, see ``gaitopt.find``; the mode sequence of the problem is open."""
 
     problem: Problem
     starts: int = STARTS
@@ -187,8 +187,8 @@ class SearchPlan:
         return getattr(self.problem.modes, "steps", 1)
 
     def job(self, problem: Problem, method: str, number: int, parameter: str = "") -> Job:
-        """A part of the search, with a key that is the same in every run."""
-        part = SearchJob(
+        """A job of the search; its key is the same in every run."""
+        search_job = SearchJob(
             problem=problem,
             method=method,
             number=number,
@@ -197,8 +197,8 @@ class SearchPlan:
             parameter=parameter,
             n_steps=self.n_steps,
         )
-        identity = {entry.name: getattr(part, entry.name) for entry in fields(part)}
-        return Job(key=key_of(identity | {"problem": problem.digest, "within": dict(self.within)}), argument=part)
+        identity = {entry.name: getattr(search_job, entry.name) for entry in fields(search_job)}
+        return Job(key=key_of(identity | {"problem": problem.digest, "within": dict(self.within)}), argument=search_job)
 
 
 def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
@@ -212,7 +212,7 @@ def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = 
 
 
 def search(plan: SearchPlan, run: Run, *, progress: Valued = None, should_stop: Stop = None) -> Gaits:
-    """The gaits that two searches lead to, and those on the families of these gaits that no start has led to.
+    """The gaits that two searches find, and further gaits on the families of these.
 
     ``run`` runs a task for all jobs and returns the results; ``progress`` is that of the solver.
     """
@@ -226,7 +226,7 @@ def search(plan: SearchPlan, run: Run, *, progress: Valued = None, should_stop: 
 
 
 def in_memory(workers: Workers, progress: Counted, should_stop: Stop) -> Run:
-    """A ``run`` of ``search`` that keeps nothing."""
+    """The argument ``run`` of ``search`` that stores nothing."""
 
     def run(task: Task, jobs: list[Job]) -> list[Part]:
         parts = []
@@ -257,12 +257,12 @@ def best_gait(gaits: Gaits) -> Gait:
 
 
 def opened(problem: Problem) -> Problem:
-    """The problem with its mode sequence left open."""
+    """The problem with an open mode sequence."""
     return problem if problem.is_open else problem.replace({"gait.phases": "auto"})
 
 
 def search_jobs(plan: SearchPlan) -> list[Job]:
-    """The parts of both searches: so many start states in walks, and the guesses of the search by complementarity."""
+    """The jobs of the searches by complementarity and by simulation."""
     if not 1 <= plan.starts <= MOST_STARTS:
         raise ProblemError(f"starts: {plan.starts:,} start states; from 1 to {MOST_STARTS:,} are possible")
     names = plan.problem.walker.section_names(slipping=True)
@@ -276,7 +276,7 @@ def search_jobs(plan: SearchPlan) -> list[Job]:
 
 
 def family_jobs(plan: SearchPlan, gaits: Gaits) -> list[Job]:
-    """The families of gaits; none of designs, which are no gaits at given parameters."""
+    """The jobs that follow families of gaits; none for designs, whose parameters are not given."""
     if plan.problem.free or plan.problem.objective:
         return []
     return [

@@ -22,8 +22,8 @@ from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 
-KEPT = 16
-"""Gaits of files that a process keeps, for the points of a sweep follow the same one."""
+CACHED = 16
+"""Number of gaits of files that a process remembers; all points of a sweep follow the same one."""
 
 
 def solve(
@@ -35,17 +35,17 @@ def solve(
     if problem.is_open:
         return find_best(problem, progress=progress, should_stop=should_stop)
     try:
-        own = None if lacks_energy(problem) else file_gait(problem, should_stop=should_stop)
+        begin = None if lacks_energy(problem) else file_gait(problem, should_stop=should_stop)
     except KeyboardInterrupt:
         dynamics = problem_dynamics(problem)
         return Gait(problem=problem, dynamics=dynamics, status=Status.INTERRUPTED, message="interrupted")
-    if own is None:
+    if begin is None:
         return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)
-    return follow(own, problem, progress=progress, should_stop=should_stop)
+    return follow(begin, problem, progress=progress, should_stop=should_stop)
 
 
 def file_gait(problem: Problem, *, should_stop: Stop = None) -> Gait | None:
-    """The gait that is followed to the values of the problem: that of its file; None where there is none.
+    """The gait of the problem's file, which is followed to the values of the problem; None if there is none.
 
     Raises
     ------
@@ -59,17 +59,17 @@ def file_gait(problem: Problem, *, should_stop: Stop = None) -> Gait | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _File:
-    """The problem of a file; ``should_stop`` serves to solve it the first time."""
+    """The problem of a file as the key of the cache; ``should_stop`` is used when it is solved the first time."""
 
     problem: Problem
     should_stop: Stop = field(compare=False)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHED)
 def _solved(file: _File) -> Gait:
     gait = solve_sequence(file.problem, should_stop=file.should_stop)
     if gait.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt  # and nothing is kept
+        raise KeyboardInterrupt  # so that the cache does not hold it
     return gait
 
 
