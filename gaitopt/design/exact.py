@@ -16,24 +16,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.design.sensitivity import ExactScalars, Sensitivity, Valued, sensitivity
+from gaitopt.design.sensitivity import ExactScalars, Sensitivity, sensitivity
 from gaitopt.design.spectral_radius import SMALLEST_RADIUS, ReturnMapGradient, circle_inequalities, modulus_gradient
 from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, polish, section_sensitivity
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
 
 RADIUS = "spectral_radius"
-EXTREMA = {
-    RADIUS: 1,
-    "peak_torque": 1,
-    "required_friction": 1,
-    "impulse_ratio": 1,
-    "foot_clearance": 1,
-    "min_normal_force": -1,
-}
+EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.extremum}
 """Scalars that are the largest (1) or smallest (-1) of some values: of a curve, or of a number and its negative."""
 SOLVED = 1e-10
 """Largest residual of the equations of the step at a gait."""
@@ -244,8 +238,8 @@ class _Measured:
         self.scalars, self._return_map = ExactScalars(s), return_map
         self._no_levels, self._zero = np.zeros(n_levels), np.zeros(s.freed.size + n_levels)
 
-    def scalar(self, name: str) -> Valued:
-        """A scalar; of an extremum the value that is the extremum now."""
+    def scalar(self, name: str) -> tuple[float, Array]:
+        """A scalar and its derivatives; of an extremum the value that is the extremum now."""
         if self._return_map is not None and name == RADIUS:
             value, weights = modulus_gradient(self._return_map.M)
             return value, self._in_u(self._return_map.by_freed(weights))

@@ -14,7 +14,7 @@ place, since its place has no effect to first order. |power| is integrated betwe
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from casadi import MX, SX, Function, cse, jacobian, vertcat
@@ -30,14 +30,34 @@ from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.interval import step_derivatives
 from gaitopt.nlp.newton import Solution
 from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.problem.scalars import SCALARS
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Numbers of Chebyshev points that are tried in turn until an arc is resolved; every point costs a step."""
 EVENT_MARGINS = ("touchdown", "upright")
 """Margins that are no constraints of a design: the touchdown ends the step, and a gait is upright throughout."""
 
-Valued = tuple[float, Array]
-"""A number and its derivatives in the freed parameters, shape (n_free,)."""
+
+class Differentiated(NamedTuple):
+    """A number and its derivatives in the freed parameters, shape (n_free,), with the operators that formulas need."""
+
+    value: float
+    gradient: Array
+
+    def __add__(self, other: tuple[Any, ...]) -> "Differentiated":
+        value, gradient = other
+        return Differentiated(self.value + value, self.gradient + gradient)
+
+    def __truediv__(self, other: "Differentiated") -> "Differentiated":
+        value = self.value / other.value
+        return Differentiated(value, (self.gradient - value * other.gradient) / other.value)
+
+    def __mul__(self, other: "Differentiated") -> "Differentiated":  # type: ignore[override]  # no repetition
+        gradient = self.gradient * other.value + self.value * other.gradient
+        return Differentiated(self.value * other.value, gradient)
+
+    def __abs__(self) -> "Differentiated":
+        return Differentiated(abs(self.value), np.sign(self.value) * self.gradient)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,16 +76,17 @@ class DifferentiatedCurve:
     duration: float
     stretch: Array
 
-    def integral(self) -> Valued:
+    def integral(self) -> Differentiated:
         """Integral over the arc."""
         value = curves.integral(self.values, self.duration)
-        return value, curves.integrals(self.slopes, self.duration) + value * self.stretch / self.duration
+        gradient = curves.integrals(self.slopes, self.duration) + value * self.stretch / self.duration
+        return Differentiated(value, gradient)
 
-    def absolute_integral(self) -> Valued:
+    def absolute_integral(self) -> Differentiated:
         """Integral of the absolute value; where the sign changes the value is zero and adds nothing to the slopes."""
         weights = curves.signed_weights(self.values)[0] * self.duration / 2
         value = float(weights @ self.values)
-        return value, weights @ self.slopes + value * self.stretch / self.duration
+        return Differentiated(value, weights @ self.slopes + value * self.stretch / self.duration)
 
     def at(self, s: Array) -> tuple[Array, Array]:
         """Values (k,) and derivatives (k, n_free) at points (k,) in [-1, 1]."""
@@ -210,7 +231,7 @@ IMPACT_SCALARS = ("step_length", "weight", "impulse_t", "impulse_n", "push_work"
 
 
 class ExactScalars:
-    """Scalars of one gait.
+    """Scalars of one gait, and the quantities that their formulas in ``problem.scalars`` are made of.
 
     Parameters
     ----------
@@ -221,54 +242,72 @@ class ExactScalars:
         self._s, self._t = sensitivity, sensitivity.transcription
         values, by = buffered(_at_impact(self._t))(sensitivity.solution.w, sensitivity.solution.p)
         slopes = by.reshape(-1, values.size).T @ sensitivity.slopes
-        at_impact = list(zip(values.tolist(), slopes, strict=True))
+        at_impact = list(map(Differentiated, values.tolist(), slopes))
         n = len(IMPACT_SCALARS)
-        self._impact: dict[str, Valued] = dict(zip(IMPACT_SCALARS, at_impact[:n], strict=True))
-        self._impact_margins: list[Valued] = at_impact[n:]
-        self._smooth: dict[str, Valued] = {}
+        self._impact: dict[str, Differentiated] = dict(zip(IMPACT_SCALARS, at_impact[:n], strict=True))
+        self._impact_margins = at_impact[n:]
+        self._smooth: dict[str, Differentiated] = {}
 
-    def smooth(self, name: str) -> Valued:
+    def smooth(self, name: str) -> Differentiated:
         """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
-        if name not in self._smooth:
-            self._smooth[name] = self._evaluated(name)
-        return self._smooth[name]
-
-    def _evaluated(self, name: str) -> Valued:
         t, s = self._t, self._s
         if name in t.system.parameters:
-            return s.dynamics.parameter(name), np.array([float(name == other) for other in t.free])
+            return Differentiated(s.dynamics.parameter(name), np.array([float(name == other) for other in t.free]))
         if name.startswith("state."):
-            k = t.system.state_names.index(name.removeprefix("state."))
-            return float(s.solution.w[k]), s.slopes[k]
-        match name:
-            case "period":
-                durations = slice(t.system.n_z * t.n_nodes, t.system.n_z * t.n_nodes + t.n_phases)
-                return float(s.solution.w[durations].sum()), s.slopes[durations].sum(axis=0)
-            case "step_length":
-                return self._impact["step_length"]
-            case "speed":
-                return _ratio(self.smooth("step_length"), self.smooth("period"))
-            case "work":
-                return _total([*(c.integral() for a in s.arcs for c in a.power), self._impact["push_work"]])
-            case "cost_of_transport":
-                return _ratio(self.smooth("work"), self._weighted_length())
-            case "absolute_cost_of_transport":
-                work = [*(c.absolute_integral() for a in s.arcs for c in a.power), self._impact["push_work"]]
-                return _ratio(_total(work), self._weighted_length())
-            case "torque_squared":
-                return _total([_squared(c).integral() for a in s.arcs for c in a.torque])
-            case "slip_distance":
-                distances, x = [], t.system.n_shape
-                for arc, first in zip(t.layout.arcs, t.layout.first_nodes, strict=True):
-                    start, end = (t.system.n_z * node + x for node in (first, first + arc.intervals))
-                    slip = float(s.solution.w[end] - s.solution.w[start]), s.slopes[end] - s.slopes[start]
-                    distances.append((arc.mode.direction * slip[0], arc.mode.direction * slip[1]))
-                return _total(distances)
-        raise KeyError(name)
+            return self._unknown(t.system.state_names.index(name.removeprefix("state.")))
+        if name not in self._smooth:
+            formula = SCALARS[name].formula
+            assert formula is not None, f"{name} is an extremum"
+            self._smooth[name] = formula(self)
+        return self._smooth[name]
+
+    @property
+    def duration(self) -> Differentiated:
+        """Period [s]."""
+        first = self._t.system.n_z * self._t.n_nodes
+        return self._total(self._unknown(k) for k in range(first, first + self._t.n_phases))
+
+    @property
+    def distance(self) -> Differentiated:
+        """Length of the step [m]."""
+        return self._impact["step_length"]
+
+    @property
+    def transport(self) -> Differentiated:
+        """Weight times step length [J]."""
+        return self.distance * self._impact["weight"]
+
+    @property
+    def push_work(self) -> Differentiated:
+        """Work of the push before the impact [J]."""
+        return self._impact["push_work"]
+
+    @property
+    def slip(self) -> Differentiated:
+        """Path of the sliding foot [m]."""
+        total, layout, system = self._total(()), self._t.layout, self._t.system
+        for arc, first in zip(layout.arcs, layout.first_nodes, strict=True):
+            start, end = (self._unknown(system.n_z * k + system.n_shape) for k in (first, first + arc.intervals))
+            direction = arc.mode.direction
+            total += direction * (end.value - start.value), direction * (end.gradient - start.gradient)
+        return total
+
+    def integral(self, rate: str) -> Differentiated:
+        """Integral over time of ``power`` of all motors, ``absolute_power`` or ``squared_torque``."""
+        if rate == "squared_torque":
+            return self._total(_squared(curve).integral() for arc in self._s.arcs for curve in arc.torque)
+        power = (curve for arc in self._s.arcs for curve in arc.power)
+        return self._total(c.absolute_integral() if rate == "absolute_power" else c.integral() for c in power)
+
+    def _unknown(self, k: int) -> Differentiated:
+        return Differentiated(float(self._s.solution.w[k]), self._s.slopes[k])
+
+    def _total(self, terms: Iterable[Differentiated]) -> Differentiated:
+        return sum(terms, start=Differentiated(0.0, np.zeros(len(self._t.free))))
 
     def by_work(self, name: str) -> float:
         """Derivative of a scalar in the absolute work of the motors [1/J]."""
-        return 1 / self._weighted_length()[0] if name == "absolute_cost_of_transport" else 0.0
+        return 1 / self.transport.value if name == "absolute_cost_of_transport" else 0.0
 
     def candidates(self, name: str) -> list[Candidate]:
         """The values whose extremum a scalar is."""
@@ -281,9 +320,7 @@ class ExactScalars:
                 sticking = [(k, arc) for k, arc in arcs if arc.arc.mode.sticks]
                 return _both_signs(c for k, arc in sticking for c in _extremes(_quotient(*arc.force), f"friction {k}"))
             case "impulse_ratio":
-                return _both_signs(
-                    [Candidate("impulse", *_ratio(self._impact["impulse_t"], self._impact["impulse_n"]))]
-                )
+                return _both_signs([Candidate("impulse", *(self._impact["impulse_t"] / self._impact["impulse_n"]))])
             case "foot_clearance":
                 found = list[Candidate]()
                 for k, arc in arcs:
@@ -310,10 +347,6 @@ class ExactScalars:
         for (value, slope), (_, label) in zip(self._impact_margins, t.impact_margins(), strict=True):
             yield label.name, label.unit(scales), Candidate(f"impact {label.name}", value, slope)
 
-    def _weighted_length(self) -> Valued:
-        (length, slope), (weight, weight_slope) = self._impact["step_length"], self._impact["weight"]
-        return length * weight, slope * weight + length * weight_slope
-
 
 @lru_cache(maxsize=8)
 def _at_impact(t: MultipleShooting) -> Function:
@@ -338,16 +371,6 @@ def _extremes(
 
 def _both_signs(candidates: Iterable[Candidate]) -> list[Candidate]:
     return [c for key, value, by in candidates for c in (Candidate(key, value, by), Candidate(f"-{key}", -value, -by))]
-
-
-def _total(terms: Sequence[Valued]) -> Valued:
-    values, slopes = zip(*terms, strict=True)
-    return float(sum(values)), np.sum(slopes, axis=0)
-
-
-def _ratio(above: Valued, below: Valued) -> Valued:
-    value = above[0] / below[0]
-    return value, (above[1] - value * below[1]) / below[0]
 
 
 def _squared(curve: DifferentiatedCurve) -> DifferentiatedCurve:

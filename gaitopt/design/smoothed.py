@@ -34,6 +34,7 @@ from gaitopt.nlp.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.nlp.ipopt import NEAR_OPTIMUM, Ipopt, IpoptResult
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
 
 ROUGH = 0.2
@@ -65,7 +66,7 @@ class _Samples:
 
 
 class SmoothedScalars:
-    """Scalars of one step as expressions of the NLP's unknowns.
+    """Scalars of one step as expressions of the NLP's unknowns, and the quantities that their formulas are made of.
 
     Parameters
     ----------
@@ -78,35 +79,52 @@ class SmoothedScalars:
 
     def value(self, name: str) -> MX:
         """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
-        t = self._t
-        if name in t.system.parameters:
-            return t.p[t.system.parameters.index(name)]
+        if name in self._t.system.parameters:
+            return self._t.p[self._t.system.parameters.index(name)]
         if name.startswith("state."):
-            return t.Z[t.system.state_names.index(name.removeprefix("state.")), 0]
-        x = t.system.n_shape
-        match name:
-            case "period":
-                return sum1(t.durations)
-            case "step_length":
-                return t.system.impact(t.layout.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"][x]
-            case "speed":
-                return self.value("step_length") / self.value("period")
-            case "work":
-                return self._push_work() + self._integral(lambda s: sum1(s.power))
-            case "cost_of_transport":
-                return self.value("work") / (t.system.weight(t.p) * self.value("step_length"))
-            case "absolute_cost_of_transport":
-                work = self._push_work() + self._integral(lambda s: sum1(sqrt(s.power**2 + self._width**2)))
-                return work / (t.system.weight(t.p) * self.value("step_length"))
-            case "torque_squared":
-                return self._integral(lambda s: sum1(s.torque**2))
-            case "slip_distance":
-                distance = MX(0)
-                for i in range(len(t.layout.arcs)):
-                    arc, Z, _, _ = t.arc(i)
-                    distance += arc.mode.direction * (Z[x, -1] - Z[x, 0])
-                return distance
-        raise KeyError(name)
+            return self._t.Z[self._t.system.state_names.index(name.removeprefix("state.")), 0]
+        formula = SCALARS[name].formula
+        assert formula is not None, f"{name} is an extremum"
+        return formula(self)
+
+    @property
+    def duration(self) -> MX:
+        """Period [s]."""
+        return sum1(self._t.durations)
+
+    @property
+    def distance(self) -> MX:
+        """Length of the step [m]."""
+        impact = self._t.system.impact(self._t.layout.cycle.impact)
+        return impact(z=self._t.Z[:, -1], p=self._t.p)["z_plus"][self._t.system.n_shape]
+
+    @property
+    def transport(self) -> MX:
+        """Weight times step length [J]."""
+        return self._t.system.weight(self._t.p) * self.distance
+
+    @property
+    def push_work(self) -> MX:
+        """Work of the push before the impact [J]."""
+        return self._t.system.push(z=self._t.Z[:, -1], p=self._t.p)["work"]
+
+    @property
+    def slip(self) -> MX:
+        """Path of the sliding foot [m]."""
+        distance, x = MX(0), self._t.system.n_shape
+        for i in range(len(self._t.layout.arcs)):
+            arc, Z, _, _ = self._t.arc(i)
+            distance += arc.mode.direction * (Z[x, -1] - Z[x, 0])
+        return distance
+
+    def integral(self, rate: str) -> MX:
+        """Integral over time of ``power`` of all motors, ``absolute_power`` or ``squared_torque``."""
+        rates: dict[str, Callable[[_Samples], MX]] = {
+            "power": lambda s: sum1(s.power),
+            "absolute_power": lambda s: sum1(sqrt(s.power**2 + self._width**2)),
+            "squared_torque": lambda s: sum1(s.torque**2),
+        }
+        return sum((rates[rate](s) @ s.weights.T for s in self._samples), MX(0))
 
     def bounded(self, name: str, extremum: MX) -> MX:
         """Rows that are nonnegative where ``extremum`` bounds the curve; the least is zero where it is the extremum."""
@@ -163,13 +181,6 @@ class SmoothedScalars:
                 )
             )
         return samples
-
-    def _push_work(self) -> MX:
-        """Work of the push before the impact; that of a foot at rest is positive."""
-        return self._t.system.push(z=self._t.Z[:, -1], p=self._t.p)["work"]
-
-    def _integral(self, integrand: Callable[[_Samples], MX]) -> MX:
-        return sum((integrand(s) @ s.weights.T for s in self._samples), MX(0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
     work = W_push + int P dt        cost of transport = work / (m g L)        speed = L / T
 
 A formula is written once, in terms of ``Quantities`` of a cycle. It is evaluated with numbers (``gait.measures``), with
-numbers that carry derivatives, and with expressions of the NLP (``design.rows``). A scalar without a formula is the
+numbers that carry derivatives, and with expressions of the NLP (``design``). A scalar without a formula is the
 largest or smallest value of some curves. Proofs have enclosures of their own, so that they stay independent.
 
 Two ranges do not follow from a sign: the feet are never farther apart than twice the leg length l, which also bounds
