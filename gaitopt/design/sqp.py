@@ -21,6 +21,7 @@ The search ends at the first-order conditions of Karush, Kuhn and Tucker,
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from casadi import Sparsity, conic
@@ -52,6 +53,10 @@ ROUNDING_OF_MODEL = 1e-14
 FLATTEST, STIFFEST = 1e-6, 1e7
 """Least and largest curvature of a quadratic program. That of r grows like the inverse root of the distance from where
 the power touches zero; there Newton's step would have no length."""
+TOLERANCES = (1e-11, 1e-9, 1e-6)
+"""Violations that DAQP may allow, tried in turn: flat curvatures magnify them, rounding may forbid the first ones."""
+SMALLEST_PIVOT = 1e-14
+"""Pivot below which DAQP takes an active set for singular; its own 1e-11 lies above those of flat curvatures."""
 RELAXED = 1e4
 """Curvature of the slack of a quadratic program whose constraints contradict each other."""
 
@@ -199,8 +204,8 @@ def kkt_residual(point: Evaluation, sizes: Array) -> tuple[float, dict[str, floa
     # the residual is the projection of the gradient on the cone of the r with normals @ r <= 0, and l are its weights
     A = -np.array(normals)
     solution = quadratic_program(np.eye(gradient.size), -gradient, A, np.zeros(len(A)))
-    if solution is None:
-        raise np.linalg.LinAlgError("the projection on a cone, which exists, was not found")
+    if solution is None:  # it has one, which rounding hides
+        return float(np.linalg.norm(gradient)), {}
     multipliers: dict[str, float] = {}
     for (key, scale), weight in zip(scales, solution[1], strict=True):
         if weight > 0:
@@ -214,13 +219,19 @@ def quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Ar
     By the dual active set of DAQP (Arnström, Bemporad & Axehill 2022), which comes with CasADi; the equations of its
     active set are then solved to rounding.
     """
-    n = g.size
-    shapes = {"h": Sparsity.dense(n, n), "a": Sparsity.dense(b.size, n)}
-    solver = conic("quadratic_program", "daqp", shapes, {"error_on_fail": False})
-    solution = solver(h=H, g=g, a=A, lba=-b)
-    if not solver.stats()["success"]:
+    shapes = {"h": Sparsity.dense(g.size, g.size), "a": Sparsity.dense(b.size, g.size)}
+    for tolerance in TOLERANCES:
+        options: dict[str, Any] = {
+            "error_on_fail": False,
+            "daqp": {"primal_tol": tolerance, "zero_tol": SMALLEST_PIVOT},
+        }
+        solver = conic("quadratic_program", "daqp", shapes, options)
+        solution = solver(h=H, g=g, a=A, lba=-b)
+        if solver.stats()["success"]:
+            break
+    else:
         return None
-    d, weights = np.asarray(solution["x"]).ravel(), np.maximum(0.0, -np.asarray(solution["lam_a"]).ravel())
+    n, d, weights = g.size, np.asarray(solution["x"]).ravel(), np.maximum(0.0, -np.asarray(solution["lam_a"]).ravel())
     active = weights > 0
     C, m = A[active], int(active.sum())
     system = np.block([[H, -C.T], [C, np.zeros((m, m))]])
@@ -376,8 +387,8 @@ class _Model:
             wide[:n, :n], wide[n, n] = H, RELAXED
             slack = np.maximum(0.0, -c)[:, None]
             solution = quadratic_program(wide, np.append(gradient, 0.0), np.hstack([A, slack]), c)
-        if solution is None:
-            raise np.linalg.LinAlgError("the relaxed quadratic program, which has a solution, was not solved")
+        if solution is None:  # it has one, which rounding hides: no step
+            return np.zeros(n), np.zeros(m)
         step, every = solution
         weights = every[:m].copy()
         weights[self._equality] -= every[m : m + int(self._equality.sum())]

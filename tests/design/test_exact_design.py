@@ -250,3 +250,16 @@ def test_shipped_designs_are_optima_of_the_stated_problem(name, optimum):
     searched = neighbourhood(gait, directions=200)
     assert searched.feasible > 100
     assert searched.optimal, searched.words
+
+
+def test_quadratic_programs_of_flat_curvature_and_long_rows_are_solved():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        axes = np.linalg.qr(rng.standard_normal((5, 5)))[0]
+        H = (axes * 10.0 ** rng.uniform(-6, 2, 5)) @ axes.T
+        A = rng.standard_normal((12, 5)) * 10.0 ** rng.uniform(-1, 3, 12)[:, None]
+        lengths = np.linalg.norm(A, axis=1)
+        b = lengths * rng.choice([1e-6, 1e-2], 12) - A @ rng.uniform(-0.02, 0.02, 5)  # feasible
+        d, weights = quadratic_program((H + H.T) / 2, rng.standard_normal(5), A, b)
+        assert ((A @ d + b) / lengths).min() > -1e-8
+        assert weights.min() >= 0
