@@ -14,9 +14,9 @@ Written by `python docs/problem_keys.py` from the schema that `gaitopt schema` p
 `gait.phases` is the key `phases` of the mapping `gait`. *or an unknown* means that the value may be
 `{free: [lo, hi], guess: value}`: a design then finds it. An angle is a number in rad, or a text such as `1 deg`.
 
-What lies outside of a range is refused, what is not usual is remarked on stderr. Ranges in natural units hold for the
-walker of the file: l is its leg length (radius), m its whole mass, g gravity. No number is larger than 1e30 in size,
-and one that must be more than 0 is at least 1e-30.
+Values outside a range are errors; unusual values only trigger a warning on stderr. Ranges in natural units refer to the
+walker of the file: l is its leg length (radius), m its total mass, g gravity. Numbers are at most 1e30 in size, and
+numbers that must be more than 0 are at least 1e-30.
 
 Point your editor at the schema (`gaitopt schema > gaitopt.schema.json`), and with this first line in the file it
 completes keys and shows units as you type:
@@ -36,7 +36,7 @@ def page() -> str:
 
 
 def _sections(schema: Mapping[str, Any], path: str) -> Iterator[str]:
-    """A table of a mapping's keys, and then those of the mappings in it."""
+    """A table of the keys of a mapping, followed by those of the mappings in it."""
     required, inner = schema.get("required", ()), list[tuple[str, Mapping[str, Any]]]()
     yield f"## {f'`{path}`' if path else TOP}\n"
     if path and "description" in schema:
@@ -55,7 +55,7 @@ def _sections(schema: Mapping[str, Any], path: str) -> Iterator[str]:
 
 
 def _named(path: str, variant: Mapping[str, Any]) -> str:
-    """Path of a mapping, with what chooses it among its alternatives."""
+    """Path of a mapping, with the key that selects it among its alternatives."""
     for key in ("model", "type", "phases"):
         choice = variant["properties"].get(key, {})
         if "const" in choice:
@@ -64,11 +64,11 @@ def _named(path: str, variant: Mapping[str, Any]) -> str:
 
 
 def _mappings(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The mappings with named keys that a value may be; an unknown is explained once, at the head of the page."""
-    found = [value] if value.get("properties") and not _is_range(value) else []
+    """The mappings with named keys that a value may be; unknowns are explained at the head of the page."""
+    mappings = [value] if value.get("properties") and not _is_range(value) else []
     for variant in (*value.get("oneOf", ()), *value.get("anyOf", ())):
-        found += _mappings(variant) if variant.get("description") != "an unknown" else []
-    return found
+        mappings += _mappings(variant) if variant.get("description") != "an unknown" else []
+    return mappings
 
 
 def _is_range(value: Mapping[str, Any]) -> bool:

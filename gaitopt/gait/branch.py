@@ -35,7 +35,7 @@ _PLACE = ("branch", "index", "value")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkState(ReadOnlyArrays):
-    """What a walk along a family needs besides a gait to go on from it exactly as if it had not been interrupted.
+    """State of a continuation at a point; with the gait, it resumes exactly as if it had not been interrupted.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class WalkState(ReadOnlyArrays):
     arcs : phase, segment of the control, start, end and intervals of every arc; start and end are times [s] of
         breakpoints, or None where the arc starts (ends) with its phase.
     origin : value of the parameter for which the units of the equations are those of the walker.
-    metric : ndarray, shape (n_z + 2,) - what arclength is measured with: sizes of the state, period [s] and span.
+    metric : ndarray, shape (n_z + 2,) - scales of arclength: sizes of the state, period [s] and span.
     earlier : number of points before this one from which the next one is extrapolated.
     """
 
@@ -105,8 +105,8 @@ class BranchPoint(ReadOnlyArrays):
     value : the parameter.
     gait : the gait, in full.
     tangent : ndarray - direction of the branch in scaled section coordinates, durations and parameter, of unit length.
-    length : arclength to the next point that is tried.
-    walk : what the walk needs to go on from here; None in a file of an earlier version.
+    length : arclength to the next trial point.
+    walk : state of the continuation here; None in a file of an earlier version.
     """
 
     branch: int
@@ -121,7 +121,7 @@ class BranchPoint(ReadOnlyArrays):
         return f"<BranchPoint {self.branch}.{self.index} at {self.value:.9g}: {self.gait!r}>"
 
     def to_record(self) -> dict[str, Any]:
-        """One JSON object: the keys of a gait, and where it stands on its branch."""
+        """One JSON object: the keys of a gait, and its place on the branch."""
         return {
             "record": "point",
             "branch": self.branch,
@@ -136,23 +136,23 @@ class BranchPoint(ReadOnlyArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpecialPoint(ReadOnlyArrays):
-    """Where something happens to a family.
+    """A special point of a family: a fold, a bifurcation, a change of modes, or an end.
 
     Attributes
     ----------
-    branch : number of the branch that it lies on.
+    branch : number of its branch.
     type : ``fold``, ``branch_point``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, or
         one of ``TERMINAL``.
     value : the parameter.
     status : ``converged`` when located to rounding, ``guess`` when only bracketed.
-    reason : in words.
+    reason : an explanation, if any.
     before, after : cycles of modes on both sides of a change.
-    next : numbers of the branches that go on from here.
-    bound : whether the family itself goes on: it ends at a bound of what was to be continued.
-    open : whether the walk itself goes on where more points or more time are allowed.
+    next : numbers of the branches that continue from here.
+    bound : whether the family itself continues beyond this end, which is a bound of the request.
+    open : whether the continuation would go on with more points or more time.
     gait : the gait at this point, or None where there is none.
-    tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None where it is
-        not known.
+    tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None if
+        unknown.
     """
 
     branch: int
@@ -226,8 +226,8 @@ class Branch(Reported):
         if not isinstance(key, slice):
             return self.points[key]
         points = self.points[key]
-        kept = {point.branch for point in points}
-        specials = tuple(special for special in self.specials if special.branch in kept)
+        branches = {point.branch for point in points}
+        specials = tuple(special for special in self.specials if special.branch in branches)
         return Branch(parameter=self.parameter, points=points, specials=specials)
 
     @property
@@ -315,7 +315,7 @@ def _arc(
 
 
 def ends_by_request(record: Mapping[str, Any]) -> bool:
-    """Whether the record of a special point is the end of what was asked for, and not of the family."""
+    """Whether the record of a special point is the end of the request, and not of the family."""
     return bool(record.get("bound") or record.get("open"))
 
 
@@ -366,7 +366,7 @@ class Cascade:
 
 
 def cascades(records: Sequence[Record]) -> list[Cascade]:
-    """All chains of two or more doublings, each followed along the first doubling of every family."""
+    """All chains of two or more doublings, along the first doubling of every family."""
     doublings = [record for record in records if record.get("type") == "period_doubling"]
     begun = {branch for doubling in doublings for branch in _family(records, doubling["next"])}
     chains = [list(_chain(records, doubling)) for doubling in doublings if doubling["branch"] not in begun]
@@ -379,7 +379,7 @@ def cascades(records: Sequence[Record]) -> list[Cascade]:
 
 
 def _chain(records: Sequence[Record], doubling: Record) -> Iterator[Record]:
-    """A doubling, and the first one on the family that begins there, and so on."""
+    """A doubling, the first doubling of the family that begins there, and so on."""
     following: Record | None = doubling
     while following is not None:
         yield following
@@ -388,9 +388,9 @@ def _chain(records: Sequence[Record], doubling: Record) -> Iterator[Record]:
 
 
 def _family(records: Sequence[Record], branches: Sequence[int]) -> list[int]:
-    """The branches that follow from some through changes of the mode sequence, these included."""
+    """Branches, and those that continue them through changes of the mode sequence."""
     family = list(branches)
-    for branch in family:  # which grows on the way
+    for branch in family:  # the list grows during the loop
         changes = (
             r for r in records if r.get("branch") == branch and r.get("type") in ("mode_change", "impact_change")
         )

@@ -1,7 +1,6 @@
 """Smooth curves on an interval by their values at Chebyshev points of the second kind.
 
-Values at the points are exact up to rounding wherever they come from, so that integrals, extrema and roots of any
-quantity along a smooth arc are known to the same digits as the arc's states.
+Integrals, extrema and roots of any quantity along a smooth arc then have the same accuracy as the states of the arc.
 """
 
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from gaitopt.arrays import Array
 FINE_FACTOR = 6
 """Points of the grid on which extrema and roots are bracketed, per Chebyshev point."""
 NEWTON_STEPS = 4
-"""Quadratic convergence from a grid of this density reaches rounding in three steps; one to spare."""
+"""Quadratic convergence from a grid of this density reaches rounding in three steps; the fourth is a reserve."""
 RESOLVED = 1e-12
 """Last Chebyshev coefficients (see ``tail``) of an arc that is resolved: the rounding of its states."""
 SHORT_ARC = 1e-4
@@ -77,7 +76,7 @@ def coefficients(values: Array) -> Array:
 def tail(values: Array) -> float:
     """Size of the last coefficients, relative to the largest value of each column or one: the curve's resolution.
 
-    Values that have a unit are given in their natural one, so that one means something.
+    Pass values in natural units, so that one is a meaningful size.
     """
     c = np.abs(coefficients(values))
     scale = np.maximum(np.abs(values).max(axis=0), 1.0)
@@ -115,10 +114,10 @@ def integrals(columns: Array, duration: float) -> Array:
 
 
 def roots(values: Array) -> Array:
-    """Roots in (-1, 1) at which the curve changes sign, ascending; at an end itself rounding decides."""
+    """Roots in (-1, 1) at which the curve changes sign, ascending; at an end, rounding decides."""
     s, to_fine, _ = _fine(values.shape[0])
     c, fine = coefficients(values), to_fine @ values
-    negative = fine < 0  # a zero on the grid counts as positive, so that no change is missed or doubled
+    negative = fine < 0  # a zero on the grid counts as positive, so no change is missed or counted twice
     before = np.flatnonzero(negative[:-1] != negative[1:])
     double = _double_changes(values, c, fine)
     single = _newton(c, s[before], s[before + 1]) if before.size else np.zeros(0)
@@ -127,7 +126,7 @@ def roots(values: Array) -> Array:
 
 
 def _double_changes(values: Array, c: Array, fine: Array) -> Array:
-    """Pairs of roots between two neighbours on the fine grid, where the curve just dips through zero."""
+    """Pairs of roots between two neighbours on the fine grid, where the curve briefly crosses zero."""
     s, _, to_slopes = _fine(values.shape[0])
     toward = fine * (to_slopes @ values) < 0
     cells = np.flatnonzero(toward[:-1] & ~toward[1:] & ((fine[:-1] < 0) == (fine[1:] < 0)))
@@ -209,8 +208,8 @@ def lowest_after_rise(times: Sequence[Array], values: Sequence[Array]) -> tuple[
 
 
 def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) -> Array:
-    """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is put back on its edge."""
-    both = np.column_stack([c, np.append(derivative(c), 0.0)[: c.size]])  # a constant has no fewer than one
+    """Roots of the series ``c``, one in each bracket; an iterate outside its bracket is moved to the bracket's end."""
+    both = np.column_stack([c, np.append(derivative(c), 0.0)[: c.size]])  # a constant keeps one coefficient
     s = (lower + upper) / 2 if start is None else start
     for _ in range(NEWTON_STEPS):
         s = np.minimum(np.maximum(s, lower), upper)

@@ -39,12 +39,12 @@ class Cause:
     Attributes
     ----------
     what : the quantity: ``friction``, ``normal_force``, ``duration``, ``touchdown``, the name of a constraint, ...
-    words : the whole in words.
-    phase : index of the phase through all steps; None for an impact, and where no phase is concerned.
+    words : the cause as a sentence.
+    phase : index of the phase through all steps; None for an impact, and where it concerns no phase.
     step : index of the step.
-    time : since the last impact [s], None where there is no one time.
-    needed, available : the quantity as the gait needs it and as it is, in SI; None where there are no two numbers.
-    severity : the violation relative to what is usual for the quantity.
+    time : since the last impact [s]; None where there is no single time.
+    needed, available : the required and the actual value, in SI; None where there are no such numbers.
+    severity : the violation relative to the usual size of the quantity.
     """
 
     what: str
@@ -64,12 +64,12 @@ class Cause:
 
 
 def describe_causes(causes: tuple[Cause, ...] | list[Cause]) -> str:
-    """All of them as one line."""
+    """All causes as one line."""
     return "; ".join(cause.words for cause in causes)
 
 
 TIE_DIGITS = 10
-"""Moduli that agree to so many digits count as equal, so that rounding does not decide their order."""
+"""Moduli that agree to this number of digits count as equal, so that rounding does not decide their order."""
 
 
 def floquet_multipliers(return_map: Array) -> NDArray[np.complex128]:
@@ -91,7 +91,7 @@ def multiplier_distance(
     distances = np.abs(first[:, None] - second[None, :])
     distances /= np.maximum(1.0, np.abs(second)) if relative else 1.0
     closest = distances.argmin(axis=1) if distances.size else np.arange(0)
-    if len({*closest.tolist()}) == closest.size:  # nobody's closest partner is also another's
+    if len({*closest.tolist()}) == closest.size:  # all closest partners differ
         return float(distances.min(axis=1, initial=np.inf).max(initial=0.0))
     from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import, and is seldom needed
 
@@ -101,11 +101,11 @@ def multiplier_distance(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkerMotion(Moving, ReadOnlyArrays):
-    """What a gait and a simulated walk have in common.
+    """Base of a gait and of a simulated walk.
 
     Attributes
     ----------
-    problem : whose walker, control and friction were used.
+    problem : the problem whose walker, control and friction were used.
     dynamics : the hybrid system at its parameters.
     """
 
@@ -114,7 +114,7 @@ class WalkerMotion(Moving, ReadOnlyArrays):
 
     @property
     def system(self) -> HybridSystem:
-        """The hybrid system that moves."""
+        """The hybrid system of the motion."""
         return self.dynamics.system
 
     @property
@@ -202,21 +202,21 @@ class Shooting(ReadOnlyArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gait(WalkerMotion):
-    """A periodic cycle of steps, or the remains of a failed attempt: only ``status == converged`` is a gait.
+    """A periodic cycle of steps, or a failed solve: only ``status == converged`` is a gait.
 
     Attributes
     ----------
     problem : the one that was solved.
     dynamics : the hybrid system that was solved at its parameters; freed ones have their solved values.
-    status, message : how the solver ended, in words.
+    status, message : result of the solver, and its explanation.
     steps : the steps of the cycle with arcs at Chebyshev points; empty after a failure.
     shooting : the nodes, or None after a failure.
     multipliers : complex ndarray - Floquet multipliers by implicit differentiation, largest modulus first.
     measures : scalars of the step by name, see ``measure``.
     freed : values of freed parameters by dotted key.
     solver : iterations and times [s] of the solver.
-    verification : record of the last verification, if there was one.
-    causes : why there is no gait, the first one being the worst; empty for a gait.
+    verification : record of the last verification, if any.
+    causes : why there is no gait, the worst cause first; empty for a gait.
     """
 
     status: Status
@@ -282,7 +282,7 @@ class Gait(WalkerMotion):
 
     @property
     def repeats_after(self) -> int:
-        """Number of steps after which it repeats itself; fewer than it has where a shorter cycle is walked again."""
+        """Number of steps after which the gait repeats; fewer than its steps if it consists of a shorter cycle."""
         n, sides = len(self.steps), self.system.walker.n_sides()
         if n <= sides:
             return n
@@ -341,7 +341,7 @@ class Gait(WalkerMotion):
         return numbers.get("friction", numbers)
 
     def _motion_record(self) -> dict[str, Any]:
-        if self.problem.is_open:  # and none was found
+        if self.problem.is_open:  # no gait was found
             return {"n_steps": None, "phases": [], "impact": None, "state": None}
         cycle = self.problem.cycle
         counted = {"n_steps": len(cycle.steps), "impact": str(cycle.impact)}
@@ -369,15 +369,15 @@ class Gait(WalkerMotion):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attractor(ReadOnlyArrays):
-    """A gait that states settle on.
+    """A gait to which walks converge, as the simulator finds it: a state, and the steps after which it returns.
 
     Attributes
     ----------
-    problem : whose walker walks.
+    problem : the problem of its walker.
     state : ndarray, shape (k,) - section coordinates.
     period : steps per cycle.
     phases, impact : modes of the step that leads there.
-    count : how many states of the grid settle on it.
+    count : number of states of the grid that converge to it.
     """
 
     problem: Problem

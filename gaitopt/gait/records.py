@@ -1,9 +1,9 @@
-"""What the records of gaits, walks, branches and searches hold: one type for each, and the identities that it meets.
+"""Types of the records of gaits, walks, branches and searches, and the identities that their numbers satisfy.
 
     period = sum of the durations        step_length = speed period        radius = max |multiplier|
 
-A record is checked here wherever it is read from a file. A number that is possible but wrong passes, unless one of the
-identities ties it to others; `gaitopt verify` examines it.
+Every record that is read from a file is checked here. A number that is possible but wrong passes unless an identity
+relates it to others; `gaitopt verify` detects it.
 """
 
 import math
@@ -32,18 +32,18 @@ from gaitopt.model.modes import Mode
 from gaitopt.problem.scalars import SCALARS
 
 LARGEST, MOST, MOST_STEPS, MOST_MULTIPLIERS = 1e30, 1_000_000_000, 64, 100
-"""Size of a number, of a count; and entries of lists. All are far beyond any walker."""
+"""Limits of a number, a count, the steps of a cycle and the multipliers; far beyond any walker."""
 LONGEST_LIST, LONGEST_TEXT = 100_000, 100_000
 SAME = 1e-9
-"""Relative difference of two numbers of a record that are the same up to rounding."""
-OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
-"""Control characters, which no text of a record has."""
+"""Relative difference of two numbers that are equal up to rounding."""
+CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+"""Not allowed in any text of a record; a terminal would obey them."""
 STATES = "states"
 """Key of a validation's context: the names that every state must have."""
 
 
 def _plain(text: str) -> str:
-    if OBEYED.search(text):
+    if CONTROL_CHARACTERS.search(text):
         raise PydanticCustomError("text", "Control characters in a text")
     return text
 
@@ -53,21 +53,21 @@ def _mode(text: str) -> str:
     return text
 
 
-def _unread(value: Any) -> Any:
-    """Integers of any length as the text of an error, which would else be too long."""
+def _limited(value: Any) -> Any:
+    """Refuse huge integers early, as the message of pydantic would print all their digits."""
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) > LARGEST:
         raise PydanticCustomError("large", "A number beyond {largest}", {"largest": LARGEST})
     return value
 
 
-Number = Annotated[float, BeforeValidator(_unread), Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Number = Annotated[float, BeforeValidator(_limited), Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Positive = Annotated[Number, Gt(0)]
 NotNegative = Annotated[Number, Ge(0)]
-Count = Annotated[int, BeforeValidator(_unread), Field(strict=True, ge=0, le=MOST)]
+Count = Annotated[int, BeforeValidator(_limited), Field(strict=True, ge=0, le=MOST)]
 Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True, max_length=LONGEST_TEXT), AfterValidator(_plain)]
 Word = Annotated[str, Field(strict=True, max_length=200, pattern=r"^[\w .:,+=-]+$")]
-"""A name, which is printed and drawn."""
+"""A name, safe to print and to draw."""
 ModeText = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_mode)]
 Numbers = Annotated[list[Number], Len(max_length=LONGEST_LIST)]
 
@@ -154,7 +154,7 @@ Verification = Annotated[_Verification, AfterValidator(_passed)]
 
 
 class _Measures(TypedDict):
-    """Scalars of a gait; those of a walk may be missing."""
+    """Scalars of a gait."""
 
     period: Positive
     step_length: Number
@@ -196,7 +196,7 @@ class _Special(_Gait):
 
 
 def _consistent(record: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Refuse a gait whose numbers contradict each other."""
+    """Check the identities between the numbers of a gait."""
 
     def agree(key: str, value: float, words: str, size: float = 0.0) -> None:
         if not math.isclose(record[key], value, rel_tol=SAME, abs_tol=SAME * size):
@@ -251,7 +251,7 @@ def _cycle(side: Mapping[str, Any]) -> Mapping[str, Any]:
 
 @with_config(ConfigDict(extra="forbid"))
 class _Empty(TypedDict):
-    """In place of a gait where there is none."""
+    """In place of a gait that does not exist."""
 
 
 SpecialRecord = TypedDict(
@@ -302,20 +302,20 @@ Axes = Annotated[list[_Axis], Len(1, 20)]
 
 
 class SweepRecord(TypedDict):
-    """A sweep: its grid. What it counts follows from its table."""
+    """A sweep: its grid. Its counts follow from its table."""
 
     over: Axes
 
 
 class BasinRecord(TypedDict):
-    """A basin: its grid and the coordinates that this does not vary. All else follows from its tiles."""
+    """A basin: its grid and the fixed coordinates. The rest follows from its tiles."""
 
     over: Axes
     base: dict[Word, Number]
 
 
 class WalkRecord(TypedDict):
-    """A simulated walk; what it states of its last step follows from its table."""
+    """A simulated walk; the scalars of its last step follow from its table."""
 
     problem: Word
     status: Word
@@ -391,7 +391,7 @@ _PLACE = TypeAdapter(_Place)
 
 
 class FrontRecord(TypedDict):
-    """A front: in every point a gait or a failed attempt, with what it costs."""
+    """A front: at every point a gait or a failed attempt, with its objective."""
 
     over: Word
     points: Annotated[list[Annotated[Solved, BeforeValidator(_placed)]], Len(1)]

@@ -29,7 +29,7 @@ class Arc(ReadOnlyArrays):
     segment : index of the control's segment.
     times : ndarray, shape (m,) - time since the last impact [s]; Chebyshev points from start to end, or just both.
     states : ndarray, shape (m, n_z) - states there.
-    side : which leg stands, see ``Walker.side``.
+    side : index of the stance leg, see ``Walker.side``.
     """
 
     mode: Mode
@@ -53,7 +53,7 @@ class Arc(ReadOnlyArrays):
 
     @property
     def duration(self) -> float:
-        """Length of the arc in time [s]."""
+        """Duration of the arc [s]."""
         return self.end - self.start
 
 
@@ -67,7 +67,7 @@ class ImpactRecord(ReadOnlyArrays):
     state : ndarray, shape (n_z,) - state just after it, with x counted from the new stance foot (x = 0).
     step_length : distance of the new stance foot from where the old one stood after its own impact [m].
     impulse : ndarray, shape (2,) - (F_t, F_n) [N s].
-    stick_impulse : ndarray, shape (2,) - what a sticking impact would need, eq. (9) [N s].
+    stick_impulse : ndarray, shape (2,) - impulse of a sticking impact, eq. (9) [N s].
     push_work : work of the push of the other foot just before it [J].
     """
 
@@ -80,7 +80,7 @@ class ImpactRecord(ReadOnlyArrays):
 
     @property
     def impulse_ratio(self) -> float | None:
-        """|F_t| / F_n that a sticking impact would need; None of a foot that lands without an impulse."""
+        """|F_t| / F_n of a sticking impact; None for a foot that lands without an impulse."""
         tangential, normal = self.stick_impulse.tolist()
         return abs(tangential) / normal if normal else None
 
@@ -140,9 +140,9 @@ class Trajectory(Tabulated, ReadOnlyArrays):
     ----------
     names : of the states.
     start : ndarray, shape (n_z,) - state after impact from which it started.
-    steps : complete steps, and at the end perhaps an incomplete one.
-    ending : the named ending.
-    message : the same in words, with time and state.
+    steps : complete steps; the last one may be incomplete.
+    ending : why the motion ended.
+    message : an explanation with time and state.
     """
 
     names: tuple[str, ...]
@@ -162,7 +162,7 @@ class Trajectory(Tabulated, ReadOnlyArrays):
     def to_frame(self) -> "DataFrame":
         """The states as a pandas data frame: time from the start, step from 1, mode; units in ``attrs["units"]``.
 
-        Forces and torques, which take the parameters, are in the data frame of a walk.
+        Forces and torques, which depend on the parameters, are in the data frame of a walk.
         """
         return data_frame(self._header, self._rows(), self._units, ending=str(self.ending))
 

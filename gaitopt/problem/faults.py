@@ -1,9 +1,8 @@
-"""What is wrong with a problem, and where: all faults at once, each with its place, the allowed values and a remedy.
+"""Faults of a problem: all errors at once, each with its place, the allowed values and a remedy.
 
-A fault knows the path of its key; a place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into the key that
-was overridden, with the words of whoever did it.
-
-What a word stands for that a problem file does not take: where it belongs instead, or that nothing expresses it.
+A fault has the path of its key. A place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into the overridden
+key after the label of the option that set it. For some words that a problem file does not accept (knee, spring, rough
+terrain) the message names the walker that has them, or says that the model excludes them.
 """
 
 import difflib
@@ -20,7 +19,7 @@ from pydantic_core import ErrorDetails
 from gaitopt.errors import ProblemError
 from gaitopt.model.units import LARGEST, SMALLEST
 
-BEYOND: Mapping[str, str] = {
+HINTS: Mapping[str, str] = {
     "knee": "a knee is a joint stop: kneed_walker has one, and its phases state it, {mode: stick, knee: free}",
     "roll|round|arc": "round_feet_compass has feet that roll: they stick where they touch the ground",
     "spring|stiff|damp": "torso_walker and telescopic_compass have springs and dampers, or a class of your own",
@@ -35,12 +34,12 @@ BEYOND: Mapping[str, str] = {
     "lateral|yaw|3d|width": "all motion is in a plane",
     "delay|observer|sampl|cpg": "a control is a function of the shape, its rates and the time since the impact",
 }
-"""By words that name it; what is said on the page on scope."""
+"""By a pattern of the unknown word; the page on scope says the same."""
 
 
-def beyond(word: str) -> str:
-    """Where what a word stands for belongs, in words; empty for most words."""
-    return next((words for pattern, words in BEYOND.items() if re.search(pattern, word.lower())), "")
+def hint(word: str) -> str:
+    """What to use in place of an unknown word; empty for most words."""
+    return next((text for pattern, text in HINTS.items() if re.search(pattern, word.lower())), "")
 
 
 Key = tuple[str | int, ...]
@@ -48,14 +47,14 @@ Key = tuple[str | int, ...]
 
 LONGEST_SHOWN = 60
 LOOKS_ALIKE = 0.3
-"""Ratio of difflib from which a dotted key is suggested: their first parts differ most often."""
+"""Ratio of difflib above which a dotted key is suggested; it is low, as the first parts of such keys often differ."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that is wrong with the value at ``path``."""
+    """One error in the value at ``path``."""
 
     path: Key
     message: str
@@ -65,12 +64,12 @@ class Place(Protocol):
     """Where a problem was stated."""
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
-        """A position to sort by, and the place of ``path`` in words."""
+        """A position to sort by, and the text of the place of ``path``."""
 
 
 @dataclass(frozen=True, slots=True)
 class FilePlace:
-    """A file: line and column of the key, or of the nearest key around it."""
+    """A file: line and column of the key, or of the innermost known key around it."""
 
     name: str
     marks: Mapping[Key, tuple[int, int]]
@@ -84,7 +83,7 @@ class FilePlace:
 
 @dataclass(frozen=True, slots=True)
 class OverridePlace:
-    """Overrides by dotted key; a consequence elsewhere is reported under the override that caused it."""
+    """Overrides by dotted key; a fault of another key is reported under the override that caused it."""
 
     keys: Mapping[str, Key]
     label: str = ""
@@ -103,7 +102,7 @@ class OverridePlace:
 
 @dataclass(frozen=True, slots=True)
 class ChangedPlace:
-    """A place whose values are overridden in part: every value where it was given last."""
+    """A place some of whose values are overridden: each value is located where it was last set."""
 
     before: Place
     overrides: OverridePlace
@@ -127,15 +126,14 @@ def fault_lines(faults: Iterable[Fault], place: Place) -> list[str]:
 
 
 def read_section(model: type[Model], data: object, path: Key, faults: list[Fault]) -> Model | None:
-    """``data`` as a model whose fields are the keys of one mapping; faults are added, and then there is no model."""
+    """``data`` as a model whose fields are the keys of one mapping; None where faults were added."""
     if not isinstance(data, Mapping):
-        words = f"{shown(data)} stands where a mapping belongs"
-        faults.append(Fault(path, f"{words}; keys: {', '.join(model.model_fields)}"))
+        faults.append(Fault(path, f"{shown(data)} is not a mapping; keys: {', '.join(model.model_fields)}"))
         return None
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        faults += [Fault((*path, *item["loc"]), _in_words(item, model)) for item in error.errors()]
+        faults += [Fault((*path, *item["loc"]), _message(item, model)) for item in error.errors()]
         return None
 
 
@@ -159,24 +157,24 @@ def shown(value: object) -> str:
 
 
 def near_miss(word: object, allowed: Sequence[str]) -> str:
-    """``; did you mean mass?`` if one of the allowed words is close; else those, and what is known of the word."""
+    """``; did you mean mass?`` if an allowed word is close; otherwise the allowed words and a hint."""
     text = str(word)[:LONGEST_SHOWN]
     close = difflib.get_close_matches(text, allowed, n=2)
     if close:
         return f"; did you mean {' or '.join(close)}?"
-    remark = beyond(text) if isinstance(word, str) else ""
+    remark = hint(text) if isinstance(word, str) else ""
     return f"; allowed: {', '.join(allowed) or 'none'}{remark and f'; {remark}'}"
 
 
 def nearest_keys(key: str, known: Sequence[str]) -> str:
-    """``; did you mean walker.slope?``: dotted keys that end with the word, else those that look alike, else all."""
+    """``; did you mean walker.slope?``: dotted keys with the same last part, else similar ones, else all."""
     tails = [name for name in known if name.rpartition(".")[2] == key.rpartition(".")[2]]
     near = tails or difflib.get_close_matches(key[:LONGEST_SHOWN], known, n=3, cutoff=LOOKS_ALIKE)
     return f"; did you mean {' or '.join(near)}?" if near else f"; use {', '.join(known)}"
 
 
-def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
-    """A fault that pydantic reports, in the terms of the problem file."""
+def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
+    """The message for an error that pydantic reports, in the terms of the problem file."""
     kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
     field = model.model_fields.get(str(item["loc"][0])) if item["loc"] else None
     meaning = f" ({field.description})" if field is not None and field.description else ""
@@ -188,7 +186,7 @@ def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
         choices = re.findall(r"'(.*?)'", str(limits["expected"]))
         return f"{shown(value)} is not one of the choices{near_miss(value, choices)}"
     if kind in ("too_short", "too_long"):
-        return f"has {limits['actual_length']} entries, but {_length_words(field)}{meaning}"
+        return f"has {limits['actual_length']} entries, {_length_words(field)}{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
     if isinstance(value, float) and not math.isfinite(value):
@@ -201,12 +199,12 @@ def _in_words(item: ErrorDetails, model: type[BaseModel]) -> str:
 def _length_words(field: FieldInfo | None) -> str:
     least, most = (_limits(field, (name,)) for name in ("min_length", "max_length"))
     if least == most:
-        return f"{least[0]:g} belong here"
-    return f"at least {least[0]:g} belong here" if not most else f"at most {most[0]:g} are allowed"
+        return f"must have {least[0]:g}"
+    return f"must have at least {least[0]:g}" if not most else f"must have at most {most[0]:g}"
 
 
 def _range_words(field: FieldInfo | None, kind: str, violated: float) -> str:
-    """The whole range of a number; where only its sign or its size is restricted, the limit alone."""
+    """The range of a number; only the violated limit where the other one is nothing but a limit of size."""
     if violated == SMALLEST:
         return f"greater than 0, and at least {SMALLEST:g}"
     least = max(_limits(field, ("ge",)), default=-LARGEST)
@@ -217,7 +215,7 @@ def _range_words(field: FieldInfo | None, kind: str, violated: float) -> str:
 
 
 def _limits(field: FieldInfo | None, names: Sequence[str]) -> list[float]:
-    """Limits of a field by pydantic's names; none for what stands inside of a list."""
+    """Limits of a field by pydantic's names; none for the entries of a list."""
     metadata = () if field is None else field.metadata
     return [getattr(part, name) for part in metadata for name in names if getattr(part, name, None) is not None]
 

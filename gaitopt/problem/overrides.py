@@ -56,7 +56,7 @@ def _set(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) ->
 
 
 def _match_friction(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) -> object:
-    """One coefficient where there are two moves both, if they are equal; one of two splits a single one."""
+    """A single coefficient sets two equal ones; one of two coefficients splits a single one."""
     friction = data["friction"]
     if len(path) > 1 and isinstance(friction, int | float):
         data["friction"] = {"static": friction, "kinetic": friction}
@@ -75,7 +75,7 @@ def _match_friction(data: dict[str, Any], path: Key, value: object, faults: list
 
 _REPLACED = (("steps", ("phases", "impact")), ("phases", ("steps",)))
 _OPENED = (("phases", ("impact", "steps")),)
-"""Keys of a gait that go where another one is set: one step or several, and a sequence that is opened."""
+"""Keys of a gait that are removed when another one is set: by one step or several, and by an open sequence."""
 
 
 def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden: tuple[Key, ...]) -> None:
@@ -103,20 +103,20 @@ def _drop_stale(before: Mapping[str, Any], after: Mapping[str, Any], overridden:
 
 
 def _steps(gait: Mapping[str, Any]) -> list[Any]:
-    """The steps of a gait's data, valid or not."""
+    """The steps in the data of a gait, valid or not."""
     steps = gait.get("steps", [gait])
     return list(steps) if isinstance(steps, list | tuple) else []
 
 
 def _phase_counts(gait: Mapping[str, Any]) -> list[int] | None:
-    """Number of phases of every step; None where the data are no steps."""
+    """Number of phases of every step; None where the data are not steps."""
     phases = [step.get("phases") if isinstance(step, Mapping) else None for step in _steps(gait)]
     counts = [len(p) for p in phases if isinstance(p, list | tuple)]
     return counts if len(counts) == len(phases) else None
 
 
 def changed_values(before: Mapping[str, Any], after: Mapping[str, Any], above: str = "") -> list[str]:
-    """Dotted keys of what differs between the data of two problems; their names and texts ``about`` do not count."""
+    """Dotted keys whose values differ in the data of two problems; ``name`` and ``about`` do not count."""
     changed = []
     for key in dict.fromkeys([*before, *after]):
         one, other = before.get(key), after.get(key)

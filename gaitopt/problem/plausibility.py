@@ -1,7 +1,7 @@
-"""Whether the numbers of a problem suit its walker: impossible ones are faults, unusual ones are remarks.
+"""Plausibility of the numbers of a problem for its walker: impossible numbers are faults, unusual ones only remarks.
 
-Energy of a passive walker comes from going downhill alone; and as the mean contact force of a steady gait balances the
-weight, no friction below tan(slope) will do.
+A passive walker gains energy only downhill. The mean contact force of a steady gait balances the weight, so friction
+must be at least tan(slope).
 """
 
 import math
@@ -41,20 +41,20 @@ from gaitopt.problem.statement import ProblemStatement
 FEET_APART = 1e-6
 """Least distance of the feet at the start of a step, in leg lengths."""
 LIGHT = 1e-6
-"""A mass below this part of the whole is more likely a mistake than meant."""
+"""A mass below this part of the total is probably a mistake."""
 MANY_PHASES = 10
-"""Phases of a step whose gait takes many seconds; the time grows with the square of their number."""
-NO_ENERGY = "no energy comes in: a passive walker on level or uphill ground cannot be periodic"
+"""Phases of a step for which a solution takes many seconds; the time grows with the square of their number."""
+NO_ENERGY = "no source of energy: a passive walker on level or uphill ground cannot have a periodic gait"
 STATE: Key = ("gait", "guess", "state")
 Span = tuple[Key, float, float, Within]
-"""Path of a number or of a range of numbers, its lower and upper end, and what is possible."""
+"""Path of a number or of a range of numbers, its lower and upper end, and its limits."""
 
 
 def impossible(problem: ProblemStatement) -> Iterator[Fault]:
-    """Numbers that no such walker can have."""
+    """Faults: numbers that the walker cannot have."""
     scales = natural_units(problem.walker)
     if not all(math.isfinite(size) and size > 0 for size in (scales.length, scales.time, scales.energy)):
-        yield Fault(("walker",), "masses, lengths and gravity are so far apart that their products leave all numbers")
+        yield Fault(("walker",), "masses, lengths and gravity differ so much that their products overflow or vanish")
         return
     for path, lower, upper, within in _spans(problem):
         why = within.objection(lower, upper, scales)
@@ -64,13 +64,13 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
         return
     foot, upright, _ = _geometry_at_guess(problem)
     if not (problem.walker.flies or math.hypot(*foot) > FEET_APART * scales.length):
-        yield Fault(STATE, "both feet are at one place: a step begins with the feet apart")
+        yield Fault(STATE, "both feet are at the same place: a step begins with the feet apart")
     if upright < FALLEN:
-        yield Fault(STATE, "the walker has fallen: it begins a step upright")
+        yield Fault(STATE, "the walker has fallen: a step begins upright")
 
 
 def remarks(problem: ProblemStatement) -> Iterator[Fault]:
-    """Numbers that are possible, but more likely a mistake than meant."""
+    """Remarks: numbers that are possible, but probably a mistake."""
     scales, walker = natural_units(problem.walker), problem.walker
     for path, lower, upper, within in _spans(problem):
         why = within.remark(lower, upper, scales)
@@ -91,11 +91,11 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
     needed = abs(gravity[0] / gravity[1])
     if problem.static_friction < needed and not problem.free:
         less = f"{problem.static_friction:g} is less than tan(slope) = {needed:.4g}"
-        yield Fault(("friction",), f"{less}: no steady gait holds on such a slope")
+        yield Fault(("friction",), f"{less}: no steady gait exists on this slope")
 
 
 def lacks_energy(problem: ProblemStatement) -> bool:
-    """Whether nothing replaces what impacts and friction take: no motors, no push-off, and no way downhill."""
+    """Whether nothing replaces the energy lost in impacts and friction: no motors, no push-off, no downhill slope."""
     downhill = _geometry_at_guess(problem)[2][0]
     slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
     walker, system = problem.walker, _system(type(problem.walker))
@@ -111,7 +111,7 @@ def natural_units(walker: Walker) -> Scales:
 
 
 def _spans(problem: ProblemStatement) -> Iterator[Span]:
-    """All numbers whose range is in natural units, or depends on the walker."""
+    """All numbers with a range in natural units, or one that depends on the walker."""
     walker, control, laws = problem.walker, problem.control, dict[str, Any]()
     yield from _friction(problem)
     yield from _of(walker, ("walker",))
@@ -157,7 +157,7 @@ def _annotated(path: Key, value: float, metadata: list[Any]) -> Iterator[Span]:
 
 
 def _scalar_range(name: str, problem: ProblemStatement) -> list[Within]:
-    """Range of a scalar that is constrained; a freed parameter keeps to its own bounds."""
+    """Range of a constrained scalar; a freed parameter has its own bounds."""
     modes = set() if problem.is_open else {*problem.cycle.phases, *problem.cycle.impacts}
     if name == "step_length" and modes == {Mode.STICK}:
         return [SLIPLESS_STEP]

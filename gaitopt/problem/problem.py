@@ -31,15 +31,15 @@ FOLLOWED_FROM = "followed_from"
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Problem(ProblemStatement):
-    """The statement of one gait, validated, with where it comes from.
+    """The statement of one gait, validated, with its source.
 
     Attributes
     ----------
     reference : the problem whose gait the control tracks or its curve starts from.
-    path, text : where it came from, verbatim; overrides are not in the text.
-    origin : the problem with an open sequence that this one answers, under whose name and digest it is kept.
-    file : the problem that the file states, before ``replace`` changed it; None for that problem itself.
-    place : where each of its values was given: a line of the file, or an override.
+    path, text : its file and the verbatim text, without overrides.
+    origin : the problem with an open sequence whose solution this is; results are stored under its name and digest.
+    file : the problem in the file, before ``replace`` changed it; None for that problem itself.
+    place : the place of each value: a line of the file, or an override.
     """
 
     reference: "Problem | None" = None
@@ -54,7 +54,7 @@ class Problem(ProblemStatement):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is unusual about its numbers, one line each with its place; empty for most problems."""
+        """Remarks on unusual numbers, one line each with its place; empty for most problems."""
         return tuple(fault_lines(remarks(self), self.place))
 
     def reference_problem(self) -> "Problem | None":
@@ -63,7 +63,7 @@ class Problem(ProblemStatement):
 
     @property
     def followed_from(self) -> "Problem | None":
-        """The file's problem, where only values of continuous parameters differ from it; otherwise None.
+        """The file's problem, if this one differs only in values of continuous parameters; otherwise None.
 
         The gait of this problem is then the file's own gait, followed from the file's values to these.
         """
@@ -88,12 +88,12 @@ class Problem(ProblemStatement):
         Parameters
         ----------
         overrides : values as in the file by dotted key, for instance ``{"friction": 0.16, "walker.slope": "2 deg"}``.
-        label : stands before the keys in messages: the option that sets them, for instance.
+        label : text before the keys in messages, such as the option that sets them.
 
         Raises
         ------
         ProblemError
-            If the result is wrong; each line names the override.
+            If the result is not valid; each line names the override.
         """
         faults: list[Fault] = []
         data, place = apply_overrides(problem_data(self), overrides, faults, label)
@@ -196,16 +196,16 @@ class Problem(ProblemStatement):
         }
 
     def objection(self, key: str, value: float) -> str | None:
-        """Why a parameter cannot have a value, independently of all others; None if it can."""
+        """Why a parameter cannot have a value, regardless of other parameters; None if it can."""
         faults: list[Fault] = []
         data, place = apply_overrides(problem_data(self), {key: value}, faults)
         assemble(data, {self.walker.model: type(self.walker)}, faults)
         return next((fault.message for fault in faults if fault.path == place.keys[key]), None)
 
     def resolved(self) -> dict[str, Any]:
-        """The whole problem in SI as JSON-able data; in a reference the other problem stands in place of its name.
+        """The whole problem in SI as JSON data; a reference contains the other problem in place of its name.
 
-        Where the gait of the file is followed, ``followed_from`` has the file's values of the changed parameters.
+        If the gait of the file is followed, ``followed_from`` has the file's values of the changed parameters.
         """
         if self.origin is not None:
             return self.origin.resolved()
@@ -224,10 +224,10 @@ class Problem(ProblemStatement):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything that determines the gait, and of the name; the texts ``about`` do not count.
+        """SHA-256 of the name and everything that determines the gait; the texts ``about`` do not count.
 
-        That is the resolved problem: all values, modes and guess, the reference with its own, and the file's values of
-        the parameters that were changed, where the gait is followed from there.
+        It covers the resolved problem: all values, modes and guess, those of the reference, and the file's values of
+        changed parameters, if the gait is followed from them.
         """
         return digest_of(self.resolved())
 
@@ -242,19 +242,19 @@ def _phase_numbers(cycle: Cycle) -> list[int]:
 
 
 def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
-    """The problem of a name in the catalogue, or of a file.
+    """Load a problem by name or path.
 
     Parameters
     ----------
     name_or_path : a name out of ``problem_names()``, or the path of a .yaml file.
-    walkers : walkers that the file may name besides those that are registered.
+    walkers : classes that the file may name in addition to the registered ones.
 
     Raises
     ------
     UnknownNameError
         If no problem has this name.
     ProblemError
-        If the file or what it says is wrong: one line ``file:line:column key: ...`` per fault.
+        If the file or its content is wrong: one line ``file:line:column key: ...`` per fault.
     """
     return _load(name_or_path, _Origin(walkers=_listed(walkers)))
 
@@ -271,7 +271,7 @@ def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type
 
 
 def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Problem:
-    """The problem that ``Problem.resolved`` has written, references included.
+    """The problem of a record that ``Problem.resolved`` wrote, references included.
 
     Raises
     ------
@@ -295,7 +295,7 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Origin:
-    """Where a problem is read from: its file, those that refer to it one after the other, and further walkers."""
+    """Source of a problem: its file, the chain of files that refer to it, and further classes of walkers."""
 
     walkers: tuple[type[Walker], ...]
     path: Path | None = None
@@ -340,7 +340,7 @@ def _load(name_or_path: str | Path, origin: _Origin) -> Problem:
     text = read_text(path)
     chain = origin.chain if origin.path is None else (*origin.chain, origin.path.resolve())
     if path.resolve() in chain:
-        raise ProblemError(f"references run in a circle: {' -> '.join(file.stem for file in (*chain, path))}")
+        raise ProblemError(f"circular reference: {' -> '.join(file.stem for file in (*chain, path))}")
     return _parse(text, _Origin(walkers=origin.walkers, path=path, chain=chain))
 
 
@@ -350,7 +350,7 @@ def _parse(text: str, origin: _Origin) -> Problem:
     place = FilePlace(name, source.marks)
     faults = list(source.faults)
     if not isinstance(source.data, Mapping):
-        faults.append(Fault((), "the file holds no mapping of keys; `gaitopt schema` describes a problem file"))
+        faults.append(Fault((), "the file is not a mapping of keys; `gaitopt schema` describes a problem file"))
         raise_faults(faults, place)
     return _build(source.data, place, faults, origin, text=text)
 
@@ -364,7 +364,7 @@ def _build(
     text: str = "",
     known: Mapping[str, Problem] | None = None,
 ) -> Problem:
-    """A problem from data, or all that is wrong with them; ``known`` are references that need no loading, by name."""
+    """A problem from data; raises all faults. ``known`` are references by name that need no loading."""
     walkers = {**registered_walkers(), **_by_model(origin.walkers)}
     fields = assemble(data, walkers, faults)
     name, key = reference_name(fields["control"])
@@ -392,10 +392,10 @@ def reference_name(control: ControlSpec | None) -> tuple[str, Key]:
 
 
 def unsuitable(name: str, reference: ProblemStatement, walker: Walker) -> Iterator[str]:
-    """Why a walker cannot track the gait of a problem, which its file calls ``name``."""
-    words = f"the reference {shown(name)}"
+    """Reasons why a walker cannot track the gait of the problem ``name``."""
+    subject = f"the reference {shown(name)}"
     untracked = ", ".join(angle for angle in walker.tracked if angle not in reference.walker.shape)
     if untracked:
-        yield f"{words} is a {reference.walker.model}, which has no {untracked} to track"
+        yield f"{subject} is a {reference.walker.model}, which has no {untracked} to track"
     if len(reference.cycle.steps) > 1:
-        yield f"{words} has several steps, but its clock restarts at every impact: name a gait of one step"
+        yield f"{subject} has several steps, but its clock restarts at every impact: name a gait of one step"

@@ -56,20 +56,21 @@ Model = TypeVar("Model", bound=BaseModel)
 
 CONTROLS = ("none", "constant_torque", "pd")
 UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
-"""Stands for an unknown that has faults of its own, so that its name stays known."""
+"""In place of an unknown whose own mapping has faults; its name may still be used."""
 
 
-UNEVEN = "{} is no number of steps after which the same leg stands again: where the legs differ, a cycle has 2, 4, ..."
-SAME_STATE = 1e-5  # relative: a state written with six digits may be off by half of this
+UNEVEN = "{} steps do not return to the first stance leg: where the legs differ, a cycle has 2, 4, ... steps"
+SAME_STATE = 1e-5
+"""Relative; a state written with six digits may be off by half of this."""
 
 
 def assemble(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> dict[str, Any]:
-    """The fields of a problem that its own data determine; they are meaningful only if no fault was added."""
+    """The fields of a problem statement from its data; they are meaningful only if no fault was added."""
     return _StatementReader(data, walkers, faults).fields()
 
 
 class _StatementReader:
-    """Reads the sections of one problem, and collects its unknowns ``free`` and all faults on the way."""
+    """Reads the sections of one problem, and collects its unknowns and all faults."""
 
     def __init__(self, data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> None:
         self._data, self._walkers, self._faults = data, walkers, faults
@@ -121,7 +122,7 @@ class _StatementReader:
             return None
         section = self._data["walker"]
         if not isinstance(section, Mapping):
-            words = "stands where a mapping belongs: model, and the model's parameters"
+            words = "is not a mapping; keys: model, and the model's parameters"
             self._fault(("walker",), f"{shown(section)} {words}")
             return None
         name = section.get("model")
@@ -159,7 +160,7 @@ class _StatementReader:
         if kind == "none":
             return read_section(NoControlSpec, data, ("control",), self._faults)
         if walker is not None and not walker.actuators:
-            words = f"so that {kind} has nothing to act on; allowed: none"
+            words = f"so {kind} cannot act; allowed: none"
             self._fault(path, f"{walker.model} has no actuators, {words}")
             return None
         if kind == "pd":
@@ -173,15 +174,15 @@ class _StatementReader:
         return None if torques is None else ConstantTorqueSpec(torques=torques.model_dump(exclude={"type"}))
 
     def _with_reference(self, data: Mapping[str, Any]) -> dict[str, Any]:
-        """The data of a PD law with its reference read; where that failed another one stands in, to check the rest."""
+        """The data of a PD law with its reference read; a placeholder where that failed, to check the other keys."""
         if "reference" not in data:
             return dict(data)
         reference, path = data["reference"], ("control", "reference")
         read: GaitReference | CurveReference | None
         if isinstance(reference, Mapping) and "curve" in reference:
             curve = read_section(CurveSpec, reference["curve"], (*path, "curve"), self._faults)
-            stand_in = curve or CurveSpec.model_construct(degree=1, start="")
-            read = read_section(CurveReference, {**reference, "curve": stand_in}, path, self._faults)
+            placeholder = curve or CurveSpec.model_construct(degree=1, start="")
+            read = read_section(CurveReference, {**reference, "curve": placeholder}, path, self._faults)
         else:
             read = read_section(GaitReference, reference, path, self._faults)
         return {**data, "reference": read or GaitReference.model_construct(gait="", beyond_end=BeyondEnd.HOLD)}
@@ -199,7 +200,7 @@ class _StatementReader:
             key = fault.path[len(path)] if len(fault.path) > len(path) else None
             if key in unknowns:
                 self._fault((*fault.path, "guess"), fault.message)
-            elif key not in freed:  # what is wrong with the mapping of an unknown has been said
+            elif key not in freed:  # faults of an unknown's mapping are already reported
                 self._faults.append(fault)
         if section is None:
             return None
@@ -232,7 +233,7 @@ class _StatementReader:
 
 
 def _point_faults(curve: CurveSpec, walker: type[Walker]) -> Iterator[Fault]:
-    """Whether the control points are those of the walker's tracked joints, as many as the degree takes, in bounds."""
+    """Control points must be those of the tracked joints, degree + 1 for each, within the bound."""
     if curve.points is None:
         return
     path: Key = ("control", "reference", "curve", "points")
@@ -262,7 +263,7 @@ def _dotted_key(path: Key, key: str) -> str:
 def read_gait(
     data: Mapping[str, Any], model: type[Walker] | None, walker: Walker | None, faults: list[Fault]
 ) -> tuple[Cycle | OpenSequence | None, Guess | None]:
-    """The cycle and the guess, as far as they can be had without fault."""
+    """The cycle and the guess; None where they have faults."""
     if "gait" not in data:
         return None, None
     if isinstance(data["gait"], Mapping) and data["gait"].get("phases") == OPEN:
@@ -280,7 +281,7 @@ def read_gait(
     phases = [mode for step in steps for mode in step.phases]
     if guess.durations is not None and len(guess.durations) != len(phases):
         needed = f"one duration per phase ({', '.join(phases)})"
-        message = f"{len(guess.durations)} given, but it takes {needed}; or leave durations out"
+        message = f"{len(guess.durations)} given, but the gait needs {needed}; or leave durations out"
         faults.append(Fault(("gait", "guess", "durations"), message))
     state = None if model is None else _read_state(guess.state, model, walker, steps[-1].impact, faults)
     return cycle, None if state is None else Guess(state=state, durations=guess.durations)
@@ -289,7 +290,7 @@ def read_gait(
 def _read_open(
     data: Mapping[str, Any], model: type[Walker] | None, walker: Walker | None, faults: list[Fault]
 ) -> tuple[OpenSequence | None, Guess | None]:
-    """A gait whose sequence is to be found; of a guess, the slip velocity is 0 if it is left out."""
+    """A gait with an open mode sequence; a slip velocity that is left out of the guess is 0."""
     gait = read_section(OpenGaitSection, data, ("gait",), faults)
     if gait is None:
         return None, None
@@ -301,7 +302,7 @@ def _read_open(
     if guess is None or model is None:
         return sequence, None
     if guess.durations is not None:
-        faults.append(Fault(("gait", "guess", "durations"), "belong to phases, which are open here: leave them out"))
+        faults.append(Fault(("gait", "guess", "durations"), "the phases are open: leave the durations out"))
     slip = guess.state.get("dx", 0.0)
     impact = Mode.slip(slip) if isinstance(slip, int | float) and slip else Mode.STICK
     state = _read_state(guess.state, model, walker, impact, faults)
@@ -352,14 +353,14 @@ def _read_state(
         return None
     for name, value in given.items():
         if name not in (*needed, "x", "dx") and not math.isclose(value, state[name], rel_tol=SAME_STATE):
-            message = f"{value:g} contradicts the section, just after the impact it is {state[name]:.9g}: leave it out"
+            message = f"{value:g} contradicts the section: just after the impact it is {state[name]:.9g}; leave it out"
             faults.append(Fault((*path, name), message))
     state |= {name: given[name] for name in ("x", "dx") if name in given}
     return {name: float(state[name]) for name in walker.state_names()}
 
 
 def _after_impact(given: Mapping[str, float], walker: Walker) -> dict[str, float]:
-    """Shape coordinates and rates that follow from those of the section."""
+    """Shape coordinates and rates from those of the section."""
     model = type(walker)
     p = np.array([float(getattr(walker, name)) for name in model.model_fields])
     shape, rates = section_posture(model, given, p)
@@ -368,7 +369,7 @@ def _after_impact(given: Mapping[str, float], walker: Walker) -> dict[str, float
 
 
 def _slip_faults(dx: float, impact: Mode, path: Key) -> list[Fault]:
-    """Whether the slip velocity has the sign that the impact says."""
+    """A fault where the slip velocity does not have the sign of the impact."""
     if math.copysign(1.0, dx) * (dx != 0) == impact.direction:
         return []
     sign = {0: "= 0 (leave it out)", 1: "> 0", -1: "< 0"}[impact.direction]
@@ -377,7 +378,7 @@ def _slip_faults(dx: float, impact: Mode, path: Key) -> list[Fault]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scope:
-    """What the names in an objective or a constraint may refer to; None where it is open or at fault."""
+    """The names that an objective or a constraint may use; None for parts that are open or have faults."""
 
     walker: type[Walker]
     control: ControlSpec | None
@@ -390,18 +391,16 @@ class Scope:
         return (*DESIGN_SCALARS, *(f"state.{name}" for name in self.walker.state_names()), *self.free)
 
     def objection(self, name: str) -> str | None:
-        """Why ``name`` cannot be used, if so."""
+        """Why ``name`` cannot be used; None if it can."""
         if name not in self.names:
             return f"is no scalar of a gait and no freed parameter{near_miss(name, self.names)}"
         powers = (() if isinstance(self.control, NoControlSpec) else (MOTORS,)) + (
             (PUSH,) if self.walker.pushes else ()
         )
         if name in SCALARS and SCALARS[name].needs and not {*SCALARS[name].needs} & {*powers}:
-            return (
-                "is a quantity of the motors, and this walker is passive: give it a control, or choose another scalar"
-            )
+            return "depends on the motors, and this walker is passive: give it a control, or choose another scalar"
         if name == "required_friction" and self.cycle and Mode.STICK not in self.cycle.phases:
-            return "is defined by sticking phases, and this gait has none"
+            return "is defined for sticking phases, and this gait has none"
         return None
 
     def is_angle(self, name: str) -> bool:
@@ -470,9 +469,9 @@ def read_constraints(data: object, scope: Scope, faults: list[Fault]) -> dict[st
 def check_unknowns(
     scope: Scope, objective: Mapping[str, float], constraints: Mapping[str, Range], faults: list[Fault]
 ) -> None:
-    """Whether the free parameters are neither too few nor too many for objective and constraints."""
+    """Check that there are neither too few nor too many free parameters for the objective and constraints."""
     if scope.unknowns and scope.cycle is not None and len(scope.cycle.steps) > 1:
-        message = "several steps and unknown parameters do not go together yet: give numbers, or a gait of one step"
+        message = "a design cannot have several steps: give numbers in place of free parameters, or a gait of one step"
         faults.append(Fault(("gait", "steps"), message))
     equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
     if not scope.unknowns and (objective or constraints):
@@ -513,7 +512,7 @@ def _read_range(value: object, angle: bool, path: Key, faults: list[Fault]) -> R
 
 
 def _contradiction(name: str, span: Range, free: Mapping[str, Free]) -> list[Fault]:
-    """A constraint on a freed parameter has to leave something of the parameter's own bounds."""
+    """A fault where a constraint on a freed parameter excludes all values within the parameter's bounds."""
     if name not in free or not (span.minimum > free[name].upper or span.maximum < free[name].lower):
         return []
     bounds = f"[{free[name].lower:g}, {free[name].upper:g}]"

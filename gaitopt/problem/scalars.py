@@ -223,11 +223,11 @@ NUMBER_UNITS = {
     "kp": "N m/rad",
     "kd": "N m s/rad",
 }
-"""Of friction and control, by the last part of the dotted key; those of walkers stand in their own descriptions."""
+"""Of friction and control, by the last part of the dotted key; units of walkers are in their field descriptions."""
 
 
 def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
-    """Friction and scalars of a record by their keys; several numbers of the friction law have dotted keys."""
+    """Friction and scalars of a record by their keys; a friction law with several numbers has dotted keys."""
     friction = record.get("friction")
     if isinstance(friction, Mapping):
         numbers = {f"friction.{name}": value for name, value in friction.items()}
@@ -237,7 +237,7 @@ def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
 
 
 def relevant_scalars(records: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Keys of ``scalar_values`` without those of motors, push-offs and dampers that no walker of the records has."""
+    """Keys of ``scalar_values``, without scalars of motors, push-offs and dampers that are zero in all records."""
     known = [scalar_values(record) for record in records]
     keys = dict.fromkeys(key for values in known for key in values)
     needed = {key for key in keys if key in SCALARS and SCALARS[key].needs}
@@ -250,14 +250,14 @@ def label_of(key: str) -> str:
 
 
 def state_unit(name: str) -> str:
-    """Unit of a state: the foot's coordinates and what walkers declare as lengths in metres, all else are angles."""
+    """Unit of a state: coordinates of the foot and declared lengths in metres, all others are angles."""
     rate = name.startswith("d")
     lengths = {"x", "y"}.union(*(walker.lengths for walker in registered_walkers().values()))
     return ("m" if name[rate:] in lengths else "rad") + ("/s" if rate else "")
 
 
 def parameter_units() -> dict[str, str]:
-    """Units by the last part of a parameter's dotted key; of walkers, the brackets that end a field's description."""
+    """Units by the last part of a parameter's dotted key; fields of walkers have theirs in their descriptions."""
     fields = [item for walker in registered_walkers().values() for item in walker.model_fields.items()]
     described = {name: (field.description or "").partition(" [")[2].rstrip("]") for name, field in fields}
     return described | NUMBER_UNITS

@@ -36,7 +36,7 @@ Duration = Annotated[Finite, Field(ge=SMALLEST)]
 
 
 class Section(BaseModel):
-    """Base of every section: its fields are all the keys there are."""
+    """Base of every section; keys other than its fields are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -54,9 +54,9 @@ def section_model(name: str, keys: Mapping[str, Any], *, required: bool = True) 
 
 
 MAX_STEPS = 64
-"""Of a cycle; beyond that a walk is taken for irregular."""
+"""Of a cycle; longer motions count as irregular."""
 MAX_PHASES = 64
-"""Of one step: known gaits have up to five, and the equations grow with them."""
+"""Of one step; known gaits have up to five, and the equations grow with their number."""
 FRICTION = Within(usual=(0, 3))
 DRAG = Within(unit="drag", possible=(0, 1e4), usual=(0, 100))
 RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
@@ -99,7 +99,7 @@ class FrictionCoefficients(Section):
         if self.static < self.kinetic:
             raise ValueError(
                 f"static = {self.static:g} is below kinetic = {self.kinetic:g}: "
-                "a foot that sticks would then need less force to slip than it meets once it slips"
+                "a sticking foot would then start to slip at a smaller force than friction exerts on a slipping one"
             )
         return self
 
@@ -127,7 +127,7 @@ class CycleSection(Section):
 
 
 class OpenGaitSection(Section):
-    """A gait whose mode sequence is to be found."""
+    """A gait with an open mode sequence."""
 
     phases: Annotated[Literal["auto"], Field(description="the modes are to be found")]
     impact: Annotated[
@@ -237,7 +237,7 @@ class CurveSpec(Section):
 
 
 class CurveReference(Section):
-    """A reference that is to be designed."""
+    """A reference curve that a design finds."""
 
     curve: CurveSpec
     beyond_end: Annotated[
@@ -301,7 +301,7 @@ ANGLE_TEXT = {
     "pattern": rf"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*({'|'.join(ANGLE_UNITS)})\s*$",
 }
 LIMIT_NAMES = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
-"""Where a validator stands between type and limits, pydantic keeps its own names of the limits."""
+"""With a validator between type and limits, pydantic writes its own names of the limits."""
 NUMBER_OR_ANGLE = {"anyOf": [{"type": "number"}, ANGLE_TEXT]}
 
 
@@ -399,7 +399,7 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
 
 
 def _constraint(scalar: Scalar) -> dict[str, Any]:
-    """A constrained scalar: what can be checked without the walker is what its sign allows."""
+    """A constrained scalar; without the walker only its sign can be checked."""
     signed = scalar.within.possible[0] >= 0
     least: dict[str, Any] = {"type": "number", "minimum": 0} if signed else {"type": "number"}
     words = "; ".join(filter(None, (scalar.description, str(scalar.within))))

@@ -1,7 +1,8 @@
 """Reading YAML 1.2 from untrusted sources: plain data, and the line and column of every key.
 
-Aliases, anchors, tags and further documents are refused while the events stream by, before anything is built; size,
-depth and number of values are bounded, so that no text takes long. Only mappings, lists and plain scalars come out.
+Aliases, anchors, tags and further documents are errors, found in the stream of events before any data are built. Size,
+depth and number of values are bounded, which bounds the time of parsing. Data are mappings, lists and plain scalars.
+Named problems are files shipped with the package, or those of the folder ``problems`` of a checkout.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -34,8 +35,10 @@ from gaitopt.problem.faults import Fault, Key, near_miss, plain, shown
 SUFFIXES = (".yaml", ".yml")
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20
-MAX_VALUES = 2000  # ten times the largest sensible file; bounds the time of a pure Python parser
-MAX_SCALAR = 4000  # characters; also keeps int() away from its own limit of digits
+MAX_VALUES = 2000
+"""Ten times the largest sensible file; it bounds the time of a pure Python parser."""
+MAX_SCALAR = 4000
+"""Characters; below the limit of digits of int()."""
 
 _STRING = "tag:yaml.org,2002:str"
 _FLOAT = "tag:yaml.org,2002:float"
@@ -51,7 +54,7 @@ class Source:
     ----------
     data : mappings with string keys, lists, and str, int, float, bool or None.
     marks : line and column, both from 1, of every key and list entry by its path; the root has the path ().
-    faults : what is wrong with the text itself, duplicate keys for instance.
+    faults : errors in the text itself, such as duplicate keys.
     """
 
     data: Any
@@ -60,7 +63,7 @@ class Source:
 
 
 def problem_names() -> tuple[str, ...]:
-    """Every name that ``load_problem`` knows, in alphabetical order."""
+    """The names of all named problems, in alphabetical order."""
     return tuple(sorted(path.stem for path in _folder().glob("*.yaml")))
 
 
@@ -118,7 +121,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_source(text: str, name: str) -> Source:
-    """Data and marks of a YAML text; ``name`` stands for the file in messages.
+    """Data and marks of a YAML text; ``name`` is the file in messages.
 
     Raises
     ------
@@ -133,7 +136,7 @@ def parse_source(text: str, name: str) -> Source:
 
 @lru_cache(maxsize=64)
 def _parse(text: str, name: str) -> Source:
-    """The same, kept, as the parser takes ten milliseconds for a file; its data must not be changed."""
+    """Cached, as parsing a file takes ten milliseconds; the data must not be changed."""
     yaml = YAML(typ="safe", pure=True)
     reader = _DocumentReader(yaml, name)
     try:
@@ -147,9 +150,9 @@ def _parse(text: str, name: str) -> Source:
         line, column = before.count("\n") + 1, error.position - before.rfind("\n")
         message = f"control character U+{error.character:04X} is not allowed: a problem file is plain text"
         raise _refusal(name, message, line, column) from error
-    except ProblemError:  # is a ValueError itself
+    except ProblemError:  # a subclass of ValueError
         raise
-    except (YAMLError, ValueError, OverflowError) as error:  # the latter two: escapes beyond Unicode
+    except (YAMLError, ValueError, OverflowError) as error:  # the last two from escapes beyond Unicode
         raise _refusal(name, f"is not YAML: {error}") from error
     return Source(data=data, marks=reader.marks, faults=tuple(reader.faults))
 
@@ -181,7 +184,7 @@ class _DocumentReader:
         events = self._checked(stream)
         root = next((event for event in events if isinstance(event, NodeEvent)), None)
         data = None if root is None else self._value(root, events, ())
-        for _ in events:  # to the end: a second document or trailing nonsense is refused
+        for _ in events:  # read to the end: a second document is an error
             pass
         return data
 
@@ -235,7 +238,7 @@ class _DocumentReader:
             if key in content:
                 line = self.marks[(*path, key)][0]
                 self.marks[(*path, key)] = _position(event)
-                self.faults.append(Fault((*path, key), f"given twice, before in line {line}: keep one"))
+                self.faults.append(Fault((*path, key), f"is given twice, first in line {line}: keep one"))
             self.marks[(*path, key)] = _position(event)
             content[key] = self._value(next(events), events, (*path, key))
         return content
@@ -245,7 +248,7 @@ class _DocumentReader:
             raise self._refuse(event, f"a value of {len(event.value)} characters; at most {MAX_SCALAR}")
         tag = self._tag(event)
         if tag not in _NATIVE:
-            return event.value  # texts; a timestamp is a text too
+            return event.value  # a timestamp is a text too
         value = self.yaml.constructor.construct_object(ScalarNode(tag, event.value))
         if tag == _INT and abs(value) >= 2**63:
             self.faults.append(Fault(path, f"{shown(event.value)} is too large for an integer"))

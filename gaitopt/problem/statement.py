@@ -44,7 +44,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenSequence:
-    """A mode sequence that is to be found: its impact if that is known, and the largest number of steps of a cycle."""
+    """An open mode sequence: its impact if that is known, and the largest number of steps of a cycle."""
 
     impact: Mode | None = None
     steps: int = 1
@@ -60,7 +60,7 @@ class Guess:
     Attributes
     ----------
     state : the whole state just after the impact by name [rad, m, rad/s, m/s].
-    durations : of the phases [s]; None where the solver is to find them.
+    durations : of the phases [s]; None where the solver estimates them.
     """
 
     state: Mapping[str, float]
@@ -78,8 +78,7 @@ class ProblemStatement(Tabulated):
     friction : coefficient of friction mu, or static and kinetic coefficient and drag.
     impact_law : tangential law of a slipping impact.
     control : what the motors do.
-    modes : those of the step, or of the steps, after which the gait repeats itself, and their impacts; or what is
-        known of a sequence that is open.
+    modes : phases and impacts of the steps after which the gait repeats itself; or an open sequence.
     start : first guess of the gait, its state complete; None only where the sequence is open.
     free : the unknown parameters by dotted key.
     objective : weights of the scalars whose sum is minimised; empty if there is none.
@@ -103,7 +102,7 @@ class ProblemStatement(Tabulated):
 
     @property
     def is_open(self) -> bool:
-        """Whether the mode sequence is to be found."""
+        """Whether the mode sequence is open."""
         return isinstance(self.modes, OpenSequence)
 
     @property
@@ -152,7 +151,7 @@ class ProblemStatement(Tabulated):
 
     @property
     def static_friction(self) -> float:
-        """Coefficient that bounds the force of a sticking foot."""
+        """The coefficient that bounds the force of a sticking foot."""
         return self.friction if isinstance(self.friction, float) else self.friction.static
 
     @property
@@ -162,15 +161,15 @@ class ProblemStatement(Tabulated):
 
     def _open_error(self) -> ProblemError:
         return ProblemError(
-            f"{self.name}: its mode sequence is open (gait.phases: auto), and this needs one: `gaitopt find` lists the "
-            "gaits that there are; give the phases and the impact of one of them"
+            f"{self.name}: its mode sequence is open (gait.phases: auto): `gaitopt find` lists the gaits; "
+            "give the phases and the impact of one of them"
         )
 
 
 def problem_data(problem: ProblemStatement) -> dict[str, Any]:
-    """JSON-able data that would be read as the same problem; a reference stands there by its name.
+    """JSON data that are read as the same problem; a reference is given by its name.
 
-    Of the guessed state only the section coordinates are given, so that what follows from them does when they change.
+    The guessed state has only its section coordinates, so that the others follow when these change.
     """
     data: dict[str, Any] = {
         "name": problem.name,
@@ -217,7 +216,7 @@ def cycle_data(cycle: Cycle) -> dict[str, Any]:
 
 
 def digest_of(resolved: Mapping[str, Any]) -> str:
-    """SHA-256 of resolved data without the texts ``about``."""
+    """SHA-256 of resolved data, without the texts ``about``."""
     canonical = json.dumps(_without_about(resolved), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()
 

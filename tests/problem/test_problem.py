@@ -171,7 +171,7 @@ def test_durations_go_with_the_phases_they_belonged_to():
     assert problem.replace({"gait.phases": ["stick", "slip_backward", "stick"]}).guess.durations == (0.1, 0.6, 0.03)
     assert problem.replace({"gait.phases": ["stick"]}).guess.durations is None
     message = error_of(problem, {"gait.phases": ["stick"], "gait.guess.durations": [0.1, 0.6]})
-    assert message.startswith("gait.guess.durations: 2 given, but it takes one duration per phase (stick)")
+    assert message.startswith("gait.guess.durations: 2 given, but the gait needs one duration per phase (stick)")
 
 
 def test_the_slip_velocity_goes_with_the_slipping_impact():
@@ -193,7 +193,7 @@ def test_the_slip_velocity_goes_with_the_slipping_impact():
         ({"control.type": "pd"}, "control.type: control.kd: is missing"),
         ({"gait.guess.state.theta1": "x"}, "gait.guess.state.theta1: write an angle as a number in rad"),
         ({"control": 3}, "control: control.type: is missing"),
-        ({"gait": None}, "gait: nothing (null) stands where a mapping belongs"),
+        ({"gait": None}, "gait: nothing (null) is not a mapping"),
         ({"objective": "speed"}, "objective: too few unknowns"),
     ],
 )
@@ -257,10 +257,10 @@ def test_a_reference_is_found_relative_to_its_file(tmp_path):
 def test_references_that_run_in_a_circle_are_refused(tmp_path):
     for name, other in (("one", "two"), ("two", "three"), ("three", "one")):
         (tmp_path / f"{name}.yaml").write_text(walking(name, tracking(f"{other}.yaml")))
-    with pytest.raises(ProblemError, match="references run in a circle: one -> two -> three -> one"):
+    with pytest.raises(ProblemError, match="circular reference: one -> two -> three -> one"):
         load_problem(tmp_path / "one.yaml")
     (tmp_path / "self.yaml").write_text(walking("self", tracking("./self.yaml")))
-    with pytest.raises(ProblemError, match="circle: self -> self"):
+    with pytest.raises(ProblemError, match="circular reference: self -> self"):
         load_problem(tmp_path / "self.yaml")
 
 

@@ -42,7 +42,7 @@ def test_a_guess_without_slip_velocity_starts_at_rest():
     [
         (", impact: skid", "gait.impact: 'skid' is not one of the choices"),
         (", steps: 0", "gait.steps: 0 must be at least 1"),
-        (", guess: {state: {dtheta: 0.7}, durations: [1]}", "durations: belong to phases, which are open"),
+        (", guess: {state: {dtheta: 0.7}, durations: [1]}", "durations: the phases are open"),
         (", guess: {state: {dx: 0.1}}", "gait.guess.state.dtheta: is missing"),
         (", phase: stick", "gait.phase: unknown key"),
     ],

@@ -62,9 +62,9 @@ def test_every_key_and_entry_has_its_line_and_column():
         ("a:\n\tb: 1", "2:1", "is not YAML"),
         ('a: "\\UFFFFFFFF"', "1:1", "is not YAML"),
         ("a: 1\nb: \x07", "2:4", "control character U+0007"),
-        ("", "1:1", "no mapping of keys"),
-        ("- 1", "1:1", "no mapping of keys"),
-        ("# nothing but a comment", "1:1", "no mapping of keys"),
+        ("", "1:1", "the file is not a mapping of keys"),
+        ("- 1", "1:1", "the file is not a mapping of keys"),
+        ("# nothing but a comment", "1:1", "the file is not a mapping of keys"),
     ],
 )
 def test_text_that_is_no_plain_mapping_is_refused_with_its_place(text, place, words):
@@ -76,7 +76,7 @@ def test_text_that_is_no_plain_mapping_is_refused_with_its_place(text, place, wo
 def test_a_repeated_key_is_refused_and_both_lines_are_named():
     source = parse_source("a: 1\nb: 2\na: 3\n", "gait.yaml")
     assert source.marks[source.faults[0].path] == (3, 1)
-    assert source.faults[0].message == "given twice, before in line 1: keep one"
+    assert source.faults[0].message == "is given twice, first in line 1: keep one"
 
 
 def test_an_integer_beyond_64_bits_is_refused():

@@ -150,5 +150,5 @@ def test_what_takes_one_step_refuses_several():
     with pytest.raises(ProblemError, match="has several steps, but its clock restarts at every impact"):
         go.load_problem("compass-passive-b").replace({"control": control})
     design = {**TWICE, "friction": {"free": [0.1, 0.4], "guess": 0.2}, "objective": "friction"}
-    with pytest.raises(ProblemError, match="several steps and unknown parameters do not go together yet"):
+    with pytest.raises(ProblemError, match="a design cannot have several steps"):
         go.load_problem("compass-passive-stick").replace(design)
