@@ -150,9 +150,9 @@ def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
         raise
 
 
-def check_jobs_fit(jobs: int, folder: Path) -> None:
-    """Refuse more problems to be solved than can be kept, before anything is written."""
-    check_room(jobs, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY)
+def check_jobs_fit(jobs: int, folder: Path, what: str = "points") -> None:
+    """Refuse more problems than can be solved and kept, before anything is written; errors as of ``check_room``."""
+    check_room(jobs, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY, what=what)
 
 
 def check_room(points: int, folder: Path, *, disk: int, memory: int, what: str = "points") -> None:

@@ -89,7 +89,7 @@ def multistart(
     should_stop: Stop = None,
 ) -> list[Optimum]:
     """As ``gaitopt.multistart``; ``folder`` keeps the results of all starts, on all cores by default."""
-    check_jobs_fit(starts, folder)
+    check_jobs_fit(starts, folder, "starts")
 
     def jobs(_: Mapping[str, Any]) -> Iterator[Job]:
         return map(problem_job, sampled(problem, starts, seed=seed, spread=spread))

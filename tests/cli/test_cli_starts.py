@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt.problem.problem import load_problem
+from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.runs import jobs as solved
 from gaitopt.runs.multistart import Optimum, _rank
 
@@ -30,6 +30,21 @@ def test_starts_that_are_done_are_not_done_again(run, monkeypatch):
     assert "3 starts: 3 found a gait, 1 of them distinct" in before
     monkeypatch.setattr(solved, "solve_job", None)
     assert run(*words)[1] == before
+
+
+def test_starts_are_sampled_as_they_are_solved(run, monkeypatch):
+    sampled = []
+    replace = Problem.replace
+    monkeypatch.setattr(Problem, "replace", lambda *arguments: sampled.append(arguments) or replace(*arguments))
+
+    def second_is_interrupted(problem, *_):
+        if len(sampled) > 1:
+            raise KeyboardInterrupt
+        return {"status": "not_converged", "message": "", "start": "cold"}
+
+    monkeypatch.setattr(solved, "solve_job", second_is_interrupted)
+    assert run("solve", WHEEL, "--starts", "100000", "--workers", "1")[0] == 130
+    assert len(sampled) == 2
 
 
 def test_starts_that_find_nothing_are_not_converged(run):
