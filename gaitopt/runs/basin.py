@@ -1,10 +1,8 @@
-"""Basins of attraction: where does every state go, step after step?
+"""Basins of attraction: where every state of a grid goes, step after step.
 
 xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot continue.
 
-A basin in its folder: tiles of states, and where every state of the grid goes.
-
-A basin on disk: tiles of states, stored as they finish, so that a run that was killed resumes where it stopped.
+On the disk a basin is a part of a run: tiles of states, stored as they finish, so that an interrupted run resumes.
 """
 
 import zipfile
@@ -43,18 +41,18 @@ if TYPE_CHECKING:
 Codes = NDArray[np.int64]
 
 UNDECIDED = -1
-"""Ending of a walk that went on for all the steps allowed without settling."""
+"""Ending of a walk that has not settled within the allowed steps."""
 MAX_PERIOD = 4
-"""Longest cycle of steps that is recognised as a gait."""
+"""Longest cycle that is recognised as a gait [steps]."""
 SETTLED = 1e-6
-"""A state that returns this close to itself [rad, rad/s, m/s] has settled: what is left to go is of the same size."""
+"""A state that returns this close to itself [rad, rad/s, m/s] has settled; its distance to the gait is of this size."""
 SAME_GAIT = 1e-3
 """Settled states this close together are on the same gait."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcomes:
-    """What became of n states.
+    """Where n states have gone.
 
     Attributes
     ----------
@@ -132,9 +130,9 @@ def _first_of_cycle(past: Array, periods: Codes) -> Codes:
 
 
 def claim(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -> Codes:
-    """For each outcome the index of its gait, -1 where there is none, shape (n,); ``gaits`` grow by new ones.
+    """The index of the gait of every outcome, -1 where there is none, shape (n,); new gaits are appended to ``gaits``.
 
-    From one part of a grid after the other, in the same order, they are the same list.
+    The list does not depend on how the grid is cut into parts, as long as their order is the same.
     """
     labels, waiting, index = np.full(len(outcomes.periods), -1), np.flatnonzero(outcomes.periods > 0), 0
     while waiting.size:
@@ -157,30 +155,30 @@ def _attractor(outcomes: Outcomes, row: np.intp, problem: Problem) -> Attractor:
 
 
 def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:
-    """How many walks failed in which way, by name; ``undecided`` is one of them."""
+    """Number of failed walks by the name of their ending; ``undecided`` is one of the names."""
     values, counts = np.unique(endings[endings != 0], return_counts=True)
     return {ending_name(int(v)): int(c) for v, c in zip(values, counts, strict=True)}
 
 
 def ending_name(code: int) -> str:
-    """How a walk failed; ``undecided`` where it neither settled nor failed."""
+    """Name of an ending; ``undecided`` if the walk neither settled nor failed."""
     return "undecided" if code == UNDECIDED else str(ENDINGS[code])
 
 
 Labels = NDArray[np.int32]
 
 STATE_BYTES_MEMORY = 16
-"""Of the labels and step counts that are held of the whole grid at once."""
+"""Memory of one state: labels, endings and steps of the whole grid are held at once."""
 BASIN_FILE, TILE_FILE = "basin.json", "tile-{:06d}.npz"
 BROKEN = (OSError, ValueError, KeyError, EOFError, NotImplementedError, TypeError, zipfile.BadZipFile, zlib.error)
 """Raised by NumPy and zipfile on damaged archives."""
 NUMBER = "number"
-"""Key of a tile's own number in its file."""
+"""Key of a tile's number in its file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Basin(Plotted, ReadOnlyArrays):
-    """Where every state of a grid goes.
+    """The basins of attraction on a grid of states.
 
     Attributes
     ----------
@@ -246,7 +244,7 @@ class Basin(Plotted, ReadOnlyArrays):
 
 
 def read_basin(place: Path) -> Basin:
-    """The basin in its own folder, which lies in the run folder of its problem."""
+    """The basin in a folder, which is a part of the run of its problem."""
     run = Run.at(place)
     record = run.read_object(BASIN_FILE)
     stored = validated(BasinRecord, record, place / BASIN_FILE)
@@ -260,7 +258,7 @@ def read_basin(place: Path) -> Basin:
 
 
 def stored_attractor(place: Path, index: str) -> Attractor:
-    """The attractor with a number, counted from 0 in the order of the table, of the basin in a folder."""
+    """An attractor of the basin in a folder; ``index`` counts from 0 in the order of the table."""
     attractors = read_basin(place).attractors
     if not index.isdecimal() or int(index) >= len(attractors):
         known = f"0 to {len(attractors) - 1}" if attractors else "none"
@@ -304,24 +302,24 @@ def _read_tile(run: Run, tile: int, most: int) -> Outcomes:
 
 
 TILE, SCIPY_TILE = 4096, 64
-"""States of one tile on heyoka and on scipy: some seconds of walking, and what is lost by a kill."""
+"""States of one tile on heyoka and on scipy: some seconds of walking, the most that a kill can lose."""
 STEPS_OF_A_STATE = 10
-"""About so many steps a state takes until it settles or fails."""
+"""Typical number of steps until a state settles or fails."""
 STATE_BYTES_DISK = 48
-"""Of the outcome of one state, compressed."""
+"""The outcome of one state, compressed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BasinPlan:
-    """What is to be walked, and where it is kept.
+    """A basin to be computed, and where it is kept.
 
     Attributes
     ----------
     problem : whose walker walks.
-    p : its parameters, where they are not those of the problem.
+    p : its parameters, if they differ from those of the problem.
     base : the section coordinates that the grid does not vary.
     max_steps : steps after which a state is undecided.
-    folder : of the run; the basin has a folder of its own in it.
+    folder : the run folder.
     """
 
     problem: Problem
@@ -347,13 +345,13 @@ class BasinPlan:
 
     @property
     def key(self) -> str:
-        """Names the basin by all that its tiles depend on."""
+        """Hash of everything that the tiles depend on."""
         identity = {"grid": [*map(str, self.grid.axes)], "base": self.base, "steps": self.max_steps}
         return key_of(identity | {"engine": str(self.chosen_engine), "tile": self.tile_size})[:8]
 
     @property
     def chosen_engine(self) -> Engine:
-        """What ``engine`` means for so many states."""
+        """The engine that ``engine`` means for the number of states."""
         return choose_engine(self.engine, steps=self.grid.size * STEPS_OF_A_STATE)
 
     @property

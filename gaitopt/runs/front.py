@@ -1,7 +1,7 @@
 """Trade-offs: a chain of designs along one number of the problem, each started from its neighbour's gait.
 
-The chain is walked in both directions, because a design is a local optimum and depends on where it comes from; of two
-gaits for the same number the better one is kept. Its Pareto front are the points that no other one beats in both aims.
+The chain is followed in both directions, because a design is a local optimum that depends on its start; of two gaits
+for the same value the better one is kept. The Pareto front consists of the points that no other beats in both aims.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 Record = dict[str, Any]
 TIE = 1e-9
-"""Relative difference of objectives below which a gait does not beat another."""
+"""Relative difference below which two objectives are equal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +39,8 @@ class FrontPoint:
 
     Attributes
     ----------
-    value : of the number that is varied.
-    gait : record of the better one of both directions, verified if it converged.
+    value : of the varied number.
+    gait : record of the better gait of both directions, verified if it converged.
     pareto : whether no other point is better in one aim and no worse in the other.
     """
 
@@ -66,8 +66,8 @@ class Front(Plotted, Sequence[FrontPoint]):
     Attributes
     ----------
     problem : the design.
-    key : dotted key of the number that is varied.
-    points : in the order of its values.
+    key : dotted key of the varied number.
+    points : in the order of the values.
     file : in which it is kept.
     """
 
@@ -113,7 +113,7 @@ class Front(Plotted, Sequence[FrontPoint]):
 def design_front(
     problem: Problem, axis: Axis, folder: Path, *, progress: Counted = None, should_stop: Stop = None
 ) -> Front:
-    """Designs for every value of an axis of a problem, kept in its run folder; see ``check_front`` for its errors."""
+    """Designs for every value of an axis, kept in the run folder of the problem; raises as ``check_front``."""
     check_front(problem, axis, folder)
     problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
     walk, run = [*problems, *reversed(problems)], Run(folder)
@@ -139,7 +139,7 @@ def design_front(
 
 
 def front_file(key: str) -> str:
-    """Name of the file of a front over this key in its run folder."""
+    """Name of the file of a front over a key."""
     return f"front-{key}.json"
 
 
@@ -164,7 +164,7 @@ def read_fronts(folder: Path) -> list[Front]:
 def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
     """Refuse a front that cannot be made or kept, before anything is written; errors as of ``gaitopt.front``."""
     if not problem.objective:
-        raise ProblemError(f"{problem.name}: a front needs an objective, that is traded against {axis.key}")
+        raise ProblemError(f"{problem.name}: a front needs an objective to trade against {axis.key}")
     keys = (*problem.parameters, *(f"constraints.{name}" for name in DESIGN_SCALARS))
     if axis.key not in keys and "." not in axis.key:
         words = f"{axis.key}: no number of {problem.name}{nearest_keys(axis.key, keys)}"
@@ -185,7 +185,7 @@ def _beats(gait: Record, other: Record) -> bool:
 
 
 def _undominated(value: float, gaits: dict[float, Record], key: str) -> bool:
-    """Whether no other gait costs no more and is stricter in what is varied."""
+    """Whether no other gait is stricter in the varied number at no higher cost."""
     if gaits[value]["status"] != Status.CONVERGED:
         return False
     strictness = -1.0 if key.endswith(".max") else 1.0

@@ -1,4 +1,4 @@
-"""A rectangular grid over named quantities: LO:HI:N along each."""
+"""A rectangular grid over named quantities, LO:HI:N along each, and whether it fits on the machine."""
 
 import math
 import shutil
@@ -18,18 +18,18 @@ from gaitopt.problem.problem import Problem
 Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9
 INTEGER = 1e-9
-"""A value of an axis this close to an integer is one: what equal steps leave of rounding."""
+"""A value of an axis this close to an integer is one; equal steps are rounded."""
 LARGEST_SIZE = 10**30
-"""Of what is needed, as far as messages count it [bytes]."""
+"""Largest size that a message states [bytes]."""
 JOB_BYTES_DISK = 6_000
-"""Of the record of one gait, as JSON and in a table."""
+"""The record of one gait, as JSON and in a table."""
 JOB_BYTES_MEMORY = 40_000
-"""Of one problem with its record."""
+"""One problem with its record."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """``count`` values from ``lower`` to ``upper``, both included; ``unit`` is ``deg`` where they were given so.
+    """``count`` values from ``lower`` to ``upper``, both included; ``unit`` is ``deg`` if they were given in degrees.
 
     Raises
     ------
@@ -60,12 +60,12 @@ class Axis:
         return np.linspace(self.lower, self.upper, self.count)
 
     def numbers(self, problem: Problem) -> list[float]:
-        """The values as a problem takes them: as integers where its parameter is one.
+        """The values as the problem needs them: integers if its parameter is an integer.
 
         Raises
         ------
         ProblemError
-            If one is none.
+            If a value is not an integer then.
         """
         values: list[float] = self.values.tolist()
         if not isinstance(problem.parameters.get(self.key), int):
@@ -82,12 +82,12 @@ class Axis:
 
 
 def axis_of(key: str, lower: float | str, upper: float | str, count: int) -> Axis:
-    """The axis between two numbers, or texts of numbers or angles; in degrees where an end is given so.
+    """The axis between two numbers, or texts of numbers or angles; in degrees if one end is in degrees.
 
     Raises
     ------
     ValueError
-        If an end is no number, or the range is empty or not finite.
+        If an end is not a number, or the range is empty or not finite.
     """
     degrees = any(isinstance(end, str) and end.strip().endswith("deg") for end in (lower, upper))
     unit = "deg" if degrees else ""
@@ -109,7 +109,7 @@ class Grid:
     Raises
     ------
     ValueError
-        If an axis is given twice, or none.
+        If there is no axis, or two with the same key.
     """
 
     axes: tuple[Axis, ...]
@@ -135,7 +135,7 @@ class Grid:
         return np.column_stack([axis.values[index] for axis, index in zip(self.axes, indices, strict=True)])
 
     def check_keys(self, known: Sequence[str], what: str) -> None:
-        """Refuse axes over anything else than ``known``."""
+        """Refuse axes whose keys are not ``known``; ``what`` a key should be, for the message."""
         unknown = [axis.key for axis in self.axes if axis.key not in known]
         if unknown:
             raise UnknownNameError(f"{unknown[0]}: not {what}{nearest_keys(unknown[0], known)}").about("over")
@@ -156,19 +156,19 @@ def check_jobs_fit(jobs: int, folder: Path, what: str = "points") -> None:
 
 
 def check_room(points: int, folder: Path, *, disk: int, memory: int, what: str = "points") -> None:
-    """Refuse a grid, or any other number of points, that does not fit, before it starts.
+    """Refuse a number of points that does not fit on the disk or in memory, before the work starts.
 
     Parameters
     ----------
-    points : how many.
+    points : their number.
     folder : where they are kept; it need not exist.
-    disk, memory : how much one point takes [bytes].
-    what : they are, in words.
+    disk, memory : size of one point [bytes].
+    what : the word for points in the message.
 
     Raises
     ------
     StorageError
-        If they do not fit; the message says how large they are.
+        If they do not fit; the message states their size.
     """
     import psutil
     from rich.filesize import decimal

@@ -1,4 +1,4 @@
-"""Designs from many sampled guesses: which optima there are, how often each is found, and whether the best is alone.
+"""Many starts: a problem solved from random guesses, to find its distinct solutions and how often each is found.
 
 A start changes every section coordinate of the guess, the guess of every freed number and the control points of a free
 curve at random. The starts depend on the seed alone, not on how many processes work on them.
@@ -24,10 +24,10 @@ from gaitopt.systems import build_system
 from gaitopt.workers.jobs import Job, Workers
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
-"""Relative differences of the objective, and of state and freed values, within which two starts have found the same
-optimum: where it is flat, places differ by the root of what objectives do."""
+"""Relative differences of the objective, and of state and freed values, within which two solutions are the same: near a
+flat optimum, places differ by the root of the difference of the objectives."""
 DECIDING_DIGITS = 6
-"""Objectives that agree to so many digits do not decide between two solutions."""
+"""Objectives that agree to this number of digits do not rank two solutions."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +37,7 @@ class Optimum:
     Attributes
     ----------
     record : of its gait, verified, as ``Gait.to_record``.
-    problem : with the guess that led to it first.
+    problem : with the first guess that led to it.
     starts : numbers of the starts that led to it; start 0 is the problem's own guess.
     """
 
@@ -56,7 +56,7 @@ class Optimum:
 
     @property
     def verified(self) -> bool:
-        """Whether the simulator confirms it."""
+        """Whether the simulation confirms it."""
         return bool(self.record["verification"]["passed"])
 
     @property
@@ -65,7 +65,7 @@ class Optimum:
         return float(self.record["spectral_radius"])
 
     def to_record(self) -> dict[str, Any]:
-        """What distinguishes it from the other solutions."""
+        """The numbers that distinguish it from the other solutions."""
         kept = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
         kkt = self.record["solver"].get("kkt")
         return {
@@ -126,7 +126,7 @@ def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> Iterat
 
 
 def _rank(optimum: Optimum) -> tuple[bool, float, bool, float]:
-    """Verified ones first, then the better objective; where that does not decide, stable gaits."""
+    """Verified solutions first, then better objectives; of equal objectives the stable gaits first."""
     objective = float(f"{optimum.objective:.{DECIDING_DIGITS}g}")
     return not optimum.verified, objective, not optimum.radius < 1, optimum.radius
 

@@ -1,6 +1,6 @@
-"""A grid of problems, each solved and verified: what a gait becomes over one or several parameters.
+"""A sweep: a problem solved and verified at every point of a grid of its parameters, kept as a table.
 
-A finished sweep: the gait of every point of its grid as a table, in a folder and in memory.
+The gaits are in the file of solved problems of the run; table and figures are in a part of the run named by the grid.
 """
 
 import csv
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
 WORDS = ("status", "verified", "start", "modes")
-"""Columns between those that hold words."""
+"""Columns of text, between the parameters and the scalars."""
 STOPS_SEPARATOR = "; "
-"""Between modes that state stops; others are separated by a space."""
+"""Between modes with stops; other modes are separated by a space."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +96,7 @@ class Sweep(Plotted):
 
 
 def read_sweep(place: Path) -> Sweep:
-    """Status and scalars of every point of the sweep in its own folder."""
+    """The sweep in a folder, which is a part of the run of its problem: status and scalars of every point."""
     run, path = Run.at(place), place / TABLE_FILE
     record = run.read_object(SWEEP_FILE)
     grid = validated(Grid, {"axes": validated(SweepRecord, record, place / SWEEP_FILE)["over"]}, place / SWEEP_FILE)
@@ -107,20 +107,20 @@ def read_sweep(place: Path) -> Sweep:
     keys = [axis.key for axis in grid.axes]
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
     swept = Sweep(problem=run.problem(), grid=grid, records=records, folder=place)
-    told = {key: value for key, value in sweep_record(swept).items() if key != "set_aside"}  # its reasons are here only
-    key = differing(record, told)
+    expected = {key: value for key, value in sweep_record(swept).items() if key != "set_aside"}  # not in the table
+    key = differing(record, expected)
     if key:
         raise damaged(place / SWEEP_FILE, f"{key}: is not what {TABLE_FILE} gives")
     return swept
 
 
 def _parse_rows(text: str) -> list[dict[str, Any]]:
-    """Words and scalars of every row of the table.
+    """Text and scalars of every row of the table.
 
     Raises
     ------
     ValueError
-        If a column is missing or a cell is no number; the message names the line.
+        If a column is missing or a cell is not a number; the message names the line.
     """
     reader, rows = csv.DictReader(text.splitlines()), list[dict[str, Any]]()
     known = [name for name in SCALARS if name in (next(cell_rows(csv.reader(text.splitlines())), ()))]
@@ -137,7 +137,7 @@ def _parse_rows(text: str) -> list[dict[str, Any]]:
 
 
 def sweep_record(sweep: Sweep) -> dict[str, Any]:
-    """One JSON object about a whole sweep."""
+    """The summary of a sweep as one JSON object."""
     records = sweep.records
     statuses = [record["status"] for record in records]
     verified = [(record.get("verification") or {}).get("passed") for record in records]
@@ -175,16 +175,16 @@ def sweep_table(grid: Grid, records: Sequence[Mapping[str, Any]]) -> Table:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What is to be solved, and where it is kept.
+    """A sweep to be computed, and where it is kept.
 
     Attributes
     ----------
-    problem : the problem of which the grid changes some numbers.
+    problem : the grid changes some of its parameters.
     grid : over dotted keys of parameters.
-    warm : whether a job starts from the gait of its neighbour towards the grid's first point; otherwise, and where that
+    warm : whether a job starts from the gait of its neighbour towards the grid's first point; otherwise, and if that
         fails, the result at a point is that of ``solve``.
     folder : the run folder of the problem.
-    from_guess : whether every point is solved from the problem's guess instead.
+    from_guess : whether every point is solved from the guess of the problem instead.
     """
 
     problem: Problem

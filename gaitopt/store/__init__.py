@@ -1,4 +1,7 @@
-"""Files of run folders: whole files, JSON lines that survive a kill, manifests and locks.
+"""Run folders on the disk. A file that is missing, altered or cannot be written is a ``StorageError`` with its place.
 
-What cannot be written, is missing or altered raises a ``StorageError`` that names the place.
+- ``files``: whole files, JSON and CSV, typed records, checksums, the lock of the writer
+- ``lines``: files of records that grow line by line and survive a kill
+- ``run``: the run folder as one object: problem, manifest, files, lines
+- ``gaits``: gaits, branch points and special points from their records
 """

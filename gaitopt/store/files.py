@@ -1,16 +1,8 @@
-"""Files that appear whole or not at all: written beside their place under a random name, synced, then renamed into it.
+"""Files of a run folder on the disk: whole files, JSON and CSV, typed records, checksums, and the lock of the writer.
 
-No link is followed: what is planted under the name of a file is replaced, never written through.
-
-Records from files as the types that they must have, or an error that names file, line and key.
-
-Checksums of files: SHA-256 of the whole, and a short code of every line, which locates a change.
-
-code(line) = the last 16 bits of its CRC-32
-
-Records and tables as text: JSON and CSV with every digit, and nothing that a strict reader refuses.
-
-One writer at a time: a lock on the run folder that the system itself lets go of when its holder dies.
+A file is written beside its place under a random name, synced, and renamed into its place: it appears whole or not at
+all. No link is followed; a link planted under the name of a file is replaced. A checksum is the SHA-256 of the file and
+a short code of every line, code(line) = the last 16 bits of CRC-32(line), which locates a change.
 """
 
 import csv
@@ -48,7 +40,7 @@ LONGEST_KEY = 200
 def validated(
     model: type[Model], record: Any, path: Path, line: int | None = None, *, states: Sequence[str] | None = None
 ) -> Model:
-    """The record of a file as a ``model``, a dataclass or a type of ``gait.records``; other entries are left out.
+    """The record of a file as a ``model``, a dataclass or a type of ``gait.records``; unknown entries are dropped.
 
     Parameters
     ----------
@@ -57,7 +49,7 @@ def validated(
     Raises
     ------
     StorageError
-        If it is none; the message names file, line and key.
+        If it does not match the type; the message names file, line and key.
     """
     try:
         return _adapter(model).validate_python(record, context={STATES: states})  # type: ignore[arg-type]
@@ -68,7 +60,7 @@ def validated(
 
 
 def damaged(path: Path, words: str, line: int | None = None) -> StorageError:
-    """The error of a file whose content is not what was written, in words."""
+    """The error for a file whose content is not what was written; ``words`` say what is wrong."""
     place = path if line is None else f"{path}:{line}"
     return StorageError(f"{place} {words}; the run is broken and was left alone")
 
@@ -80,12 +72,12 @@ GROWING = ".jsonl"
 CODE = 4
 """Hexadecimal digits of the code of a line."""
 MOST_CODES = 20_000
-"""Lines that have a code: beyond that the manifest would be larger than its worth."""
+"""Lines that have a code; with more of them the manifest would become too large."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileSum:
-    """What is known of a file.
+    """Checksums of a file.
 
     Attributes
     ----------
@@ -108,7 +100,7 @@ def file_sum(path: Path, content: bytes) -> FileSum:
 
 
 def check_content(path: Path, content: bytes, known: FileSum) -> None:
-    """Refuse a file that is not the one that was written."""
+    """Refuse a file whose content has changed since it was written."""
     if hashlib.sha256(content).hexdigest() != known.sha256:
         line = _first_difference(content, known)
         place = f"{path}:{line}" if line else f"{path}"
@@ -116,7 +108,7 @@ def check_content(path: Path, content: bytes, known: FileSum) -> None:
 
 
 def _first_difference(content: bytes, known: FileSum) -> int | None:
-    """Number of the first line with another code, where lines have codes."""
+    """Number of the first line that has changed; None if the lines have no codes."""
     codes = [_code(line) for line in content.splitlines(keepends=True)]
     written = [known.codes[k : k + CODE] for k in range(0, len(known.codes), CODE)]
     pairs = zip(codes, written, strict=False)
@@ -129,7 +121,7 @@ def _code(line: bytes) -> str:
 
 
 MODE_COLUMN = "mode"
-"""The one column of a trajectory that holds words."""
+"""The column of a trajectory that holds text."""
 
 Cell = float | str
 
@@ -148,7 +140,7 @@ def json_text(record: Mapping[str, Any], *, indent: int | None = None) -> str:
 
 
 def json_file(record: Mapping[str, Any]) -> str:
-    """The same, indented, as a file of its own."""
+    """The text of a JSON file: indented."""
     return json_text(record, indent=2) + "\n"
 
 
@@ -169,7 +161,7 @@ def parse_object(text: str) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        If it is anything else; the message says where.
+        If the text is anything else; the message names the place.
     """
     try:
         record = json.loads(text, parse_constant=_refuse_constant)
@@ -205,7 +197,7 @@ def parse_csv(text: str) -> Table:
 
 
 def cell_rows(reader: Any) -> Iterator[Any]:
-    """The rows of a table; a cell of more characters than the reader takes is a ValueError."""
+    """The rows of a table; a cell that is too long for the reader is a ValueError."""
     try:
         yield from reader
     except csv.Error as error:
@@ -231,7 +223,7 @@ def _refuse_constant(name: str) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """The same in the types that JSON knows; arrays and NumPy scalars included."""
+    """The value in types that JSON knows; arrays and NumPy scalars are converted."""
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, float):
@@ -280,7 +272,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def write_all(descriptor: int, content: bytes) -> None:
-    """Write all bytes: the system may take fewer at a time than it is given."""
+    """Write all bytes; one call of the system may write only some of them."""
     rest = memoryview(content)
     while rest:
         rest = rest[os.write(descriptor, rest) :]
@@ -311,7 +303,7 @@ def make_folder(folder: Path, *, parents: bool = True) -> list[Path]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """What a folder holds; nothing if it is not there."""
+    """Paths of all files in a folder; empty if the folder does not exist."""
     try:
         return list(folder.iterdir())
     except FileNotFoundError:
@@ -322,13 +314,13 @@ def entries(folder: Path) -> list[Path]:
 
 
 def clear_leftovers(*folders: Path) -> None:
-    """Remove the temporary files of killed writers; those of processes that are alive are left."""
+    """Remove the temporary files of killed processes; those of running processes stay."""
     for folder in folders:
         with suppress(OSError):  # what cannot be listed or removed does no harm
             for path in folder.iterdir():
                 matched = TEMPORARY_NAME.fullmatch(path.name)
                 if matched:
-                    import psutil  # takes as long to import as all writing takes, and is rarely needed
+                    import psutil  # its import takes as long as writing a run, and it is rarely needed
 
                     pid = int(matched["pid"])
                     if pid == os.getpid() or not psutil.pid_exists(pid):
@@ -346,7 +338,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make new names in ``folder`` survive a power cut (POSIX; elsewhere a rename is all there is)."""
+    """Make new names in ``folder`` survive a power cut (POSIX; other systems have no such call)."""
     if os.name != "posix":
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -357,7 +349,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def parsed(parse: Callable[[str], Parsed], content: bytes, path: Path) -> Parsed:
-    """What a file holds, read by ``parse``.
+    """The content of a file as ``parse`` returns it.
 
     Raises
     ------
@@ -371,7 +363,7 @@ def parsed(parse: Callable[[str], Parsed], content: bytes, path: Path) -> Parsed
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Say why the operating system or a parser refused, in its own words."""
+    """The reason that the operating system or a parser gives."""
     if isinstance(error, UnicodeDecodeError):
         return "it is not UTF-8 text"
     return getattr(error, "strerror", None) or str(error)
@@ -384,16 +376,16 @@ def _kept(folder: Path) -> str:
 
 LOCK_FILE = ".lock"
 WRITER_FILE = ".writer"
-"""Says who holds the lock."""
+"""Names the process that holds the lock."""
 PATIENCE, LOOK_EVERY = 5.0, 0.02
-"""Time that a reader waits for another process to finish a file, and between two looks at it [s]."""
+"""Time that a reader waits for another process to finish a file, and between two checks [s]."""
 LOOKS = 5
-"""Looks in a row without a writer after which there is none: one writer may follow another."""
+"""Number of checks in a row that must find no writer, because one writer may follow another."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Writer:
-    """Who writes."""
+    """The process that writes a folder."""
 
     pid: int
     command: str
@@ -402,12 +394,12 @@ class Writer:
 
 @contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
-    """Hold a folder that exists for writing, and remove what killed writers left; may be nested.
+    """Lock an existing folder for writing, and remove the temporary files of killed writers; may be nested.
 
     Raises
     ------
     StorageError
-        If another process holds it, it cannot be locked, or it was deleted since this process locked it.
+        If another process holds the lock, the folder cannot be locked, or it was deleted after it was locked.
     """
     try:
         lock = FileLock(folder.resolve() / LOCK_FILE, timeout=0, is_singleton=True)
@@ -435,12 +427,12 @@ def only_writer(folder: Path) -> Iterator[None]:
 
 
 def written_elsewhere(folder: Path) -> bool:
-    """Whether another process, which is alive, writes a run folder now."""
+    """Whether another running process is writing the folder now."""
     try:
         pid = _writer(folder).pid
     except StorageError:
         return False
-    import psutil  # takes long to import, and is rarely needed
+    import psutil  # slow to import and rarely needed
 
     return pid != os.getpid() and psutil.pid_exists(pid)
 
@@ -476,14 +468,14 @@ def _is_ours(folder: Path) -> bool:
 def _holder(folder: Path) -> str:
     try:
         writer = _writer(folder)
-    except StorageError:  # it has the lock, but has not yet said who it is
+    except StorageError:  # it holds the lock, but has not written its name yet
         return "another process"
     return f"process {writer.pid} ({writer.command}, since {writer.since})"
 
 
 def _leave(folder: Path) -> None:
-    """Take our name and the lock away while it is held; a folder in which nothing was written goes too."""
-    with suppress(OSError):  # Windows removes no open file: there the lock stays, which does no harm
+    """Remove the writer's name and the lock while it is held, and the folder if nothing was written."""
+    with suppress(OSError):  # Windows does not remove open files: there the lock stays, which is harmless
         (folder / WRITER_FILE).unlink()
         (folder / LOCK_FILE).unlink()
         if not any(folder.iterdir()):

@@ -1,4 +1,4 @@
-"""Records one per line, each durable once appended; a line that a crash cut off while it was written is not read.
+"""Files with one record per line: each is durable once appended, and a last line that a crash cut off is ignored.
 
 Every line ends with a checksum that is chained to the one before it, crc_k = CRC-32(line_k, crc_(k-1)), so that a line
 that was altered, removed, added or moved is noticed.
@@ -33,7 +33,7 @@ LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}\n')
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """A whole line: its record, its checksum, and where it ends [bytes]."""
+    """A complete line: its record, its checksum, and the position of its end [bytes]."""
 
     record: dict[str, Any]
     crc: int
@@ -41,7 +41,7 @@ class _Line:
 
 
 def lines_text(records: Iterable[Mapping[str, Any]]) -> str:
-    """A file of records from its first line on."""
+    """The text of a file of records."""
     lines, crc = [], 0
     for record in records:
         line, crc = _sealed_line(record, crc)
@@ -84,7 +84,7 @@ class LineWriter:
         Raises
         ------
         StorageError
-            If the disk is full, in which case the records before it are kept, or if the file has been deleted.
+            If the disk is full (the records before this one are kept), or the file has been deleted.
         """
         text, crc = _sealed_line(record, self._crc)
         line = text.encode()
@@ -115,13 +115,13 @@ def read_lines(path: Path, known: FileSum | None = None) -> Iterator[dict[str, A
 
     Parameters
     ----------
-    known : what the manifest says of the file, if it was finished; it may have grown since.
+    known : checksums of the file in the manifest, if it was finished; it may have grown since.
     """
     return (line.record for line in _whole_lines(path, known))
 
 
 def _whole_lines(path: Path, known: FileSum | None = None) -> Iterator[_Line]:
-    """Every line with the position of its end; a last line without its newline is torn, and is left out."""
+    """All complete lines; a last line without a newline was cut off, and is left out."""
     try:
         with path.open("rb") as file:
             end = crc = count = 0

@@ -1,7 +1,7 @@
-"""The processes that jobs run in: workers of this machine, started and ended here, or those of a Dask scheduler.
+"""The Dask client that runs jobs: with worker processes of this machine, or on a scheduler by its address.
 
-A client of a Dask scheduler can run code as its owner. That of this machine speaks TLS, with a key that is
-made for the run, stays in memory, and is needed on both sides of every connection.
+Whoever connects to a Dask scheduler can run code as its owner. The scheduler on this machine therefore uses TLS with a
+key that is made for the run, stays in memory, and is required on both sides of every connection.
 """
 
 import asyncio
@@ -20,33 +20,33 @@ from typing import Any
 from gaitopt.errors import UnknownNameError
 
 ALLOWED_DEATHS = 2
-"""A job may take so many workers with it by bad luck; with the next it is set aside."""
+"""Workers that may die on a job by bad luck; with the next death the job is given up."""
 GRACE = 0.5
-"""Time that a worker has to go by itself [s]; one that is still at a job is then killed."""
+"""Time for a worker to end by itself [s]; after that it is killed."""
 CONNECT_TIMEOUT = 10
-"""A scheduler that has not answered by then [s] is not there."""
+"""Time limit for the answer of a scheduler [s]."""
 CLOSE_TIMEOUT = 10
-"""Time for closing everything else [s]; what is then still open ends with this process."""
+"""Time for closing everything else [s]; what is still open after that ends with this process."""
 SETTINGS = {
-    "distributed.scheduler.worker-saturation": 1.0,  # a worker holds the one job that it is at, and loses no other
+    "distributed.scheduler.worker-saturation": 1.0,  # a worker holds its current job only, and loses no other
     "distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
     "distributed.admin.low-level-log-length": 0,
-    "distributed.scheduler.http.routes": [],  # pages about the run would be open to every user of the machine
+    "distributed.scheduler.http.routes": [],  # every user of the machine could read pages about the run
     "distributed.worker.http.routes": [],
 }
 METHOD = "distributed.worker.multiprocessing-method"
 _CLUSTER = threading.RLock()
-"""Held while workers of this machine run: Dask's settings and the module ``__main__`` belong to the whole process."""
+"""Locked while workers of this machine run: Dask's settings and ``__main__`` are shared by the whole process."""
 ADDRESS = re.compile(r"(?:(?P<scheme>tcp|tls)://)?(?:\[[0-9A-Fa-f:]+\]|[\w.-]+):(?P<port>\d{1,5})")
 
 
 def check_address(scheduler: str) -> None:
-    """Refuse the address of a scheduler that cannot be one, or that needs certificates which Dask has not been given.
+    """Refuse an invalid address of a scheduler, and a TLS address if Dask has no certificates.
 
     Raises
     ------
     UnknownNameError
-        If it is not of the form tcp://HOST:PORT or tls://HOST:PORT, or there are no usable certificates.
+        If the form is not tcp://HOST:PORT or tls://HOST:PORT, or there are no usable certificates.
     """
     matched = ADDRESS.fullmatch(scheduler)
     if matched is None or not 0 < int(matched["port"]) < 2**16:
@@ -69,9 +69,9 @@ def _check_certificates(scheduler: str) -> None:
 
 @contextmanager
 def connected(count: int, scheduler: str | None) -> Iterator[Any]:
-    """A Dask client of ``count`` workers of this machine, started now and ended with the block, or of a scheduler.
+    """A Dask client with ``count`` workers of this machine, which end with the block, or of a scheduler.
 
-    One thread at a time has workers of this machine; others wait for the end of its block.
+    Only one thread at a time can have workers of this machine; others wait.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def _local_cluster(count: int) -> Any:
 
 @contextmanager
 def _closed_at_last(connection: Any) -> Iterator[Any]:
-    """Close a client or a cluster after the block; on a busy machine it may not answer, which costs no result."""
+    """Close a client or a cluster after the block; if it does not answer on a busy machine, no result is lost."""
     try:
         yield connection
     finally:
@@ -134,7 +134,7 @@ def _closed_at_last(connection: Any) -> Iterator[Any]:
 
 
 def _end_workers(cluster: Any) -> None:
-    """End the workers; those that do not go by themselves are killed, whether or not that is confirmed in time."""
+    """End the workers; those that do not end by themselves are killed."""
     processes = [nanny.process.process for nanny in cluster.workers.values() if nanny.process is not None]
 
     async def close() -> None:
@@ -155,8 +155,8 @@ def _end_workers(cluster: Any) -> None:
 def script_not_repeated() -> Iterator[None]:
     """Processes that are spawned in the block do not import the caller's script.
 
-    A script that calls the library at its top level would start itself again in every worker. What it defines is
-    pickled by value, so that no worker needs it.
+    A script that calls the library at its top level would start itself again in every worker. Workers do not need it:
+    its functions are pickled by value.
     """
     main = sys.modules["__main__"]
     file, spec = main.__dict__.pop("__file__", None), main.__spec__
@@ -171,9 +171,9 @@ def script_not_repeated() -> Iterator[None]:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits for the end of the block; no thread or process that is started in it receives one.
+    """Delay Ctrl-C to the end of the block; threads and processes that start in it do not receive it.
 
-    A terminal sends it to all processes, and a worker would answer with a traceback.
+    A terminal sends it to all processes, and a worker would print a traceback.
     """
     if os.name != "posix" or threading.current_thread() is not threading.main_thread():
         yield
