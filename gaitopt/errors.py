@@ -13,7 +13,7 @@ class GaitoptError(Exception):
     argument = ""
     """The argument of the call that it is about, where another value of it is the remedy; a caller may say how to."""
     result: Any = None
-    """The gait or walk that was computed, where only its storage has failed."""
+    """The gait or walk that was computed before the error, so that it can still be printed."""
 
     def about(self, argument: str) -> Self:
         """The same error, about an argument."""

@@ -402,8 +402,12 @@ def prove(
             raise UnknownNameError(f"a special point of type {start.type} cannot be proved; {', '.join(BRACKETED)} can")
         problem = gait.problem.with_gait(gait.to_record()).replace({parameter: start.value})
         gait = single.solve(problem)  # as precise as a gait of its own, with its shooting nodes
-    if gait is None or not gait.converged:
-        raise SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}" if gait else f"{start!r} has no gait")
+    if gait is None:
+        raise SolveError(f"{start!r} has no gait")
+    if not gait.converged:
+        error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
+        error.result = gait
+        raise error
     with shown(progress, word_progress, f"proving {gait.problem.name}") as say:
         if isinstance(start, SpecialPoint) and parameter is not None:
             proof = prove_special(gait, parameter, start.type, width, progress=say)

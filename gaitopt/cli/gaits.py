@@ -27,7 +27,7 @@ from gaitopt.cli.runs import (
     is_folder,
     load,
     report,
-    shown_unstored,
+    shown_result,
     solve_verified,
     special_records,
     stored_branch,
@@ -136,7 +136,7 @@ def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int
     def show(gait: "Gait") -> int:
         return report(gait, Run.of(gait.problem, output).folder if gait.converged else None, terminal)
 
-    with shown_unstored(show), terminal.solving(place) as (progress, interrupted):
+    with shown_result(show), terminal.solving(place) as (progress, interrupted):
         gait = verbs.solve(attractor, output=output or True, progress=progress, should_stop=interrupted)
     return show(gait)
 
@@ -204,7 +204,7 @@ def simulate(
         terminal.show({**walk.to_record(), "run": None if output is None else str(output)}, print_walk)
 
     terminal.say(f"walking {steps} step{'s' if steps > 1 else ''}")
-    with shown_unstored(show), interruptible() as interrupted:
+    with shown_result(show), interruptible() as interrupted:
         walk = verbs.simulate(start, begin, steps, engine=engine, output=output or False, should_stop=interrupted)
     show(compared(walk))
     return 0
@@ -394,7 +394,8 @@ def _prove_special(target: str, width: float | None, output: Path | None, termin
     special = special_point(family_of(problem, parameter), parameter, records[int(number)])
     file = (output or Path(run)) / f"special-{number}-{verbs.CERTIFICATE_FILE}"
     terminal.say(f"proving {special.type} of {problem.name} near {parameter} = {special.value:.9g}: some minutes")
-    proof = verbs.prove(special, parameter=parameter, width=width, output=file, progress=terminal.say)
+    with shown_result(lambda gait: report(gait, None, terminal)):
+        proof = verbs.prove(special, parameter=parameter, width=width, output=file, progress=terminal.say)
     return _report_proof(proof, file, terminal)
 
 

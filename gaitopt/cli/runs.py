@@ -155,8 +155,8 @@ def report(
 
 
 @contextmanager
-def shown_unstored(show: "Callable[[Any], object]") -> Iterator[None]:
-    """Show a result whose storage fails within the block, before the error goes on."""
+def shown_result(show: "Callable[[Any], object]") -> Iterator[None]:
+    """Show the result that an error within the block carries: its storage failed, or no proof can start from it."""
     try:
         yield
     except GaitoptError as error:

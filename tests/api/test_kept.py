@@ -9,6 +9,7 @@ from named import named
 
 import gaitopt as go
 from gaitopt.errors import GaitoptError, ProblemError, SolveError, StorageError, UnknownNameError
+from gaitopt.gait.branch import SpecialPoint
 from gaitopt.store.run import Run
 
 WHEEL = "rimless-wheel-slip"
@@ -112,6 +113,17 @@ def test_a_special_point_needs_its_parameter_and_a_gait():
         go.prove(branch.specials[-1])
     with pytest.raises(UnknownNameError, match="type end cannot be proved"):
         go.prove(branch.specials[-1], parameter="friction")
+
+
+def test_a_special_point_whose_gait_does_not_exist_is_an_error_with_the_failed_solve():
+    pytest.importorskip("flint")
+    gait = named("rimless-wheel-stick")
+    special = SpecialPoint(
+        branch=0, type="mode_change", value=0.5, status="guess", gait=gait
+    )  # it needs 0.914 to stick
+    with pytest.raises(SolveError, match="infeasible") as caught:
+        go.prove(special, parameter="friction")
+    assert not caught.value.result.converged
 
 
 def test_results_know_their_folders_and_figures_are_saved():
