@@ -116,4 +116,4 @@ def test_an_internal_error_without_words_says_where_it_was_raised(run, monkeypat
 def test_a_level_wheel_lacks_energy(run):
     code, out, _ = run("solve", WHEEL, "--set", "walker.slope=0", "--json", "--quiet")
     assert code == 4
-    assert "a passive walker on level or uphill ground cannot be periodic" in json.loads(out)["message"]
+    assert "a passive walker on level or uphill ground cannot have a periodic gait" in json.loads(out)["message"]
