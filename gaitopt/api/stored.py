@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from gaitopt.errors import GaitoptError
 from gaitopt.gait.gait import Gait
 from gaitopt.store.run import GAIT_FILES, Run
-from gaitopt.verification.walk import Walk, section_states
+from gaitopt.verification.walk import Walk, states_after_impacts
 
 if TYPE_CHECKING:
     from gaitopt.runs.results import Result
@@ -45,7 +45,7 @@ def compared(walk: Walk) -> Walk:
     run = Run.of(walk.problem)
     if len(walk.gait_states) or not run.holds(*GAIT_FILES):
         return walk
-    return replace(walk, gait_states=section_states(restore_gait(run.folder)))
+    return replace(walk, gait_states=states_after_impacts(restore_gait(run.folder)))
 
 
 def load_run(path: str | Path) -> "Result":

@@ -22,7 +22,7 @@ from gaitopt.branches.request import FOLLOWS, Request, check_request, with_frict
 from gaitopt.branches.switching import beginnings, first_point, started
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError
-from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint, WalkState
+from gaitopt.gait.branch import TERMINAL, BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
 from gaitopt.nlp.rollout import roll_out
@@ -395,7 +395,7 @@ class Continuation:
             gait=gait,
             tangent=self.point.curve.coordinates(self.point.tangent),
             length=self.length,
-            walk=self.point.curve.walk_state(self.point),
+            walk=self.point.curve.state_of(self.point),
         )
 
     def _unconfirmed(self, gait: Gait, worst: Claim) -> SpecialPoint:
@@ -500,8 +500,8 @@ def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence
         cycle = Cycle.from_record(record)
         problem = gait.problem.replace({parameter: value}).with_modes(cycle, steps[0]["state"])
         if record.get("walk"):
-            needed = points[-1 - WalkState.from_record(record["walk"]).earlier :]
-            known = [WalkState.from_record(point["walk"]) for point in needed if point.get("walk")]
+            needed = points[-1 - ContinuationState.from_record(record["walk"]).earlier :]
+            known = [ContinuationState.from_record(point["walk"]) for point in needed if point.get("walk")]
             if known[-1].unknowns[-1] != value:
                 raise ValueError(f"value {value} is not the last of walk.unknowns, {known[-1].unknowns[-1]}")
             return resumed_point(problem, gait.dynamics, parameter, known, int(record["solver"]["iterations"]))
@@ -523,7 +523,7 @@ def _stored_metric(record: Stored) -> Metric:
         If the record does not hold a point from which a walk can go on.
     """
     try:
-        return Metric.from_array(WalkState.from_record(record["walk"]).metric)
+        return Metric.from_array(ContinuationState.from_record(record["walk"]).metric)
     except ValueError as error:
         raise _unusable(record, error) from error
 

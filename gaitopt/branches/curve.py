@@ -22,7 +22,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.branches.monitors import MonitorKey, MonitorValue, monitor_values, test_functions
-from gaitopt.gait.branch import WalkState
+from gaitopt.gait.branch import ContinuationState
 from gaitopt.gait.gait import Gait
 from gaitopt.iteration import bracketed_root, overflow_allowed
 from gaitopt.model.cycle import Cycle
@@ -346,9 +346,9 @@ class Curve:
         first = curve.start(w, _resized(point.tangent, self.transcription, curve.transcription))
         return first if first is not None and first.curve.in_order(first) else None
 
-    def walk_state(self, point: CurvePoint) -> WalkState:
+    def state_of(self, point: CurvePoint) -> ContinuationState:
         """What ``resumed_point`` needs to go on from a point."""
-        return WalkState(
+        return ContinuationState(
             unknowns=point.at.w,
             direction=point.tangent,
             arcs=tuple(
@@ -489,9 +489,9 @@ def curve_through(
 
 
 def resumed_point(
-    problem: Problem, dynamics: Dynamics, parameter: str, states: Sequence[WalkState], iterations: int
+    problem: Problem, dynamics: Dynamics, parameter: str, states: Sequence[ContinuationState], iterations: int
 ) -> CurvePoint:
-    """The last of some points from their ``walk_state``, to the last bit.
+    """The last of some points from their ``state_of``, to the last bit.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.branches.change import alternatives, holds
 from gaitopt.branches.curve import Curve, CurvePoint, Metric, curve_through
+from gaitopt.branches.request import FOLLOWS
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import SpecialPoint
 from gaitopt.gait.gait import Gait
@@ -23,7 +24,6 @@ DISTANCES = (1e-3, 1e-4, 1e-2)
 the null vector, which grows like the inverse of the distance, does not matter."""
 STRAY = 5.0
 """Largest distance of the first gait from the branch point, in distances along the null vector."""
-SWITCHES = ("period_doubling", "branch_point", "mode_change", "impact_change")
 
 
 def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[CurvePoint]:
@@ -36,10 +36,10 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
     SolveError
         If none is found, though there should be one.
     """
-    if special.type not in SWITCHES or special.gait is None:
+    if special.type not in FOLLOWS or special.gait is None:
         raise ProblemError(
             f"no other branch begins at a special point of type {special.type}; those that have some: "
-            f"{', '.join(SWITCHES)}"
+            f"{', '.join(FOLLOWS)}"
         )
     if special.type == "period_doubling":
         points = _doubled(special.gait, parameter, metric)
@@ -48,10 +48,10 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
     else:
         known = [cycle for cycle in (special.before, special.after) if cycle is not None]
         points = alternatives(first_point(special.gait, parameter, metric, 1.0), known)
-    found = list(points)
-    if not found:
+    first_points = list(points)
+    if not first_points:
         raise SolveError(f"no other branch is found at {special.type} {parameter} = {special.value:.10g}")
-    return found
+    return first_points
 
 
 def first_point(gait: Gait, parameter: str, metric: Metric, ahead: float) -> CurvePoint:

@@ -34,7 +34,7 @@ _PLACE = ("branch", "index", "value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WalkState(ReadOnlyArrays):
+class ContinuationState(ReadOnlyArrays):
     """State of a continuation at a point; with the gait, it resumes exactly as if it had not been interrupted.
 
     Attributes
@@ -56,7 +56,7 @@ class WalkState(ReadOnlyArrays):
     earlier: int
 
     @staticmethod
-    def from_record(record: Mapping[str, Any]) -> "WalkState":
+    def from_record(record: Mapping[str, Any]) -> "ContinuationState":
         """The state that ``to_record`` has written, to the last bit.
 
         Raises
@@ -65,7 +65,7 @@ class WalkState(ReadOnlyArrays):
             If an entry is missing or of another type.
         """
         try:
-            state = WalkState(
+            state = ContinuationState(
                 unknowns=np.array(record["unknowns"], dtype=float),
                 direction=np.array(record["direction"], dtype=float),
                 arcs=tuple(_arc(*arc) for arc in record["arcs"]),
@@ -115,7 +115,7 @@ class BranchPoint(ReadOnlyArrays):
     gait: Gait
     tangent: Array
     length: float
-    walk: WalkState | None = None
+    walk: ContinuationState | None = None
 
     def __repr__(self) -> str:
         return f"<BranchPoint {self.branch}.{self.index} at {self.value:.9g}: {self.gait!r}>"
@@ -306,7 +306,7 @@ def collected(parameter: str, records: Sequence[BranchPoint | SpecialPoint]) -> 
 def _arc(
     phase: int, segment: int, start: float | None, end: float | None, intervals: int
 ) -> tuple[int, int, float | None, float | None, int]:
-    """An arc of a ``WalkState`` whose entries are of the right types."""
+    """An arc of a ``ContinuationState`` whose entries are of the right types."""
     whole = all(isinstance(entry, int) for entry in (phase, segment, intervals))
     times = all(entry is None or isinstance(entry, float) for entry in (start, end))
     if not (whole and times and phase >= 0 and segment >= 0 and intervals >= 1):

@@ -31,7 +31,7 @@ from gaitopt.simulation.batch import ENDINGS, phase_names
 from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.store.files import damaged, json_file, read_bytes, validated, write_whole
 from gaitopt.store.run import Run
-from gaitopt.verification.return_map import StepMap, section_states, step_map
+from gaitopt.verification.return_map import StepMap, section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of
 
 if TYPE_CHECKING:
@@ -415,4 +415,4 @@ def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop
     names = plan.problem.walker.section_names(slipping=True)
     xi = np.column_stack([values.get(name, np.full(len(numbers), plan.base.get(name))) for name in names])
     walk = step_map(plan.problem, plan.p, plan.chosen_engine)
-    return follow(walk, section_states(plan.problem, xi), plan.max_steps, should_stop=should_stop)
+    return follow(walk, section_coordinates(plan.problem, xi), plan.max_steps, should_stop=should_stop)

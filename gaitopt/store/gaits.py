@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.gait import curves
-from gaitopt.gait.branch import BranchPoint, SpecialPoint, WalkState
+from gaitopt.gait.branch import BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.cycle import Cycle
@@ -92,7 +92,7 @@ def branch_point(family: Gait, parameter: str, record: Record) -> BranchPoint:
         gait=branch_gait(family, parameter, record),
         tangent=np.array(record["tangent"], dtype=float),
         length=float(record["length"]),
-        walk=WalkState.from_record(record["walk"]) if record.get("walk") else None,
+        walk=ContinuationState.from_record(record["walk"]) if record.get("walk") else None,
     )
 
 

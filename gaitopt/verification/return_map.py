@@ -277,7 +277,7 @@ def return_map(
         If the engine is unknown or not installed.
     """
     problem = start.problem if isinstance(start, Gait) else start
-    xi = section_states(problem, states)
+    xi = section_coordinates(problem, states)
     chosen = choose_engine(engine, steps=len(xi))
     p = tuple(start.p.tolist()) if isinstance(start, Gait) else None
     chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
@@ -292,7 +292,7 @@ def return_map(
     return _joined([results[job.key] for job in jobs])
 
 
-def section_states(problem: Problem, states: Array) -> Array:
+def section_coordinates(problem: Problem, states: Array) -> Array:
     """The states as a float array with all section coordinates, ``dx`` included; shape (n, k).
 
     Raises
@@ -326,7 +326,7 @@ class StepMap:
         self._lift = RowMap(system.lift)
 
     def __call__(self, xi: Array) -> Returns:
-        """One return of every state, a step or, where the legs differ, one with either; see ``section_states``."""
+        """One return of every state, a step or, where the legs differ, one with either; see ``section_coordinates``."""
         (states,) = self._lift(xi, self.dynamics.p)
         modes = self.dynamics.system.walker.modes()
         walked = self._step(states, 0)

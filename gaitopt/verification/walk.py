@@ -115,11 +115,11 @@ def simulate(
     stepper = make_stepper(dynamics, engine, steps=steps)
     trajectory = Simulator(dynamics, stepper=stepper).run(z, steps=steps, dense=dense, should_stop=should_stop)
     width = len(dynamics.system.state_names)
-    states = section_states(start) if isinstance(start, Gait) else np.empty(0)
+    states = states_after_impacts(start) if isinstance(start, Gait) else np.empty(0)
     return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width))
 
 
-def section_states(gait: Gait) -> Array:
+def states_after_impacts(gait: Gait) -> Array:
     """States of a gait after each impact; shape (n_steps, n_z)."""
     return np.array([step.arcs[0].states[0] for step in gait.steps])
 
