@@ -21,7 +21,7 @@ from gaitopt.gait.branch import Branch, SpecialPoint, cascades
 from gaitopt.gait.gait import Gait, floquet_multipliers
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.newton import Solution, return_map_jacobian
+from gaitopt.nlp.newton import Solution, section_sensitivity
 from gaitopt.store.gaits import special_point
 
 DOUBLING = radians(5.34641438276)
@@ -77,7 +77,8 @@ def test_a_gait_walked_twice_has_the_squared_multipliers() -> None:
     problem = gait.problem.with_modes(Cycle(gait.problem.cycle.steps * 2), state)
     metric = Metric.of(gait, 0.01)
     twice, w = curve_through(problem, gait.dynamics, SLOPE, metric, motion_of(gait, 2))
-    multipliers = floquet_multipliers(return_map_jacobian(Solution(twice.transcription, w, twice.p)))
+    _, derivative, _ = section_sensitivity(Solution(twice.transcription, w, twice.p))
+    multipliers = floquet_multipliers(derivative)
     assert multipliers == pytest.approx(gait.multipliers**2, abs=1e-6)
 
 
