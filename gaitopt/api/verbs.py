@@ -399,7 +399,7 @@ def prove(
         if parameter is None:
             raise ProblemError("parameter: missing; name the parameter of the branch of this special point")
         if start.type not in BRACKETED or gait is None:
-            raise UnknownNameError(f"a special point of type {start.type} cannot be proved; {', '.join(BRACKETED)} can")
+            raise UnknownNameError(f"the special point is of type {start.type}; {', '.join(BRACKETED)} can be proved")
         problem = gait.problem.with_gait(gait.to_record()).replace({parameter: start.value})
         gait = single.solve(problem)  # as precise as a gait of its own, with its shooting nodes
     if gait is None:
