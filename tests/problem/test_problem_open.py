@@ -3,8 +3,10 @@
 import re
 
 import pytest
+from named import named
 
 from gaitopt.errors import ProblemError
+from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import load_problem, parse_problem, restore_problem
 from gaitopt.problem.statement import OpenSequence
 
@@ -76,3 +78,16 @@ def test_an_override_opens_and_closes_a_sequence():
     assert problem.guess.state == known.guess.state
     closed = problem.replace({"gait.phases": ["slip_forward", "stick"], "gait.impact": "slip_forward"})
     assert closed.cycle == known.cycle
+
+
+def test_a_known_gait_gives_guess_and_modes():
+    problem, record = load_problem("compass-passive-a"), named("compass-passive-a").to_record()
+    guess = problem.with_guess(record).guess
+    assert guess.durations == tuple(phase["duration"] for phase in record["phases"])
+    assert guess.state["theta1"] == record["state"]["theta1"]
+    other = record | {"impact": "slip_forward", "phases": record["phases"][:1]}
+    assert problem.with_guess(other).guess.durations == problem.guess.durations  # those of other phases do not apply
+    unknown = problem.replace({"gait.phases": "auto"})
+    assert unknown.with_gait(record).cycle == problem.cycle
+    twice = Cycle(problem.cycle.steps * 2)
+    assert unknown.with_modes(twice, record["state"]).cycle == twice
