@@ -7,8 +7,10 @@ from matplotlib.figure import Figure
 import gaitopt as go
 from gaitopt.paper.gaits import FAMILIES, SHOWN, Archive, Records, copied_torques, family_of, gait_of
 from gaitopt.show.families import over_parameter
-from gaitopt.show.motion import Motion, force_ratio, motion_of, phase_portrait
-from gaitopt.show.style import COLOURS, Parameter, entry, label, legend_below, panels
+from gaitopt.show.gaits import force_ratio, phase_portrait
+from gaitopt.show.labels import Parameter, label
+from gaitopt.show.motion import Motion, motion_of
+from gaitopt.show.style import COLOURS, entry, legend_below, panels
 
 Draw = Callable[[Archive, Mapping[str, str]], Figure]
 

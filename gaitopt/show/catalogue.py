@@ -13,21 +13,11 @@ from gaitopt.runs.basin import Basin
 from gaitopt.runs.front import Front, front_file
 from gaitopt.runs.sweep import Sweep
 from gaitopt.show.families import basin, front_figure, over_parameter, sweep
-from gaitopt.show.motion import (
-    foot_slip,
-    force_ratio,
-    method_comparison,
-    motion_of,
-    motion_of_walk,
-    multiplier_paths,
-    multiplier_plane,
-    phase_portrait,
-    section_states,
-    simulated,
-    torques,
-)
-from gaitopt.show.style import parameter_of
-from gaitopt.show.walker import animation_page
+from gaitopt.show.film import animation_page
+from gaitopt.show.gaits import foot_slip, force_ratio, method_comparison, phase_portrait, section_states, torques
+from gaitopt.show.labels import parameter_of
+from gaitopt.show.motion import motion_of, motion_of_walk, simulated
+from gaitopt.show.multipliers import multiplier_paths, multiplier_plane
 from gaitopt.verification.walk import Walk
 
 Record = Mapping[str, Any]

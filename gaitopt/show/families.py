@@ -1,13 +1,9 @@
-"""Any scalar of a gait along branches of gaits over a parameter, as in Figs 4, 9, 11 and 12 of the paper.
+"""Figures of families of gaits: branches, fronts, sweeps and basins of attraction.
 
-Works on the records that a continuation writes: ``point`` records with ``branch``, ``index`` and ``value``, and
-``special`` records with ``type`` and ``value``.
-
-Pareto fronts: what one aim costs in terms of another.
-
-Sweeps: a scalar of the gait over one parameter as a curve, over two as a heat map.
-
-Basins of attraction: which state goes to which gait, and how the others fail.
+Any scalar of a gait along branches over a parameter, as in Figs 4, 9, 11 and 12 of Gamus & Or (2013); the Pareto front
+of two scalars; a scalar over a grid, as a curve or a heat map; and the gait to which each state of a grid leads.
+Branches are drawn from the records that a continuation writes: ``point`` records with ``branch``, ``index`` and
+``value``, and ``special`` records with ``type`` and ``value``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,18 +27,9 @@ from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.basin import UNDECIDED, Basin
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.sweep import Sweep
-from gaitopt.show.style import (
-    COLOURS,
-    MORE_COLOURS,
-    NEUTRAL,
-    Parameter,
-    entry,
-    label,
-    legend_below,
-    panels,
-    styled,
-    symbol,
-)
+from gaitopt.show.labels import Parameter, label, symbol
+from gaitopt.show.multipliers import CROSSINGS
+from gaitopt.show.style import COLOURS, MORE_COLOURS, NEUTRAL, entry, legend_below, panels, styled
 from gaitopt.simulation.batch import ENDINGS
 
 Record = Mapping[str, Any]
@@ -63,8 +50,6 @@ SPECIAL = {
     "end": ("branch ends", "|"),
 }
 """Words and marker of every type of special point."""
-BIFURCATIONS = ("fold", "branch_point", "period_doubling", "neimark_sacker")
-"""Special points that carry the value of the parameter."""
 OF_EACH_STEP = ("period", "step_length")
 """Scalars that are drawn for every step of a cycle: at a period doubling the curve splits."""
 
@@ -198,7 +183,7 @@ def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quan
         size = 7 if len(heights) == 1 else 4
         axes.plot(values, heights, marker, color=colour, markersize=size, markeredgewidth=1.4, markerfacecolor="white")
         marked.add(special["type"])
-        if special["type"] in BIFURCATIONS:
+        if special["type"] in CROSSINGS:
             axes.annotate(
                 f"{special['value']:.4g}", (special["value"], heights[0]), xytext=(7, 5),
                 textcoords="offset points", fontsize="small", color=NEUTRAL,

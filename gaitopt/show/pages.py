@@ -1,10 +1,7 @@
-"""A page from its content: templates, scripts and style sheets are put into one file that needs nothing else.
+"""Reports as single HTML files: one gait or several side by side, a branch, a simulated walk.
 
-The report of one gait, or of several side by side.
-
-The report of a branch: a diagram over the continued parameter, and every gait of it behind a click.
-
-The report of a simulated walk: how it ended, its states step by step, and the animation over all steps.
+Templates, scripts, style sheets and data are put into one file that needs nothing else. The report of a branch has a
+diagram over the continued parameter, from which each gait opens; that of a walk has its states step by step.
 """
 
 import base64
@@ -23,6 +20,9 @@ from gaitopt.gait.gait import Gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import relevant_scalars, scalar_values, state_unit
 from gaitopt.show.families import OF_EACH_STEP
+from gaitopt.show.film import film, pack
+from gaitopt.show.gaits import section_states
+from gaitopt.show.labels import label, parameter_of, symbol
 from gaitopt.show.motion import (
     Motion,
     differences,
@@ -31,13 +31,11 @@ from gaitopt.show.motion import (
     motion_of_walk,
     points_of,
     positions_of,
-    section_states,
     simulated,
     smooth,
     thinned,
 )
-from gaitopt.show.style import MODE_WORDS, drawn, label, pack, parameter_of, symbol
-from gaitopt.show.walker import film
+from gaitopt.show.style import MODE_WORDS, drawn
 from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk

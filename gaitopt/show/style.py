@@ -1,40 +1,24 @@
-"""One style for all figures: colours that the colour-blind can tell apart, dashes where the foot slips.
+"""The style of all figures: colours for the colour-blind, dashes where the foot slips, a legend below.
 
-The colours are those of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/. Figures are built without pyplot, so
-that no window system and no global state is involved.
-
-How quantities and states are written on axes and pages: the words of their table, with symbols.
-
-Columns of numbers as short text for a page: 13 bits a number, base64; a constant takes none.
-
-value = low + step * code,      code = 0 ... 8191
-
-The low bytes of a column stand before the high ones, which differ so little that the page compresses well.
+The colours are those of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/. Figures are built without pyplot, which
+would need a window system and global state.
 """
 
-import base64
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from io import BytesIO
-from math import degrees
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import ArrayLike
 
 from gaitopt.model.modes import Mode
-from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import FRICTION_LABELS, SCALARS, label_of, unit_of
-from gaitopt.problem.source import parse_source
 from gaitopt.store.files import write_whole
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
@@ -147,91 +131,3 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     figure.set_figheight(figure.get_figheight() + LEGEND_ROW * max(0, rows - LEGEND_ROWS))
     with styled():
         figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Label:
-    """How a quantity is written."""
-
-    words: str
-    unit: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.words} [{self.unit}]" if self.unit else self.words
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
-    """The parameter of a branch as figures and pages show it: in degrees where the problem's file gives degrees."""
-
-    key: str
-    in_degrees: bool = False
-
-    @property
-    def label(self) -> Label:
-        """Its label with the unit in which it is shown."""
-        return replace(label(self.key), unit="°") if self.in_degrees else label(self.key)
-
-    def shown(self, records: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-        """Points and special points with their ``value`` in this unit."""
-        if not self.in_degrees:
-            return list(records)
-        return [{**r, "value": degrees(r["value"])} if r.get("value") is not None else r for r in records]
-
-
-def parameter_of(problem: Problem, key: str) -> Parameter:
-    """How the continued parameter of a problem is shown."""
-    value: Any = parse_source(problem.text, problem.name).data if problem.text else None
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
-    return Parameter(key=key, in_degrees=isinstance(value, str) and value.rstrip().endswith("deg"))
-
-
-SYMBOLS = {"spectral_radius": "|λ|", "friction": "μ"}
-
-_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-
-
-def symbol(state: str) -> str:
-    """A state's name as it is written: ``dtheta1`` becomes θ̇₁."""
-    rate = state.startswith("d") and len(state) > 1
-    name = state[1:] if rate else state
-    stem = name.rstrip("0123456789")
-    greek = {"theta": "θ", "phi": "φ", "psi": "ψ", "alpha": "α"}.get(stem, stem)
-    written = greek + name[len(stem) :].translate(_SUBSCRIPTS)
-    if not rate:
-        return written
-    return written[0] + "\u0307" + written[1:] if len(greek) == 1 else f"rate of {written}"
-
-
-def label(key: str) -> Label:
-    """Label of a scalar, a state or a parameter by its key; what is unknown keeps its key."""
-    if key == "time":
-        return Label(words="time since impact", unit="s")
-    if key in SCALARS or key in FRICTION_LABELS:
-        return Label(words=f"{label_of(key)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key)))
-    last, unit = key.rpartition(".")[2], unit_of(key)
-    words = last.replace("_", " ")
-    return Label(words=f"{words} torque" if unit == "N m" else words, unit=typeset(unit))
-
-
-def typeset(unit: str) -> str:
-    """A unit with raised exponents."""
-    return unit.replace("^2", "²")
-
-
-CODES = 8191
-"""A chart on a page is some 300 pixels high."""
-
-
-def pack(columns: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """Pack columns of equal length; ``columns.js`` unpacks them to within 7e-5 of their range."""
-    packed, rows = {}, 0
-    for name, values in columns.items():
-        numbers = np.asarray(values, dtype=float)
-        rows, low = len(numbers), float(numbers.min())
-        step = float(np.ptp(numbers)) / CODES
-        codes = np.round((numbers - low) / step).astype("<u2") if step > 0 else np.empty(0, "<u2")
-        planes = codes.view(np.uint8).reshape(-1, 2).T.tobytes()
-        packed[name] = [float(f"{low:.7g}"), float(f"{step:.5g}"), base64.b64encode(planes).decode()]
-    return {"rows": rows, "columns": packed}

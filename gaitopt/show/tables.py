@@ -1,10 +1,6 @@
-"""Tables and numbers as a person likes to read them, in a terminal of any width.
+"""Tables of results, in a terminal of any width or as HTML in a notebook.
 
-Problems, gaits, walks and verifications as tables.
-
-Several gaits as tables: searches, families, basins, sweeps, fronts and many starts, from their JSON records.
-
-The tables that the command line prints, as HTML for a notebook.
+Problems, gaits, walks and verifications; searches, branches, basins, sweeps, fronts and many starts from their records.
 """
 
 import math

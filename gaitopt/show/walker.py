@@ -1,33 +1,26 @@
-"""What a walker looks like: points that move, lines between them, and discs for the masses.
+"""The drawing of a walker: points that move, lines between them, and discs for the masses.
 
-The legs of the named walkers are known. A walker may state the lines that draw it (``Walker.outline``). Any other
-walker is drawn from its bodies and feet: two points that keep their distance are joined, and whatever hangs loose is
-tied to its neighbour by a thin line.
-
-A moving walker on a page, and its data: the walker's drawing, forces, states and torques at some tens of times.
+The legs of the named walkers are known. A walker may define the lines that draw it (``Walker.outline``). Any other
+walker is drawn from its bodies and feet: two points at a constant distance are joined, and thin lines tie what is left
+to its neighbours.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import accumulate, combinations
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from casadi import SX, Function, horzcat, vertcat
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gaitopt.arrays import Array
-from gaitopt.gait import curves
-from gaitopt.gait.trajectory import Arc
 from gaitopt.model.declaration import state_mechanism, state_picture
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.show.motion import Motion, running
-from gaitopt.show.style import pack
+from gaitopt.show.motion import Motion
 
 RIGID = 1e-9
 """Relative change of a distance below which two points belong to one rigid part."""
@@ -149,140 +142,3 @@ def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tupl
         Function("gravity", [p], [mechanism.gravity]),
         tuple(map(len, lines)),
     )
-
-
-FRAMES = 72
-"""Most frames of a cycle; a page draws smooth curves through them."""
-FRAMES_OF_WALK = 240
-"""Fewest frames of a walk."""
-REPEATS = 4
-"""How often the page goes through a cycle before it starts again."""
-FEWEST = 5
-"""Frames of a phase, however short."""
-VISIBLE, SMALLEST = 3e-4, 1e-6
-"""Part of a state's range that can be seen on a page; and ranges [rad, m; per s] too small to matter."""
-
-
-def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
-    """A cycle or a walk as a JSON-able object, in SI units; ``walker.js`` and the report read it.
-
-    Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot, ``contact``
-    the one on which the ground acts; all x are counted from where the foot stood at the start of its step, which is
-    ``origin`` in the cycle. ``path`` are times and places between which the picture follows the walker.
-    """
-    cycle = list(_running(motion, frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))))
-    arcs = [part.arc for part in cycle]
-    sides = [part.arc.side for part in cycle for _ in part.arc.times]
-    drawing = skeleton(motion, np.vstack([arc.states for arc in arcs]), sides)
-    path = _path(motion)
-    impacts = [step.impact for step in motion.steps if step.impact is not None]
-    impulses = [impact.stick_impulse.tolist() for impact in impacts]
-    return {
-        "name": motion.name,
-        "slope": slope(motion),
-        "friction": motion.dynamics.static_friction,
-        "weight": float(motion.dynamics.system.weight(motion.dynamics.p)),
-        "period": _short(motion.period),
-        "steps": len(motion.steps),
-        "repeats": REPEATS if motion.periodic else 1,
-        "step_length": path[-1][1],
-        "path": path,
-        "impacts": [str(impact.mode) for impact in impacts],
-        "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
-        "shape": list(motion.walker.shape),
-        "lengths": bool(motion.walker.lengths),
-        "actuators": list(motion.walker.actuators),
-        "phases": _phases(cycle),
-        "legs": drawing.legs,
-        "ties": drawing.ties,
-        "discs": drawing.discs,
-        "contact": drawing.contact,
-        "frames": pack(_columns(motion, arcs, drawing)),
-    }
-
-
-def animation_page(motion: Motion, about: str = "") -> str:
-    """HTML of the walker going through several steps of ``motion``; ``about`` stands under the title."""
-    templates = Environment(
-        loader=PackageLoader("gaitopt.show", "web"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    templates.policies["json.dumps_kwargs"] = {"sort_keys": False, "separators": (",", ":")}
-    return templates.get_template("animation.html").render(film=film(motion), about=about)
-
-
-def _path(motion: Motion) -> list[list[float]]:
-    """Time [s] and place [m] of the stance foot at the start of each step, and of the walker at the end."""
-    times, places = [0.0], [0.0]
-    for step in motion.steps:
-        pace = places[-1] / times[-1] if times[-1] else 0.0
-        times.append(times[-1] + step.period)
-        places.append(places[-1] + (step.impact.step_length if step.impact is not None else pace * step.period))
-    return [[_short(time), _short(place)] for time, place in zip(times, places, strict=True)]
-
-
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """An arc at its frames, the index of its step, and time [s] and place [m] at which that step begins."""
-
-    arc: Arc
-    step: int
-    began: float
-    origin: float
-
-
-def _running(motion: Motion, frames: int) -> Iterator[_Part]:
-    origin = 0.0
-    for index, (began, step) in enumerate(running(motion.steps)):
-        for arc in step.arcs:
-            most = max(FEWEST, round(frames * arc.duration / motion.period))
-            yield _Part(_resolved(arc, most), index, began, origin)
-        origin += 0.0 if step.impact is None else step.impact.step_length
-
-
-def _resolved(arc: Arc, most: int) -> Arc:
-    """The arc at as few Chebyshev points as resolve it for the eye, but no more than ``most``."""
-    if len(arc.times) == 2:  # too short to be anything but straight
-        return arc
-    fitted = curves.coefficients(arc.states)
-    scale = np.maximum(np.ptp(arc.states, axis=0), SMALLEST)
-    left = (np.abs(fitted[::-1]).cumsum(axis=0)[::-1] / scale).max(axis=1)  # what is lost from each term on
-    enough = int(np.argmax(np.append(left, 0.0) < VISIBLE))
-    s = curves.points(min(max(enough, FEWEST), max(most, FEWEST)))
-    states = np.asarray(curves.evaluate(fitted, s))
-    return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
-
-
-def _phases(cycle: list[_Part]) -> list[dict[str, Any]]:
-    """Mode, times, step and first and last frame of every arc."""
-    ends = np.cumsum([len(part.arc.times) for part in cycle])
-    return [
-        {
-            "mode": str(part.arc.mode.contact),
-            "start": _short(part.began + part.arc.start),
-            "end": _short(part.began + part.arc.end),
-            "step": part.step,
-            "origin": _short(part.origin),
-            "first": int(end - len(part.arc.times)),
-            "last": int(end - 1),
-        }
-        for part, end in zip(cycle, ends, strict=True)
-    ]
-
-
-def _short(value: float) -> float:
-    """As many digits as a page can show."""
-    return float(f"{value:.7g}")
-
-
-def _columns(motion: Motion, arcs: list[Arc], drawing: Skeleton) -> dict[str, Any]:
-    observed = [motion.observe(arc) for arc in arcs]
-    force = np.vstack([o.force for o in observed])
-    torque = np.vstack([o.torque for o in observed])
-    states = np.vstack([arc.states for arc in arcs])
-    columns = {"f_t": force[:, 0], "f_n": force[:, 1]}
-    for name in motion.walker.shape:
-        columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
-    columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.walker.actuators)}
-    for k in range(drawing.points.shape[1]):
-        columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}
-    return columns

@@ -17,16 +17,10 @@ from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.sweep import Sweep
 from gaitopt.show.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, informative
 from gaitopt.show.families import UNSTABLE, front_figure, over_parameter, pareto_front, sweep
-from gaitopt.show.motion import (
-    differences,
-    motion_from_record,
-    motion_of,
-    multiplier_paths,
-    multiplier_plane,
-    simulated,
-    thinned,
-)
-from gaitopt.show.style import SLIP_DASHES, Parameter, label, parameter_of, save, symbol
+from gaitopt.show.labels import Parameter, label, parameter_of, symbol
+from gaitopt.show.motion import differences, motion_from_record, motion_of, simulated, thinned
+from gaitopt.show.multipliers import multiplier_paths, multiplier_plane
+from gaitopt.show.style import SLIP_DASHES, save
 
 FRICTION = Parameter(key="friction")
 

@@ -12,9 +12,9 @@ from pictured import SEQUENCES, TORSO, gait
 from gaitopt.model.walker import polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.show import walker as skeleton_module
+from gaitopt.show.film import CODES, animation_page, film, pack
 from gaitopt.show.motion import motion_of
-from gaitopt.show.style import CODES, pack
-from gaitopt.show.walker import animation_page, film, skeleton, slope
+from gaitopt.show.walker import skeleton, slope
 
 WALKERS = (*SEQUENCES, TORSO)
 

@@ -1,0 +1,313 @@
+"""Figures of gaits and walks: phase portrait, force ratio, foot slip, torques, section states, NLP against simulation.
+
+    sigma = f_t / f_n,      |sigma| <= mu        the friction cone; a sticking impact needs |F_t| / F_n <= mu too
+
+As Figs 2, 3, 6, 7, 8 and 10 of Gamus & Or (2013). Only stored quantities are drawn, so that a gait that has been read
+back has the same figure.
+"""
+
+from collections.abc import Sequence
+from itertools import cycle, pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from gaitopt.arrays import Array
+from gaitopt.gait.measures import friction_ratio
+from gaitopt.gait.trajectory import Step
+from gaitopt.model.transitions import Ending
+from gaitopt.problem.scalars import state_unit
+from gaitopt.show.labels import symbol
+from gaitopt.show.motion import (
+    Motion,
+    differences,
+    points_of,
+    position_label,
+    positions_of,
+    running,
+    smooth,
+    thinned,
+    time_label,
+)
+from gaitopt.show.style import (
+    COLOURS,
+    JUMP,
+    MODE_COLOURS,
+    MODE_WORDS,
+    NEUTRAL,
+    dashes,
+    entry,
+    legend_below,
+    mode_legend,
+    panels,
+)
+from gaitopt.verification.walk import Walk
+
+OUTSIDE = "#f1ece4"
+"""Colour of what friction cannot provide."""
+CONE_ROOM = 1.35
+"""Height of the axes over the largest ratio that is drawn."""
+
+
+def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
+    """Force ratio over time or over a shape coordinate, the impulse ratio of eq. (9) as a cross at its end.
+
+    Of walkers that fly the normal force is drawn below.
+
+    Parameters
+    ----------
+    against : ``time``, or the name of a shape coordinate.
+    """
+    flying = against == "time" and any(motion.walker.flies for motion in motions)
+    figure, (axes, *normal) = panels(2, heights=[3, 2], height=5.4) if flying else panels()
+    handles: list[Line2D | Patch] = []
+    for motion, colour in zip(motions, cycle(COLOURS), strict=False):
+        handles.append(entry(motion.name, color=colour))
+        _draw_ratio(axes, motion, against, colour)
+        for below in normal:
+            _draw_normal_force(below, motion, colour)
+    figure.axes[-1].set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
+    axes.set_ylabel("force ratio σ = $f_t/f_n$")
+    handles.extend(_cones(axes, motions))
+    modes = [mode for motion in motions for mode in motion.modes]
+    crosses = [line for line in axes.lines if line.get_marker() == "x"][:1]
+    words = [entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8) for _ in crosses]
+    legend_below(figure, [*handles, *mode_legend(modes), *words])
+    return figure
+
+
+def foot_slip(motions: Sequence[Motion]) -> Figure:
+    """Where the stance foot has slipped to, downhill positive, over one cycle [mm]."""
+    figure, (axes,) = panels(height=3.4)
+    handles = []
+    for motion, colour in zip(motions, cycle(COLOURS), strict=False):
+        handles.append(entry(motion.name, color=colour))
+        x = motion.state_index("x")
+        for began, arc in smooth(motion.steps):
+            if not arc.mode.flies:
+                axes.plot(began + arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
+    axes.axhline(0, color="#808080", linewidth=0.8)
+    axes.set_xlabel(time_label(motions))
+    axes.set_ylabel("slip of the stance foot x [mm]")
+    modes = [mode for motion in motions for mode in motion.modes]
+    legend_below(figure, [*handles, *mode_legend(modes)])
+    return figure
+
+
+def torques(motions: Sequence[Motion]) -> Figure:
+    """Torque of every actuator over one cycle [N m]; the strip on top says what the foot does."""
+    figure, (strip, axes) = panels(2, heights=[len(motions), 14])
+    colours = cycle(COLOURS)
+    handles: list[Line2D | Patch] = []
+    for motion in motions:
+        for k, name in enumerate(motion.walker.actuators):
+            prefix = f"{motion.name}: " if len(motions) > 1 else ""
+            colour = next(colours)
+            handles.append(entry(f"{prefix}{name}", color=colour))
+            for began, arc in smooth(motion.steps):
+                axes.plot(began + arc.times, motion.observe(arc).torque[:, k], color=colour)
+    axes.set_xlabel(time_label(motions))
+    axes.set_ylabel("torque [N m]")
+    legend_below(figure, [*handles, *mode_strip(strip, motions)])
+    return figure
+
+
+def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
+    """Draw the modes over time as coloured bars, one row for each motion; returns the legend's entries."""
+    for row, motion in enumerate(motions):
+        for began, step in running(motion.steps):
+            for arc in step.arcs:
+                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode.contact])
+    named = len(motions) > 1
+    axes.set_yticks(range(len(motions)) if named else [], [motion.name for motion in motions] if named else [])
+    axes.tick_params(length=0, labelbottom=False)
+    axes.grid(visible=False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.invert_yaxis()
+    present = {mode.contact for motion in motions for mode in motion.modes}
+    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in MODE_COLOURS if mode in present]
+
+
+def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
+    ends = []
+    for began, arc in smooth(motion.steps):
+        force = motion.observe(arc).force
+        where = began + arc.times if against == "time" else arc.states[:, motion.state_index(against)]
+        if not arc.mode.flies:
+            axes.plot(where, friction_ratio(force), color=colour, linestyle=dashes(arc.mode))
+        ends.append(float(where[-1]))
+    last_arcs = np.cumsum([len(step.arcs) for step in motion.steps]) - 1
+    for step, last in zip(motion.steps, last_arcs, strict=True):
+        if step.impact is None or step.impact.impulse_ratio is None:
+            continue
+        tangential, normal = step.impact.stick_impulse
+        axes.plot(ends[last], tangential / normal, "x", color=colour, markeredgewidth=1.8, markersize=7, clip_on=False)
+
+
+def _draw_normal_force(axes: Axes, motion: Motion, colour: str) -> None:
+    """Normal force over time, in units of the weight."""
+    weight = float(motion.dynamics.system.weight(motion.dynamics.p))
+    for began, arc in smooth(motion.steps):
+        force = motion.observe(arc).force[:, 1] / weight
+        axes.plot(began + arc.times, force, color=colour, linestyle=dashes(arc.mode))
+    axes.set_ylabel("normal force / weight\n$f_n/(m g)$")
+
+
+def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
+    """Edges of the friction cone, shaded beyond where there is just one; returns the legend's entries."""
+    own = [round(motion.dynamics.static_friction, 12) for motion in motions]
+    frictions = sorted(set(own))
+    reach = max(float(np.abs(axes.dataLim.intervaly).max()) * 1.1, min(frictions) * CONE_ROOM)
+    entries: list[Line2D | Patch] = []
+    for friction in frictions:
+        if friction > reach * CONE_ROOM:
+            continue  # a cone so wide would squeeze the curve into a line
+        reach = max(reach, 1.1 * friction)
+        colours = [colour for colour, value in zip(cycle(COLOURS), own, strict=False) if value == friction]
+        colour = colours[0] if len(frictions) > 1 else NEUTRAL
+        for side in (-friction, friction):
+            axes.axhline(side, color=colour, linewidth=0.9, zorder=1.5, linestyle="-.")
+        entries.append(entry(f"cone ±μ = ±{friction:g}", color=colour, linewidth=0.9, linestyle="-."))
+    axes.set_ylim(-reach, reach)
+    if len(frictions) == 1 and entries:
+        for low, high in ((-reach, -frictions[0]), (frictions[0], reach)):
+            axes.axhspan(low, high, color=OUTSIDE, zorder=-1, linewidth=0)
+        entries.append(Patch(color=OUTSIDE, label="beyond friction"))
+    return entries
+
+
+VISIBLE = 1e-6
+"""Jump of a state [rad, m; per s] that is none of rounding."""
+
+
+def phase_portrait(motions: Sequence[Motion]) -> Figure:
+    """Angles [rad] against rates [rad/s] of all motions in one plane; a dot marks the state just after the impact."""
+    figure, (axes,) = panels(height=4.6)
+    colours = cycle(COLOURS)
+    handles: list[Line2D] = []
+    for motion in motions:
+        for name in motion.walker.shape:
+            prefix = f"{motion.name}: " if len(motions) > 1 else ""
+            colour = next(colours)
+            handles.append(entry(f"{prefix}{symbol(name)}", color=colour))
+            _draw(axes, motion, name, colour)
+    lengths = any(motion.walker.lengths for motion in motions)
+    axes.set_xlabel(position_label(motions))
+    axes.set_ylabel("rate [rad/s, m/s]" if lengths else "angular rate [rad/s]")
+    modes = [mode for motion in motions for mode in motion.modes]
+    after = entry("just after the impact", marker="o", linestyle="", markersize=5)
+    locks = any(_leaps(step) for motion in motions for step in motion.steps)
+    jump = entry("impact, or a stop locks" if locks else "impact", **JUMP)
+    legend_below(figure, [*handles, *mode_legend(modes), jump, after])
+    return figure
+
+
+def _draw(axes: Axes, motion: Motion, name: str, colour: str) -> None:
+    angle, rate = motion.state_index(name), motion.state_index(f"d{name}")
+    for _, arc in smooth(motion.steps):
+        axes.plot(arc.states[:, angle], arc.states[:, rate], color=colour, linestyle=dashes(arc.mode))
+    for before, after in (pair for step in motion.steps for pair in _leaps(step)):
+        axes.plot([before[angle], after[angle]], [before[rate], after[rate]], color=colour, **JUMP)
+    axes.plot(*motion.steps[0].arcs[0].states[0, [angle, rate]], "o", color=colour, markersize=5)
+    for step, following in zip(motion.steps, (*motion.steps[1:], *motion.steps[: motion.periodic]), strict=False):
+        last, first = step.arcs[-1].states[-1], following.arcs[0].states[0]
+        angles, rates = (last[angle], last[angle], first[angle]), (last[rate], first[rate], first[rate])
+        axes.plot(angles, rates, color=colour, **JUMP)  # first the rate jumps, then the angle
+        axes.plot(first[angle], first[rate], "o", color=colour, markersize=5)
+
+
+def _leaps(step: Step) -> list[tuple[Array, Array]]:
+    """States before and after every jump within a step, as where a stop locks."""
+    ends = [(before.states[-1], after.states[0]) for before, after in pairwise(step.arcs)]
+    return [(before, after) for before, after in ends if np.abs(after - before).max() > VISIBLE]
+
+
+GAIT, FAILED = "#009e73", "#d55e00"
+PANEL_HEIGHT, FOOT = 1.35, 1.1
+"""Height of one panel, and of axis and legend below [inch]."""
+
+
+def section_states(walk: Walk) -> Figure:
+    """Every coordinate of the section over the number of the step; a broken line marks where the walk ended."""
+    names = _names(walk)
+    states = walk.trajectory.section_states
+    figure, axes = panels(len(names), height=PANEL_HEIGHT * len(names) + FOOT)
+    for name, panel in zip(names, axes, strict=True):
+        column = walk.system.state_names.index(name)
+        for state in walk.gait_states:
+            panel.axhline(state[column], color=GAIT, linewidth=1.4)
+        panel.plot(range(len(states)), states[:, column], ".-", color=COLOURS[0], linewidth=1.0, markersize=7)
+        if walk.trajectory.ending is not Ending.COMPLETED:
+            panel.axvline(len(states) - 0.5, color=FAILED, linestyle="--")
+        panel.set_ylabel(f"{symbol(name)} [{state_unit(name)}]")
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    axes[-1].set_xlabel("steps since the start")
+    figure.align_ylabels(axes)
+    legend_below(figure, _legend(walk))
+    return figure
+
+
+def _names(walk: Walk) -> list[str]:
+    """The section's coordinates; the slip velocity only where a foot ever slips after an impact."""
+    names = list(walk.system.walker.section_names(slipping=True))
+    slipping = bool(np.any(walk.trajectory.section_states[:, -1]))
+    return names if slipping or len(names) == 1 else names[:-1]
+
+
+def _legend(walk: Walk) -> list[Line2D]:
+    handles = [entry("just after each impact", color=COLOURS[0], marker=".", linewidth=1.0)]
+    if len(walk.gait_states):
+        handles.append(entry("the gait", color=GAIT, linewidth=1.4))
+    if walk.trajectory.ending is not Ending.COMPLETED:
+        words = str(walk.trajectory.ending).replace("_", " ")
+        handles.append(entry(f"the walk ends: {words}", color=FAILED, linestyle="--"))
+    return handles
+
+
+ROUNDING = 1e-17
+"""A difference of exactly zero is drawn here, at the foot of the log axis."""
+
+
+def method_comparison(motion: Motion, walked: Sequence[Step]) -> Figure:
+    """Angles of a gait found by the NLP over those of the simulated steps, and all states' differences below.
+
+    Parameters
+    ----------
+    motion : the gait.
+    walked : the simulated steps.
+    """
+    figure, (upper, lower) = panels(2, heights=[3, 2], height=5.4)
+    times, states = thinned(*points_of(motion.steps))
+    handles: list[Line2D] = []
+    for name, colour in zip(positions_of(motion), COLOURS, strict=False):
+        column = motion.state_index(name)
+        for began, step in running(walked):
+            for arc in step.arcs:
+                upper.plot(began + arc.times, arc.states[:, column], color=colour, linestyle=dashes(arc.mode))
+        upper.plot(times, states[:, column], "o", color=colour, markersize=4, fillstyle="none")
+        handles.append(entry(f"{symbol(name)}, simulation", color=colour))
+    handles.append(entry("NLP", marker="o", linestyle="", fillstyle="none"))
+    upper.set_ylabel(position_label([motion]))
+    handles += _differences(lower, motion, walked)
+    legend_below(figure, [*handles, *mode_legend([mode for step in walked for mode, _ in step.phases])])
+    return figure
+
+
+def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Line2D]:
+    """Angles' and rates' differences along arcs that both methods have."""
+    rate = motion.state_index(f"d{motion.walker.shape[0]}")
+    kinds = {"positions": (slice(0, rate), "-"), "velocities": (slice(rate, None), ":")}
+    entries = []
+    for words, (columns, line) in kinds.items():
+        for times, gap in differences(motion.steps, walked):
+            size = np.maximum(np.abs(gap[:, columns]).max(axis=1), ROUNDING)
+            axes.semilogy(times, size, color=NEUTRAL, linestyle=line, linewidth=1.1)
+        entries.append(entry(f"difference, {words}", linestyle=line, linewidth=1.1))
+    axes.set_xlabel(time_label([motion]))
+    axes.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
+    return entries
