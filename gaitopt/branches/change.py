@@ -38,6 +38,19 @@ from gaitopt.verification.verify import confirm
 
 EDGE = 0.02
 """Part of a phase at its ends within which an event is taken to be at the end."""
+DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
+"""Distances past the event at which a successor is tried, relative to the span of the parameter."""
+FIRST_STEPS = 5.0
+"""First step on a new branch, in distances from the event: its new phase is short and changes fast."""
+ACTIVE = 1e-5
+"""Monitors below this, in natural units, vanish together with the one that was located."""
+CLOSER, APPROACH = 1 / 16, 1 / 2
+"""A successor at this fraction of the distance past the event is at most this fraction as far from the gait there: one
+that begins like a square root comes four times closer, one beyond a jump does not come closer."""
+SAME = 1e-9
+"""Gaits this close are the same: there the parameter does not act on the successor."""
+NEARBY = 0.3
+"""Largest distance between the gaits before and after: in scaled section coordinates, and of periods relatively."""
 
 Phases = tuple[Mode, ...]
 Steps = list[tuple[Phases, Mode]]
@@ -155,21 +168,6 @@ def _merge(phases: Phases) -> Phases:
         if not merged or merged[-1] is not mode:
             merged.append(mode)
     return tuple(merged)
-
-
-DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
-"""Distances past the event at which a successor is tried, relative to the span of the parameter."""
-FIRST_STEPS = 5.0
-"""First step on a new branch, in distances from the event: its new phase is short and changes fast."""
-ACTIVE = 1e-5
-"""Monitors below this, in natural units, vanish together with the one that was located."""
-CLOSER, APPROACH = 1 / 16, 1 / 2
-"""A successor at this fraction of the distance past the event is at most this fraction as far from the gait there: one
-that begins like a square root comes four times closer, one beyond a jump does not come closer."""
-SAME = 1e-9
-"""Gaits this close are the same: there the parameter does not act on the successor."""
-NEARBY = 0.3
-"""Largest distance between the gaits before and after: in scaled section coordinates, and of periods relatively."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
