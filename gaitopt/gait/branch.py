@@ -73,7 +73,7 @@ class ContinuationState(ReadOnlyArrays):
                 metric=np.array(record["metric"], dtype=float),
                 earlier=record["earlier"],
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"walk: an entry is missing or of another type ({error})") from error
         vectors = (state.unknowns, state.direction, state.metric)
         if not all(vector.ndim == 1 and np.isfinite(vector).all() for vector in vectors):

@@ -166,6 +166,7 @@ DAMAGES = {
     "an unknown that is no number": lambda point: point["walk"]["unknowns"].__setitem__(3, None),
     "another unknown": lambda point: point["walk"]["unknowns"].__setitem__(1, 0.1),
     "a short tangent": lambda point: point["walk"].update(direction=[1.0]),
+    "a tangent beyond all floats": lambda point: point["walk"].update(direction=[10**400]),
     "no arcs": lambda point: point["walk"].update(arcs=[]),
     "a phase that is not there": lambda point: point["walk"].update(arcs=[[9, 0, None, None, 14]]),
     "a segment that is not there": lambda point: point["walk"]["arcs"][0].__setitem__(1, 7),

@@ -54,7 +54,7 @@ def test_a_working_directory_that_is_deleted_is_named(run):
     ("arguments", "code", "words"),
     [
         (("solve", WHEEL, "--set", "gait.guess.state.dtheta=1e200"), 3, "--set gait.guess.state.dtheta: 1e+200 is"),
-        (("solve", WHEEL, "--starts", "1000000000000"), 6, "points need about 6.0 PB on disk"),
+        (("solve", WHEEL, "--starts", "1000000000000"), 6, "starts need about 6.0 PB on disk"),
         (("solve", WHEEL, "--starts", "3", "--spread", "1e300"), 2, "--spread"),
         (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 50}"), 2, "values; at most 1,000,000,000 are possible"),
         (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 5000}"), 2, "write --over friction=LO:HI:N"),

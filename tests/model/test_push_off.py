@@ -140,7 +140,7 @@ def test_a_push_is_designed_for_speed_and_for_cost():
 def test_without_a_push_nothing_replaces_what_the_impact_takes():
     failed = go.solve(named(NAME).problem.replace({"walker.push": 0}))
     assert not failed.converged
-    assert "no energy" in failed.message
+    assert "no source of energy" in failed.message
 
 
 def test_a_push_of_nothing_leaves_the_compass():

@@ -161,8 +161,10 @@ LOOSE = {
     "gait_states",
     "walk",
     "multipliers",
+    "candidates",
 }
-"""Entries that may be missing, or be empty lists."""
+"""Entries that may be missing, be empty lists, or be lists of any length: the candidates of a search are guesses, which
+are solved and verified before they are listed."""
 
 
 def is_free(path):
