@@ -11,7 +11,7 @@ function has opposite signs there:
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import reduce
 from itertools import pairwise
 from math import prod
 from typing import Any
@@ -107,9 +107,10 @@ class Proof:
         """Whether there are claims and all of them are proved."""
         return bool(self.claims) and all(claim.proved for claim in self.claims)
 
-    @cached_property
+    @property
     def spectral_radius(self) -> arb | None:
         """Bounds of the largest modulus of a multiplier."""
+        # not cached: until Python 3.12 a cached property has a lock, which would be taken before and after FLINT's
         if not self.multipliers:
             return None
         with precision():
