@@ -32,6 +32,38 @@ def test_importing_the_package_imports_nothing_else():
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
+OPTIONAL = {"heyoka", "flint", "pandas", "xarray", "IPython", "ipywidgets", "pydrake", "rockit"}
+"""What an install without extras does not bring along."""
+
+
+def test_an_install_without_extras_solves_and_verifies(tmp_path):
+    program = f"""
+import sys
+for name in {sorted(OPTIONAL)}:
+    sys.modules[name] = None
+from gaitopt.cli.main import main
+sys.exit(main(["solve", "compass-passive-a", "--quiet", "-o", {str(tmp_path / "gait")!r}]))
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_only_engines_and_proofs_need_an_extra():
+    program = f"""
+import importlib, sys
+for name in {sorted(OPTIONAL)}:
+    sys.modules[name] = None
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+"""
+    modules = sorted(
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for path in (ROOT / "gaitopt").rglob("*.py")
+        if path.parent.name != "proof" and not path.stem.startswith(("heyoka_", "__"))
+    )
+    assert len(modules) > 100
+    subprocess.run([sys.executable, "-c", program, *modules], check=True)
+
+
 def test_the_version_is_stated_alike_everywhere():
     assert f"\nversion: {gaitopt.__version__}\n" in (ROOT / "CITATION.cff").read_text()
     assert f"\n## [{gaitopt.__version__}]\n" in (ROOT / "CHANGELOG.md").read_text()

@@ -13,6 +13,9 @@ from casadi import Function, densify
 
 from gaitopt.arrays import Array
 
+WIDTH = 256
+"""Rows that ``RowMap`` evaluates in one call of CasADi."""
+
 
 class Buffers:
     """A function of vectors with fixed memory, for one user at a time: a call overwrites the outputs of the last one.
@@ -110,6 +113,40 @@ class BufferedMap(threading.local):
                 memory[:] = value
         self._mapped.evaluate()
         return tuple(output[:, 0] if output.shape[1] == 1 else output for output in self._outputs)
+
+
+class RowMap:
+    """A function of vectors evaluated row by row.
+
+    Parameters
+    ----------
+    function : CasADi function of vectors.
+    """
+
+    def __init__(self, function: Function) -> None:
+        self._sizes_in = [function.numel_in(k) for k in range(function.n_in())]
+        self._sizes_out = [function.numel_out(k) for k in range(function.n_out())]
+        self._mapped = Buffers(function.map(WIDTH))
+
+    def __call__(self, *values: Any) -> list[Array]:
+        """Outputs of shape (n, size) from inputs of shape (n, size), or (size,) for the same in all rows."""
+        arrays = [np.asarray(value, dtype=float) for value in values]
+        n = max(len(array) for array in arrays if array.ndim == 2)
+        outputs = [np.empty((n, size)) for size in self._sizes_out]
+        inputs = [memory.reshape(WIDTH, size) for memory, size in zip(self._mapped.inputs, self._sizes_in, strict=True)]
+        for memory, array in zip(inputs, arrays, strict=True):
+            if array.ndim < 2:
+                memory[:] = array
+        for start in range(0, n, WIDTH):
+            count = min(WIDTH, n - start)
+            for memory, array in zip(inputs, arrays, strict=True):
+                if array.ndim == 2:
+                    memory[:count] = array[start : start + count]
+                    memory[count:] = array[start]  # what is left over must not raise, and is not read
+            self._mapped.evaluate()
+            for output, memory in zip(outputs, self._mapped.outputs, strict=True):
+                output[start : start + count] = memory.reshape(WIDTH, -1)[:count]
+        return outputs
 
 
 @lru_cache(maxsize=256)

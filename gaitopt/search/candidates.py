@@ -25,6 +25,7 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import BranchPoint
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.trajectory import Step
+from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
@@ -32,7 +33,6 @@ from gaitopt.nlp.open_modes import Complementarity, Proposal, shapes_before, swi
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 from gaitopt.simulation.engine import Engine, choose_engine, make_stepper
-from gaitopt.simulation.heyoka_batch import RowMap
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap, step_map

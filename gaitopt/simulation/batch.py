@@ -14,6 +14,7 @@ all with the same event through what follows, until every step has ended.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +34,12 @@ from gaitopt.simulation.contact_resolver import (
     stick_comes_first,
 )
 from gaitopt.simulation.events import AT_REST, EDGE, INSTANT
-from gaitopt.simulation.heyoka_batch import HeyokaBatch
-from gaitopt.simulation.heyoka_stepper import HeyokaRowMap
 from gaitopt.simulation.natural import natural_system, units
 from gaitopt.simulation.simulator import MAX_STEP_TIME, MAX_SWITCHES, StepOutcome
 from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals
+
+if TYPE_CHECKING:
+    from gaitopt.simulation.heyoka_stepper import HeyokaRowMap
 
 Codes = NDArray[np.int64]
 
@@ -167,6 +169,8 @@ class BatchResolver:
         self._one_by_one = ContactResolver(dynamics)
         self._units = units(dynamics)
         self._modes = system.walker.modes()
+        from gaitopt.simulation.heyoka_stepper import HeyokaRowMap  # optional
+
         self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
         self._table = table = system.transitions
         self._ground = tuple(mode.contact for mode in table.landed)
@@ -260,8 +264,10 @@ class BatchResolver:
                 after[k], step_lengths[k] = states[k], np.nan
         return Landing(modes=modes, endings=endings, states=after, step_lengths=step_lengths)
 
-    def _rest(self, modes: tuple[Mode, ...]) -> HeyokaRowMap:
+    def _rest(self, modes: tuple[Mode, ...]) -> "HeyokaRowMap":
         """What decides about a foot at rest, of a foot that sticks and then of its slips."""
+        from gaitopt.simulation.heyoka_stepper import HeyokaRowMap  # optional
+
         stuck, *slips = modes
         fixed = {2: self._units.parameters[stuck], 4: self._units.margins[modes[-1]]}
         return HeyokaRowMap(natural_system(self._system).rest(stuck, tuple(slips)), fixed)
@@ -289,6 +295,8 @@ class BatchSimulator:
     ) -> None:
         self.system = system = dynamics.system
         self._max_switches, self._table = max_switches, system.transitions
+        from gaitopt.simulation.heyoka_batch import HeyokaBatch  # optional
+
         self._stepper, self._resolver = HeyokaBatch(dynamics), BatchResolver(dynamics)
         self._units, self._modes = units(dynamics), system.walker.modes()
         longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time

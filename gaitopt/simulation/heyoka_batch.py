@@ -1,6 +1,4 @@
-"""Compiled functions of many states at once: one row per state, no Python between them.
-
-Arcs of many states at once, in the lanes of heyoka's batch integrators.
+"""Arcs of many states at once, in the lanes of heyoka's batch integrators.
 
 Every lane has its own time, step length and events; where its arc ends, the next state takes its place. What happens
 in one lane does not depend on the others, to the last bit. The rules at the start of an arc and at its end are those
@@ -12,11 +10,9 @@ from typing import Any
 
 import heyoka as hy
 import numpy as np
-from casadi import Function
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.simulation.events import (
@@ -34,44 +30,6 @@ from gaitopt.simulation.events import (
 from gaitopt.simulation.heyoka_stepper import LANES, MAX_TAYLOR_STEPS, HeyokaRowMap, HeyokaStepper, batch_integrator
 from gaitopt.simulation.natural import natural_system, units
 from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals, Indices
-
-WIDTH = 256
-"""Rows of one call: a call costs less than two of them."""
-
-
-class RowMap:
-    """A function of vectors evaluated row by row.
-
-    Parameters
-    ----------
-    function : CasADi function of vectors.
-    """
-
-    def __init__(self, function: Function) -> None:
-        self._sizes_in = [function.numel_in(k) for k in range(function.n_in())]
-        self._sizes_out = [function.numel_out(k) for k in range(function.n_out())]
-        self._mapped = Buffers(function.map(WIDTH))
-
-    def __call__(self, *values: Any) -> list[Array]:
-        """Outputs of shape (n, size) from inputs of shape (n, size), or (size,) for the same in all rows."""
-        arrays = [np.asarray(value, dtype=float) for value in values]
-        n = max(len(array) for array in arrays if array.ndim == 2)
-        outputs = [np.empty((n, size)) for size in self._sizes_out]
-        inputs = [memory.reshape(WIDTH, size) for memory, size in zip(self._mapped.inputs, self._sizes_in, strict=True)]
-        for memory, array in zip(inputs, arrays, strict=True):
-            if array.ndim < 2:
-                memory[:] = array
-        for start in range(0, n, WIDTH):
-            count = min(WIDTH, n - start)
-            for memory, array in zip(inputs, arrays, strict=True):
-                if array.ndim == 2:
-                    memory[:count] = array[start : start + count]
-                    memory[count:] = array[start]  # what is left over must not raise, and is not read
-            self._mapped.evaluate()
-            for output, memory in zip(outputs, self._mapped.outputs, strict=True):
-                output[start : start + count] = memory.reshape(WIDTH, -1)[:count]
-        return outputs
-
 
 Flags = NDArray[np.bool_]
 

@@ -16,7 +16,7 @@ the same for every neighbouring motion, so that it leaves deviations as they are
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from casadi import Function
@@ -26,22 +26,17 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.callbacks import Stop
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.model.buffered import buffered
+from gaitopt.model.buffered import RowMap, buffered
 from gaitopt.model.dynamics import Dynamics, projection, saltation
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.transitions import Ending, margin_unit
 from gaitopt.problem.problem import Problem
-from gaitopt.simulation.batch import ENDINGS, BatchSteps, followed_by, phase_names, stack_outcomes
+from gaitopt.simulation.batch import ENDINGS, BatchSimulator, BatchSteps, followed_by, phase_names, stack_outcomes
 from gaitopt.simulation.engine import Engine, choose_engine
-from gaitopt.simulation.heyoka_batch import RowMap
 from gaitopt.simulation.simulator import Simulator, StepOutcome
 from gaitopt.systems import problem_dynamics
 from gaitopt.threads import per_thread
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
-
-if TYPE_CHECKING:
-    from gaitopt.simulation.batch import BatchSimulator
-
 
 Codes = NDArray[np.int64]
 
@@ -338,9 +333,7 @@ class StepMap:
         return Returns(names=self.names, states=walked.states[:, self._indices], modes=modes, **fields)
 
     @cached_property
-    def _batches(self) -> "list[BatchSimulator]":
-        from gaitopt.simulation.batch import BatchSimulator  # needs heyoka, which is optional
-
+    def _batches(self) -> list[BatchSimulator]:
         walker = self.dynamics.system.walker
         return [BatchSimulator(self.dynamics.standing(side)) for side in range(walker.n_sides())]
 

@@ -12,6 +12,7 @@ pytest.importorskip("heyoka")
 from named import named
 
 from gaitopt import return_map
+from gaitopt.model.buffered import WIDTH, RowMap
 from gaitopt.model.control import Control, NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
@@ -20,7 +21,6 @@ from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import load_problem
 from gaitopt.simulation.batch import ENDINGS, BatchResolver, BatchSimulator, max_phases, phase_code, phase_names
-from gaitopt.simulation.heyoka_batch import WIDTH, RowMap
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import build_system
