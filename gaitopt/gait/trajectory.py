@@ -10,6 +10,8 @@ import numpy as np
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Tabulated
 from gaitopt.gait.frames import data_frame, sample_set
+from gaitopt.model.buffered import buffered
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
@@ -83,6 +85,24 @@ class ImpactRecord(ReadOnlyArrays):
         """|F_t| / F_n of a sticking impact; None for a foot that lands without an impulse."""
         tangential, normal = self.stick_impulse.tolist()
         return abs(tangential) / normal if normal else None
+
+
+def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecord:
+    """The impact after which the foot is in ``mode``, from the state ``z_minus`` just before it, shape (n_z,)."""
+    system, p = dynamics.system, dynamics.p
+    z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
+    _, stick_impulse, *_ = (value.copy() for value in buffered(system.impact(Mode.STICK))(z_minus, p))
+    x, work = system.n_shape, float(system.push(z=z_minus, p=p)["work"]) if system.walker.pushes else 0.0
+    state = z_plus.copy()
+    state[x] = 0.0
+    return ImpactRecord(
+        mode=mode,
+        state=state,
+        step_length=float(z_plus[x]),
+        impulse=impulse,
+        stick_impulse=stick_impulse,
+        push_work=work,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,11 +9,8 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Shooting, Status, floquet_multipliers
 from gaitopt.gait.measures import measure
-from gaitopt.gait.trajectory import Arc, ImpactRecord, Step
-from gaitopt.model.buffered import buffered
+from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Transitions
 from gaitopt.nlp.layout import COINCIDENT, ArcLayout, layout
 from gaitopt.nlp.newton import Solution, section_sensitivity
@@ -106,24 +103,6 @@ def assemble_steps(
             impact=impact_record(dynamics.standing(walker.side(step)), impact, nodes[:, end]),
         )
         for step, (step_arcs, impact, end) in enumerate(impacts)
-    )
-
-
-def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecord:
-    """The impact in ``mode`` that follows ``z_minus``."""
-    system, p = dynamics.system, dynamics.p
-    z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
-    _, stick_impulse, *_ = (value.copy() for value in buffered(system.impact(Mode.STICK))(z_minus, p))
-    x, work = system.n_shape, float(system.push(z=z_minus, p=p)["work"]) if system.walker.pushes else 0.0
-    state = z_plus.copy()
-    state[x] = 0.0
-    return ImpactRecord(
-        mode=mode,
-        state=state,
-        step_length=float(z_plus[x]),
-        impulse=impulse,
-        stick_impulse=stick_impulse,
-        push_work=work,
     )
 
 

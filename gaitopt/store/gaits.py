@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from gaitopt.gait import curves
 from gaitopt.gait.branch import BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
-from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.assembly import impact_record
 from gaitopt.nlp.interval import integrate_to
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES

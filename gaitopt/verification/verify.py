@@ -27,11 +27,10 @@ from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance
 from gaitopt.gait.measures import friction_ratio, measure, measure_scales, observe
-from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory
+from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory, impact_record
 from gaitopt.model.cycle import ModeSequence
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
-from gaitopt.nlp.assembly import impact_record
 from gaitopt.simulation.engine import Engine, make_stepper
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ROUNDING, FixedPoint, ReturnMap
