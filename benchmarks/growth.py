@@ -38,15 +38,15 @@ def interval_rows() -> list[Row]:
     ways = {}
     for count in INTERVALS:
         parts = [max(2, round(count * duration / durations.sum())) for duration in durations]
-        transcription = MultipleShooting(gait.system, plan.refined(parts))
-        w = transcription.pack(step_states(gait.steps[0], transcription.layout.node_times(durations)), durations)
-        ways[f"{sum(parts)} intervals"] = (partial(newton_step, transcription, w, gait.p), "")
+        equations = MultipleShooting(gait.system, plan.refined(parts))
+        w = equations.pack(step_states(gait.steps[0], equations.layout.node_times(durations)), durations)
+        ways[f"{sum(parts)} intervals"] = (partial(newton_step, equations, w, gait.p), "")
     return compared("a step of Newton's method", ways, rounds=3)
 
 
-def newton_step(transcription: MultipleShooting, w: np.ndarray, p: np.ndarray) -> np.ndarray:
+def newton_step(equations: MultipleShooting, w: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Equations, Jacobian and its solution."""
-    at = Solution(transcription, w, p)
+    at = Solution(equations, w, p)
     return at.scaled.solve(at.residual)
 
 

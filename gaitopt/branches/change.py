@@ -263,7 +263,7 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float) -> CurvePoint | Non
         problem = curve.problem.with_modes(cycle, dict(zip(system.state_names, states[0], strict=True)))
     except ProblemError:  # the state contradicts the impact
         return None
-    period = float(point.at.w[-1 - curve.transcription.n_phases : -1].sum())
+    period = float(point.at.w[-1 - curve.equations.n_phases : -1].sum())
     rolled = roll_out(dynamics, cycle, states, longest=(1 + NEARBY) * period)
     period *= len(cycle.steps) / len(curve.cycle.steps)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
@@ -287,7 +287,7 @@ def _start_states(point: CurvePoint, cycle: Cycle, offset: float, dynamics: Dyna
     """
     curve, slope = point.curve, point.tangent[-1]
     w = point.at.w + point.tangent * (offset / slope if slope else 0.0)
-    nodes, ends = curve.transcription.unpack(w).nodes, curve.transcription.layout.impact_nodes
+    nodes, ends = curve.equations.unpack(w).nodes, curve.equations.layout.impact_nodes
     count = len(cycle.steps) if len(cycle.steps) == len(curve.cycle.steps) else 1
     states = []
     for step in range(count):

@@ -138,7 +138,7 @@ class CurvePoint:
         return assemble_gait(
             self.problem,
             self.at,
-            errors=np.zeros(self.at.transcription.n_phases),
+            errors=np.zeros(self.at.equations.n_phases),
             message="continued",
             solver={"iterations": float(self.iterations)},
         )
@@ -179,33 +179,31 @@ class Location:
 
 
 class Curve:
-    """The solutions of one transcription in its one freed parameter.
+    """The solutions of the equations of a gait in their one freed parameter.
 
     Parameters
     ----------
     problem : with the modes of the curve.
     parameter : dotted key of the parameter.
-    transcription : with this parameter freed.
+    equations : with this parameter freed.
     p : ndarray - values of all parameters; the one of ``parameter`` only decides the units of the equations.
     metric : scales of arclength.
     """
 
-    def __init__(
-        self, problem: Problem, parameter: str, transcription: MultipleShooting, p: Array, metric: Metric
-    ) -> None:
-        self.problem, self.parameter, self.transcription = problem, parameter, transcription
+    def __init__(self, problem: Problem, parameter: str, equations: MultipleShooting, p: Array, metric: Metric) -> None:
+        self.problem, self.parameter, self.equations = problem, parameter, equations
         self.p, self.metric = p, metric
-        section = transcription.system.section(transcription.layout.cycle.impact)
-        n_w, n_phases = transcription.w.numel(), transcription.n_phases
+        section = equations.system.section(equations.layout.cycle.impact)
+        n_w, n_phases = equations.w.numel(), equations.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
         self._scales = np.concatenate([metric.state[section], np.full(n_phases, metric.period), [metric.span]])
-        self._units = transcription.units(p)
+        self._units = equations.units(p)
         self._columns = np.append(self._units.unknowns[:-1], metric.span)
 
     @property
     def cycle(self) -> Cycle:
         """The modes of this curve."""
-        return self.transcription.layout.cycle
+        return self.equations.layout.cycle
 
     def entries(self, w: Array) -> Array:
         """Section coordinates, durations and parameter, in SI; shape (n_xi + n_phases + 1,)."""
@@ -221,7 +219,7 @@ class Curve:
 
     def direction(self, y: Array) -> Array:
         """The change of w for a change of y; all other entries are zero."""
-        w = np.zeros(self.transcription.w.numel())
+        w = np.zeros(self.equations.w.numel())
         w[self._indices] = y * self._scales
         return w
 
@@ -304,7 +302,7 @@ class Curve:
         ----------
         along : ndarray, shape of y - tangent of the known branch in scaled coordinates.
         """
-        at = Solution(self.transcription, w, self.p)
+        at = Solution(self.equations, w, self.p)
         bordered = self._bordered(at, along)
         vector = np.random.default_rng(0).standard_normal(w.size) / self._columns
         for _ in range(INVERSE_ITERATIONS):
@@ -325,7 +323,7 @@ class Curve:
     def remeshed(self, point: CurvePoint) -> CurvePoint | None:
         """The same gait on a finer mesh where its integration error needs one; None if that fails."""
         refined = refine(point.at)
-        return point if refined.transcription is self.transcription else self._resumed_on(refined, point)
+        return point if refined.equations is self.equations else self._resumed_on(refined, point)
 
     def bisected(self, point: CurvePoint) -> CurvePoint | None:
         """The same gait down to rounding with every interval cut in two; None if that fails."""
@@ -333,17 +331,17 @@ class Curve:
 
     def in_order(self, point: CurvePoint) -> bool:
         """Whether no switch has passed a breakpoint of the control; True as well where a phase has vanished."""
-        durations = self.transcription.unpack(point.at.w).durations
-        breakpoints = self.transcription.system.control.breakpoints
-        return bool(durations.min() <= 0) or self.transcription.layout.in_order(durations, breakpoints)
+        durations = self.equations.unpack(point.at.w).durations
+        breakpoints = self.equations.system.control.breakpoints
+        return bool(durations.min() <= 0) or self.equations.layout.in_order(durations, breakpoints)
 
     def reordered(self, point: CurvePoint) -> CurvePoint | None:
         """The same gait with arcs in the order that its durations demand; its modes do not change."""
-        nodes, durations, freed = self.transcription.unpack(point.at.w)
-        dynamics = self.transcription.dynamics(self.p, freed)
+        nodes, durations, freed = self.equations.unpack(point.at.w)
+        dynamics = self.equations.dynamics(self.p, freed)
         rolled = roll_out(dynamics, self.cycle, nodes[:, 0], durations)
         curve, w = curve_through(self.problem, dynamics, self.parameter, self.metric, rolled)
-        first = curve.start(w, _resized(point.tangent, self.transcription, curve.transcription))
+        first = curve.start(w, _resized(point.tangent, self.equations, curve.equations))
         return first if first is not None and first.curve.in_order(first) else None
 
     def state_of(self, point: CurvePoint) -> ContinuationState:
@@ -352,19 +350,18 @@ class Curve:
             unknowns=point.at.w,
             direction=point.tangent,
             arcs=tuple(
-                (arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals)
-                for arc in self.transcription.layout.arcs
+                (arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals) for arc in self.equations.layout.arcs
             ),
-            origin=float(self.p[self.transcription.system.parameters.index(self.parameter)]),
+            origin=float(self.p[self.equations.system.parameters.index(self.parameter)]),
             metric=self.metric.to_array(),
             earlier=len(point.earlier),
         )
 
     def _resumed_on(self, refined: Solution, point: CurvePoint) -> CurvePoint | None:
         """The point on the curve of another mesh."""
-        curve = Curve(self.problem, self.parameter, refined.transcription, self.p, self.metric)
-        at = Solution(refined.transcription, refined.w, refined.p)
-        return curve.through(at, curve.coordinates(_resized(point.tangent, self.transcription, refined.transcription)))
+        curve = Curve(self.problem, self.parameter, refined.equations, self.p, self.metric)
+        at = Solution(refined.equations, refined.w, refined.p)
+        return curve.through(at, curve.coordinates(_resized(point.tangent, self.equations, refined.equations)))
 
     def _extrapolated(self, point: CurvePoint, length: float) -> Array:
         """The solution at arclength ``length`` on the polynomial through the last points and tangents."""
@@ -400,7 +397,7 @@ class Curve:
         w, last = predicted, np.inf
         try:
             for iterations in range(ITERATIONS + 1):
-                residual = self.transcription.violation(w, self.p)
+                residual = self.equations.violation(w, self.p)
                 offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
                 size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
                 if size > SLOW * last:
@@ -409,7 +406,7 @@ class Curve:
                 if not solved:
                     if iterations == ITERATIONS or not np.isfinite(size):
                         return None
-                    chord = chord or self._bordered(Solution(self.transcription, w, self.p), normal)
+                    chord = chord or self._bordered(Solution(self.equations, w, self.p), normal)
                 if chord is not None:  # which of a solution leads to rounding
                     w = w - chord.solve(np.append(residual, offset))
                     if at_parameter:
@@ -419,7 +416,7 @@ class Curve:
                 last = size
         except RuntimeError:  # singular
             return None
-        at = self._polished(Solution(self.transcription, w, self.p), normal, at_parameter=at_parameter)
+        at = self._polished(Solution(self.equations, w, self.p), normal, at_parameter=at_parameter)
         return self.through(at, forward, iterations)
 
     def _polished(self, at: Solution, normal: Array, *, at_parameter: bool) -> Solution:
@@ -438,7 +435,7 @@ class Curve:
             if size < PRECISION:
                 return at
             last, best = size, at
-            at = Solution(self.transcription, at.w - step, self.p)
+            at = Solution(self.equations, at.w - step, self.p)
 
     def _point(
         self,
@@ -483,9 +480,9 @@ def curve_through(
     durations = np.array(rolled.durations)
     plan = layout(problem.cycle, durations, dynamics.system.control.breakpoints)
     plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
-    transcription = transcribe(dynamics.system, plan, (parameter,))
-    w = transcription.pack(rolled.nodes(plan), durations, (dynamics.parameter(parameter),))
-    return Curve(problem, parameter, transcription, dynamics.p, metric), w
+    equations = transcribe(dynamics.system, plan, (parameter,))
+    w = equations.pack(rolled.nodes(plan), durations, (dynamics.parameter(parameter),))
+    return Curve(problem, parameter, equations, dynamics.p, metric), w
 
 
 def resumed_point(
@@ -522,11 +519,11 @@ def resumed_point(
         ArcLayout(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
         for phase, segment, start, end, intervals in last.arcs
     )
-    transcription = transcribe(system, Layout(cycle=cycle, arcs=tuple(arcs)), (parameter,))
+    equations = transcribe(system, Layout(cycle=cycle, arcs=tuple(arcs)), (parameter,))
     p = dynamics.at({parameter: last.origin}).p
-    curve = Curve(problem, parameter, transcription, p, Metric.from_array(last.metric))
+    curve = Curve(problem, parameter, equations, p, Metric.from_array(last.metric))
     earlier = tuple((state.unknowns, state.direction) for state in reversed(before))
-    point = curve._point(Solution(transcription, last.unknowns, p), last.direction, iterations, earlier)
+    point = curve._point(Solution(equations, last.unknowns, p), last.direction, iterations, earlier)
     if not point.at.size < SOLVED:
         raise ValueError("walk.unknowns are not a gait with these phases")
     if not curve.in_order(point):

@@ -96,7 +96,7 @@ def motion_of(gait: Gait, times: int = 1) -> Rollout:
 def _doubled(gait: Gait, parameter: str, metric: Metric) -> Iterator[CurvePoint]:
     """The family of twice as many steps; its other half is the same, begun one cycle later."""
     point = first_point(gait, parameter, metric, 1.0)
-    tangent, n = point.curve.coordinates(point.tangent), point.curve.transcription.n_phases
+    tangent, n = point.curve.coordinates(point.tangent), point.curve.equations.n_phases
     section, durations, slope = tangent[: -n - 1], tangent[-n - 1 : -1], tangent[-1:]
     along = np.concatenate([section, durations, durations, slope])
     state = dict(zip(gait.system.state_names, gait.state, strict=True))

@@ -91,14 +91,14 @@ class _Design:
                 causes = self._conflicts(start)
                 message = "\n".join(cause.words for cause in causes) or result.words
                 return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes)
-            w, transcription = smoothed.motion(result.w), smoothed.transcription
-            plan = layout(self._problem.cycle, transcription.unpack(w).durations, self._system.control.breakpoints)
-            if not smoothed.hits_trust_region(result.w) and plan.same_arcs(transcription.layout):
-                gait = self._exact(transcription, w, iterations)
+            w, equations = smoothed.motion(result.w), smoothed.equations
+            plan = layout(self._problem.cycle, equations.unpack(w).durations, self._system.control.breakpoints)
+            if not smoothed.hits_trust_region(result.w) and plan.same_arcs(equations.layout):
+                gait = self._exact(equations, w, iterations)
                 if gait.status is not Status.NOT_CONVERGED:
                     return gait
                 iterations = int(gait.solver.get("iterations", iterations))
-                return self._exact(transcription, w, iterations, cautious=True)
+                return self._exact(equations, w, iterations, cautious=True)
             start = self._rolled_out(smoothed, result.w)
         return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
 
@@ -116,7 +116,7 @@ class _Design:
 
     def _rolled_out(self, smoothed: SmoothedProblem, x: Array) -> _Start:
         """The motion from the initial state of a solution, which the next search cuts into arcs again."""
-        t = smoothed.transcription
+        t = smoothed.equations
         nodes, durations, freed = t.unpack(smoothed.motion(x))
         start = self._from(t.dynamics(self._dynamics.p, freed), nodes[:, 0], list(durations), freed)
         return start._replace(durations=durations)
@@ -134,13 +134,13 @@ class _Design:
     def _smoothed(self, start: _Start, *, elastic: bool = False) -> SmoothedProblem:
         """The smoothed problem with its nodes on the starting motion, on a coarse mesh."""
         plan = layout(self._problem.cycle, start.durations, self._system.control.breakpoints)
-        transcription = MultipleShooting(self._system, plan, self._free)
+        equations = MultipleShooting(self._system, plan, self._free)
         states = start.states(plan.node_times(start.durations))
         return SmoothedProblem(
             self._problem,
-            transcription,
+            equations,
             bounds=self._bounds,
-            w=transcription.pack(states, start.durations, np.clip(start.freed, *self._bounds)),
+            w=equations.pack(states, start.durations, np.clip(start.freed, *self._bounds)),
             p=self._dynamics.p,
             elastic=elastic,
             progress=self._progress,
@@ -159,12 +159,12 @@ class _Design:
             start = self._rolled_out(elastic, result.w)
         return conflicts(self._problem, elastic, result)
 
-    def _exact(self, transcription: MultipleShooting, w: Array, iterations: int, *, cautious: bool = False) -> Gait:
+    def _exact(self, equations: MultipleShooting, w: Array, iterations: int, *, cautious: bool = False) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one; ``cautious`` as in ``optimise``."""
         exact = ExactProblem(self._problem, self._free, self._bounds)
-        refined = refine(polish(transcription, w, self._dynamics.p))
+        refined = refine(polish(equations, w, self._dynamics.p))
         for _ in range(MAX_MESHES):
-            start = exact.evaluate(refined.transcription, refined.w, self._dynamics.p)
+            start = exact.evaluate(refined.equations, refined.w, self._dynamics.p)
             if start is None:
                 lost = rejection_reason(refined)
                 message = describe_causes(lost) or "the gait is lost on a finer mesh"
@@ -177,7 +177,7 @@ class _Design:
             iterations += optimum.iterations
             solution = optimum.evaluation.sensitivity.solution
             refined = refine(solution)
-            if refined.transcription is solution.transcription or optimum.interrupted:
+            if refined.equations is solution.equations or optimum.interrupted:
                 break
         solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.evaluation.objective}
         if optimum.interrupted:

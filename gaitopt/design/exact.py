@@ -130,7 +130,7 @@ class ExactProblem:
         self._return_map_gradients: dict[MultipleShooting, ReturnMapGradient] = {}
 
     def evaluate(
-        self, transcription: MultipleShooting, w: Array, p: Array, levels: Array | None = None
+        self, equations: MultipleShooting, w: Array, p: Array, levels: Array | None = None
     ) -> Evaluation | None:
         """The problem at the gait next to ``w``; None where there is no gait.
 
@@ -143,7 +143,7 @@ class ExactProblem:
         def in_order(t: MultipleShooting, w: Array) -> bool:
             return t.layout.in_order(t.unpack(w).durations, t.system.control.breakpoints)
 
-        t = transcription
+        t = equations
         solution = polish(t, w, p)
         if not solution.size < SOLVED or not (t.unpack(solution.w).durations > 0).all():
             return None
@@ -162,7 +162,7 @@ class ExactProblem:
         s, n = here.sensitivity, len(self.free)
         w = s.solution.w + s.slopes @ step[:n]
         w[-n:] = np.clip(w[-n:], *self.bounds)  # the step meets them up to rounding
-        return self.evaluate(s.transcription, w, s.solution.p, here.u[n:] + step[n:])
+        return self.evaluate(s.equations, w, s.solution.p, here.u[n:] + step[n:])
 
     def _evaluated(self, solution: Solution, levels: Array | None) -> Evaluation | None:
         try:
@@ -213,9 +213,9 @@ class ExactProblem:
         """The return map where the problem is about its multipliers."""
         if RADIUS not in self._problem.objective and RADIUS not in self._problem.constraints:
             return None
-        if s.transcription not in self._return_map_gradients:
-            self._return_map_gradients[s.transcription] = ReturnMapGradient(s.transcription)
-        return _ReturnMap(s, self._return_map_gradients[s.transcription])
+        if s.equations not in self._return_map_gradients:
+            self._return_map_gradients[s.equations] = ReturnMapGradient(s.equations)
+        return _ReturnMap(s, self._return_map_gradients[s.equations])
 
 
 class _ReturnMap:

@@ -122,7 +122,7 @@ class _Search:
         coarse = MultipleShooting(gait.system, plan, tuple(free))
         w = coarse.pack(step_states(step, plan.node_times(durations)), durations, self.freed)
         refined = refine(polish(coarse, w, gait.p))
-        self._transcription, self._w = refined.transcription, refined.w
+        self._equations, self._w = refined.equations, refined.w
         self._slopes = np.zeros((self._w.size, self.freed.size))
         slopes, by_freed = [], []
         for step in np.diag(DIFFERENCE * self.sizes):
@@ -151,7 +151,7 @@ class _Search:
 
     def _values(self, freed: Array) -> "_Values | None":
         """The gait at other freed parameters, measured."""
-        t, gait = self._transcription, self._gait
+        t, gait = self._equations, self._gait
         w = self._w + self._slopes @ (freed - self.freed)
         w[-freed.size :] = freed
         at = polish(t, w, gait.p)

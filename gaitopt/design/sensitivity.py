@@ -124,19 +124,19 @@ class Sensitivity:
     arcs: tuple[ArcCurves, ...]
 
     @property
-    def transcription(self) -> MultipleShooting:
+    def equations(self) -> MultipleShooting:
         """The equalities."""
-        return self.solution.transcription
+        return self.solution.equations
 
     @property
     def freed(self) -> Array:
         """The freed parameters, shape (n_free,)."""
-        return self.transcription.unpack(self.solution.w).freed
+        return self.equations.unpack(self.solution.w).freed
 
     @property
     def dynamics(self) -> Dynamics:
         """The system with the values of the freed parameters."""
-        return self.transcription.dynamics(self.solution.p, self.freed)
+        return self.equations.dynamics(self.solution.p, self.freed)
 
 
 def sensitivity(solution: Solution) -> Sensitivity:
@@ -147,16 +147,16 @@ def sensitivity(solution: Solution) -> Sensitivity:
     RuntimeError
         If the equalities are singular there, so that the gait is no function of the freed parameters.
     """
-    transcription, n = solution.transcription, solution.residual.size
+    equations, n = solution.equations, solution.residual.size
     response = -solution.scaled.solve(solution.jacobian.dense(n, solution.w.size))
     slopes = np.vstack([response, np.eye(response.shape[1])])
-    (step,) = assemble_steps(transcription, solution.w, solution.p, COUNTS)
+    (step,) = assemble_steps(equations, solution.w, solution.p, COUNTS)
     arcs = tuple(_arc_curves(solution, slopes, k, arc) for k, arc in enumerate(step.arcs))
     return Sensitivity(solution=solution, slopes=slopes, arcs=arcs)
 
 
 def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcCurves:
-    t, n_z = solution.transcription, solution.transcription.system.n_z
+    t, n_z = solution.equations, solution.equations.system.n_z
     arc_layout, system = t.layout.arcs[index], t.system
     nodes, durations, freed = t.unpack(solution.w)
     p, data = t.dynamics(solution.p, freed).p, system.data(arc_layout.segment)
@@ -239,7 +239,7 @@ class ExactScalars:
     """
 
     def __init__(self, sensitivity: Sensitivity) -> None:
-        self._s, self._t = sensitivity, sensitivity.transcription
+        self._s, self._t = sensitivity, sensitivity.equations
         values, by = buffered(_at_impact(self._t))(sensitivity.solution.w, sensitivity.solution.p)
         slopes = by.reshape(-1, values.size).T @ sensitivity.slopes
         at_impact = list(map(Differentiated, values.tolist(), slopes))

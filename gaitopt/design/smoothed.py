@@ -70,12 +70,12 @@ class SmoothedScalars:
 
     Parameters
     ----------
-    transcription : of the step.
+    equations : of the step.
     width : MX - of the smoothing of |power| [W].
     """
 
-    def __init__(self, transcription: MultipleShooting, width: MX) -> None:
-        self._t, self._width = transcription, width
+    def __init__(self, equations: MultipleShooting, width: MX) -> None:
+        self._t, self._width = equations, width
 
     def value(self, name: str) -> MX:
         """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
@@ -199,7 +199,7 @@ class SmoothedProblem:
     Parameters
     ----------
     problem : objective and constraints.
-    transcription : of the step, with the freed parameters.
+    equations : of the step, with the freed parameters.
     bounds : of the freed parameters; shape (2, n_free).
     w, p : ndarray - where the search starts, and the parameters.
     elastic : give the problem's constraints slack, and minimise that instead of the objective.
@@ -208,7 +208,7 @@ class SmoothedProblem:
     def __init__(
         self,
         problem: Problem,
-        transcription: MultipleShooting,
+        equations: MultipleShooting,
         *,
         bounds: Array,
         w: Array,
@@ -217,18 +217,18 @@ class SmoothedProblem:
         progress: Valued = None,
         should_stop: Stop = None,
     ) -> None:
-        self._problem, self.transcription, self._p = problem, transcription, p
+        self._problem, self.equations, self._p = problem, equations, p
         self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
-        self._scalars = SmoothedScalars(transcription, SMOOTHING * transcription.system.weight(transcription.p))
+        self._scalars = SmoothedScalars(equations, SMOOTHING * equations.system.weight(equations.p))
         self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA and name != RADIUS}
         self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
-        self._radius = certified_radius(transcription) if RADIUS in self.names else None
+        self._radius = certified_radius(equations) if RADIUS in self.names else None
         extrema = np.array([self._extremum(name, w) for name in self._extrema])
         sizes = self._set_bounds(w, bounds, extrema)
         self.blocks = [*self._gait_blocks(), *self._extremum_blocks(w), *self._stated_blocks()]
 
-        unknowns = vertcat(transcription.w, *self._extrema.values(), self._slack)
-        parameters = transcription.parameters
+        unknowns = vertcat(equations.w, *self._extrema.values(), self._slack)
+        parameters = equations.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
         objective, objective_size = self._objective(), 1.0
         if objective is not None:
@@ -254,12 +254,12 @@ class SmoothedProblem:
 
     def motion(self, x: Array) -> Array:
         """Nodes, durations and freed parameters among all unknowns."""
-        return x[: self.transcription.w.numel()]
+        return x[: self.equations.w.numel()]
 
     def scalar(self, name: str) -> MX:
         """A scalar of the problem as an expression."""
         if name == RADIUS and self._radius is not None:
-            return self._radius(self.transcription.w, self.transcription.parameters)
+            return self._radius(self.equations.w, self.equations.parameters)
         return self._extrema[name] if name in self._extrema else self._scalars.value(name)
 
     def values(self, x: Array) -> Array:
@@ -268,14 +268,14 @@ class SmoothedProblem:
 
     def hits_trust_region(self, x: Array) -> bool:
         """Whether a node of a solution lies on the boundary of the trust region."""
-        nodes = slice(0, self.transcription.system.n_z * self.transcription.n_nodes)
+        nodes = slice(0, self.equations.system.n_z * self.equations.n_nodes)
         room = np.minimum(x - self._lower, self._upper - x)[nodes]
         return bool(np.any(room < BOUNDARY * (self._upper - self._lower)[nodes]))
 
     def active_bounds(self, result: IpoptResult) -> dict[str, tuple[float, float]]:
         """Multiplier and value of the bound on which each freed parameter lies, by dotted key."""
-        first, active = self.transcription.w.numel() - len(self.transcription.free), {}
-        for k, name in enumerate(self.transcription.free, start=first):
+        first, active = self.equations.w.numel() - len(self.equations.free), {}
+        for k, name in enumerate(self.equations.free, start=first):
             multiplier = float(result.bound_multipliers[k])
             active[name] = multiplier, float((self._upper if multiplier > 0 else self._lower)[k])
         return active
@@ -287,15 +287,15 @@ class SmoothedProblem:
 
     def margin_words(self, row: int) -> str:
         """What one row of the margins says."""
-        label = self.transcription.inequalities[1][row]
+        label = self.equations.inequalities[1][row]
         name = label.name.replace("_", " ")
         if label.phase is None:
             return f"the impact ({name})"
-        return f"phase {label.phase + 1} ({self.transcription.layout.cycle.phases[label.phase]}: {name})"
+        return f"phase {label.phase + 1} ({self.equations.layout.cycle.phases[label.phase]}: {name})"
 
     def _set_bounds(self, w: Array, bounds: Array, extrema: Array) -> Array:
         """Set start, lower and upper bounds of all unknowns; their typical sizes."""
-        t, n_slack, n = self.transcription, self._slack.numel(), self.transcription.system.n_shape
+        t, n_slack, n = self.equations, self._slack.numel(), self.equations.system.n_shape
         nodes, durations, freed = t.unpack(w)
         period, largest = durations.sum(), np.abs(nodes).max(axis=1)
         length = abs(float(t.system.impact(t.layout.cycle.impact)(z=nodes[:, -1], p=self._p)["z_plus"][n]))
@@ -318,10 +318,10 @@ class SmoothedProblem:
 
     def _gait_blocks(self) -> list[ConstraintBlock]:
         """The equations of the step, and the margins of its modes and its impact."""
-        margins, labels = self.transcription.inequalities
-        scales = Dynamics(self.transcription.system, self._p).scales
+        margins, labels = self.equations.inequalities
+        scales = Dynamics(self.equations.system, self._p).scales
         least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
-        return [_zero("gait", self.transcription.equalities), _nonnegative("margins", margins, least)]
+        return [_zero("gait", self.equations.equalities), _nonnegative("margins", margins, least)]
 
     def _extremum_blocks(self, w: Array) -> list[ConstraintBlock]:
         """The curves on their side of the extrema.
@@ -341,7 +341,7 @@ class SmoothedProblem:
 
     def _bounding(self, name: str, w: Array, extremum: float) -> Array:
         rows = self._scalars.bounded(name, MX(extremum))[self._scalars.active_rows(name, w, self._p)]
-        function = Function("rows", [self.transcription.w, self.transcription.parameters], [rows])
+        function = Function("rows", [self.equations.w, self.equations.parameters], [rows])
         return np.asarray(function(w, self._p)).ravel()
 
     def _extremum(self, name: str, w: Array) -> float:

@@ -78,17 +78,17 @@ class ReturnMapGradient:
         return self._gradient(w, p, *matrices)[0].copy()
 
 
-def certified_radius(transcription: MultipleShooting) -> Function:
+def certified_radius(equations: MultipleShooting) -> Function:
     """(w, p) -> bound of the multipliers' moduli, with an exact gradient; keep it as long as an NLP uses it."""
-    return _Radius(transcription)
+    return _Radius(equations)
 
 
 class _Radius(Callback):
     """(w, p) -> rho."""
 
-    def __init__(self, transcription: MultipleShooting) -> None:
+    def __init__(self, equations: MultipleShooting) -> None:
         super().__init__()
-        self._t, self._cache = transcription, _Cache(transcription)
+        self._t, self._cache = equations, _Cache(equations)
         self._gradient: _RadiusGradient | None = None
         self.construct("radius", {})
 
@@ -118,10 +118,10 @@ class _Radius(Callback):
 class _RadiusGradient(Callback):
     """(w, p, rho) -> d rho / dw, and zero for d rho / dp, which is never used."""
 
-    def __init__(self, transcription: MultipleShooting, cache: "_Cache", name: str, options: Mapping[str, Any]) -> None:
+    def __init__(self, equations: MultipleShooting, cache: "_Cache", name: str, options: Mapping[str, Any]) -> None:
         super().__init__()
-        self._t, self._cache = transcription, cache
-        self._gradient = ReturnMapGradient(transcription)
+        self._t, self._cache = equations, cache
+        self._gradient = ReturnMapGradient(equations)
         self.construct(name, options)
 
     def get_n_in(self) -> int:
@@ -159,8 +159,8 @@ class _Certified:
 class _Cache:
     """The last evaluation, which the radius and its gradient share: IPOPT asks for both at the same point."""
 
-    def __init__(self, transcription: MultipleShooting) -> None:
-        self._t = transcription
+    def __init__(self, equations: MultipleShooting) -> None:
+        self._t = equations
         self._key: tuple[bytes, bytes] | None = None
         self._certified: _Certified | None = None
 

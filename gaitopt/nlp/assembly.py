@@ -61,7 +61,7 @@ def assemble_gait(problem: Problem, at: Solution, *, errors: Array, message: str
     at : the solution.
     errors : ndarray, shape (n_phases,) - estimated integration error.
     """
-    equations = at.transcription
+    equations = at.equations
     w = _forward_in_time(equations, at.w)
     nodes, _, freed = equations.unpack(w)
     dynamics = equations.dynamics(at.p, freed)

@@ -153,7 +153,7 @@ def _between(p_start: Array, p_end: Array, s: float) -> Array:
 @overflow_allowed()
 def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_PathPoint | None, int]:
     """The motion at ``s``, None where it does not continue the one here; and the number of Newton steps."""
-    p, equations = _between(p_start, p_end, s), here.solution.transcription
+    p, equations = _between(p_start, p_end, s), here.solution.equations
     places, solutions = zip(*here.history, strict=True)
     predicted = extrapolated([place - places[0] for place in places], solutions, s - places[0])
     near = solve_nearby(equations, predicted, p)
@@ -167,14 +167,14 @@ def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_Pa
     ordered = _in_order(solution)
     if ordered is None:
         return None, near.iterations
-    history = ((s, ordered.w), *(here.history if ordered.transcription is equations else ()))
+    history = ((s, ordered.w), *(here.history if ordered.equations is equations else ()))
     causes = rejection_reason(ordered)
     return _PathPoint(s=s, solution=ordered, causes=causes, history=history[:HISTORY]), near.iterations
 
 
 def _in_order(solution: Solution) -> Solution | None:
     """The solution on a new layout where a switch has passed a breakpoint of the control; None if that fails."""
-    equations = solution.transcription
+    equations = solution.equations
     system, plan = equations.system, equations.layout
     durations, breakpoints = equations.unpack(solution.w).durations, system.control.breakpoints
     if plan.in_order(durations, breakpoints):
@@ -201,7 +201,7 @@ def _last_gait(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Arra
 
 def _end_of_family(last: _PathPoint) -> Cause:
     """Why the equations have no solution a little further: a phase vanishes there, or the family turns back."""
-    equations = last.solution.transcription
+    equations = last.solution.equations
     if len(last.history) > 1:
         (s, w), (s_before, before), *_ = last.history
         durations = equations.unpack(w).durations
@@ -235,7 +235,7 @@ class Family:
     def _begin(self, solved: Sequence[Solution]) -> None:
         """Go on from these solutions, the last one at the end."""
         self._solved = deque(solved, maxlen=HISTORY)
-        self._transcription = solved[-1].transcription
+        self._equations = solved[-1].equations
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles go on from the same solutions; ``should_stop`` stays behind."""
@@ -243,7 +243,7 @@ class Family:
 
     @cached_property
     def _program(self) -> Feasibility:
-        return Feasibility(self._transcription, should_stop=self._should_stop)
+        return Feasibility(self._equations, should_stop=self._should_stop)
 
     def solve(self, problem: Problem) -> Gait:
         """The gait of ``problem``, which differs from the first one in parameter values alone.
@@ -272,23 +272,23 @@ class Family:
             end = self._program.solve(self._solved[-1].w, p)
             status, message, iterations = end.status, end.words, iterations + end.iterations
             if end.converged:
-                refined = refine(polish(self._transcription, end.w, p))
+                refined = refine(polish(self._equations, end.w, p))
                 causes = rejection_reason(refined)
                 status, message = (Status.NOT_CONVERGED, describe_causes(causes)) if causes else (status, message)
         solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
         if refined is None or status is not Status.CONVERGED:
             return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
-        if refined.transcription is self._transcription:  # a finer mesh is not kept
+        if refined.equations is self._equations:  # a finer mesh is not kept
             self._solved.append(refined)
         return assemble_gait(problem, refined, errors=refined.errors, message=message, solver=solver)
 
     @overflow_allowed()
     def _by_chords(self, p: Array) -> tuple[Solution | None, tuple[Cause, ...], int]:
         """The solution at ``p``, the causes that reject it, and the number of chords; None if they do not converge."""
-        units, last = self._transcription.units(p).equalities, self._solved[-1]
+        units, last = self._equations.units(p).equalities, self._solved[-1]
 
         def point(w: Array) -> tuple[Array, Array, float]:
-            residual = self._transcription.violation(w, p)
+            residual = self._equations.violation(w, p)
             return w, residual, float(np.abs(residual / units).max())
 
         for start in (self._predicted(p), last.w):
@@ -305,7 +305,7 @@ class Family:
         else:
             return None, (), end.count
         w, residual, _ = end.at
-        refined = refine(polish(self._transcription, w - last.scaled.solve(residual), p))
+        refined = refine(polish(self._equations, w - last.scaled.solve(residual), p))
         return refined, rejection_reason(refined), end.count + 1
 
     def _predicted(self, p: Array) -> Array:
@@ -328,6 +328,6 @@ class Family:
 def _resumed(gait: Gait, solved: Sequence[tuple[Array, Array]]) -> Family:
     """A family that has found these solutions, as pairs of parameters and unknowns."""
     family = Family(gait)
-    equations = solution_of(gait).transcription
+    equations = solution_of(gait).equations
     family._begin([Solution(equations, w, p) for p, w in solved])
     return family

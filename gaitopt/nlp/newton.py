@@ -61,7 +61,7 @@ class Solution:
 
     Attributes
     ----------
-    transcription : the equations.
+    equations : of the gait.
     w, p : ndarray - unknowns and parameters, in SI.
     status, words : of the search for it.
     iterations : of the search.
@@ -69,7 +69,7 @@ class Solution:
     chord : Jacobian to use instead of the one at ``w``, from which it differs by rounding.
     """
 
-    transcription: MultipleShooting
+    equations: MultipleShooting
     w: Array
     p: Array
     status: Status = Status.CONVERGED
@@ -87,8 +87,8 @@ class Solution:
     @overflow_allowed()
     def _linearised(self) -> tuple[Array, SparseMatrix]:
         if self.chord is not None:
-            return self.transcription.violation(self.w, self.p), self.chord
-        return self.transcription.linearised(self.w, self.p)
+            return self.equations.violation(self.w, self.p), self.chord
+        return self.equations.linearised(self.w, self.p)
 
     @property
     def residual(self) -> Array:
@@ -103,7 +103,7 @@ class Solution:
     @cached_property
     def units(self) -> NaturalUnits:
         """Natural units of unknowns and equalities."""
-        return self.transcription.units(self.p)
+        return self.equations.units(self.p)
 
     @cached_property
     def square(self) -> SparseMatrix:
@@ -130,7 +130,7 @@ class Solution:
 
         Infinite where the equations are singular.
         """
-        equations = self.transcription
+        equations = self.equations
         with overflow_allowed():
             try:
                 nodes, durations = integration_error(self)
@@ -151,7 +151,7 @@ class Solution:
 
 @overflow_allowed()
 def solve_nearby(
-    transcription: MultipleShooting,
+    equations: MultipleShooting,
     start: Array,
     p: Array,
     progress: Valued = None,
@@ -161,7 +161,7 @@ def solve_nearby(
 
     ``should_stop`` ends it at once. The margins are not checked. A failed search has the status ``not_converged``.
     """
-    shortest, at, last = SHORTEST * _period(transcription, start), Solution(transcription, start, p), np.inf
+    shortest, at, last = SHORTEST * _period(equations, start), Solution(equations, start, p), np.inf
     lost = replace(at, status=Status.NOT_CONVERGED, words="no solution next to the guess")
     for number in range(MOST_STEPS + 1):
         if progress is not None:
@@ -174,24 +174,24 @@ def solve_nearby(
             return replace(lost, iterations=number)
         end, size = at.w - step, float(np.abs(step / at.units.unknowns).max())
         allowed = size < CONTRACTION * last if number else size <= REACH
-        if not allowed or _period(transcription, end) < shortest:
+        if not allowed or _period(equations, end) < shortest:
             return replace(lost, iterations=number)
-        at, last = Solution(transcription, end, p, iterations=number), size
+        at, last = Solution(equations, end, p, iterations=number), size
         if size < SETTLED:
             return at
     return replace(lost, iterations=MOST_STEPS)
 
 
 @overflow_allowed()
-def polish(transcription: MultipleShooting, w: Array, p: Array) -> Solution:
+def polish(equations: MultipleShooting, w: Array, p: Array) -> Solution:
     """Newton's method from a solution down to rounding, with free parameters fixed; ``w`` itself if J is singular."""
 
     def following(at: Solution) -> Solution:
         trial = at.w.copy()
         trial[: at.residual.size] -= at.scaled.solve(at.residual)
-        return Solution(transcription, trial, p, chord=at.jacobian if at.size < CONSTANT else None)
+        return Solution(equations, trial, p, chord=at.jacobian if at.size < CONSTANT else None)
 
-    first = Solution(transcription, w, p)
+    first = Solution(equations, w, p)
     try:
         polished = iterate(
             first,
@@ -216,11 +216,11 @@ def refine(solution: Solution) -> Solution:
         if current.errors.max() < ERROR_TOLERANCE:
             break
         growth = np.maximum((SAFETY * current.errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
-        layout = current.transcription.layout
+        layout = current.equations.layout
         if layout.intervals * growth.max() > MAX_INTERVALS:
             break
         counts = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
-        refined = _on(current, current.transcription.on(layout.refined(counts)))
+        refined = _on(current, current.equations.on(layout.refined(counts)))
         if not refined.errors.max() < current.errors.max():
             break
         current = refined
@@ -230,13 +230,13 @@ def refine(solution: Solution) -> Solution:
 @overflow_allowed()
 def halved(solution: Solution) -> Solution:
     """The same solution with every interval halved, down to rounding, with the free parameters fixed."""
-    transcription, layout = solution.transcription, solution.transcription.layout
-    return _on(solution, transcription.on(layout.refined([2 * arc.intervals for arc in layout.arcs])))
+    equations, layout = solution.equations, solution.equations.layout
+    return _on(solution, equations.on(layout.refined([2 * arc.intervals for arc in layout.arcs])))
 
 
 def _on(coarse: Solution, finer: MultipleShooting) -> Solution:
     """A solution on a finer layout."""
-    return polish(finer, _resample(coarse.transcription, finer, coarse), coarse.p)
+    return polish(finer, _resample(coarse.equations, finer, coarse), coarse.p)
 
 
 def integration_error(at: Solution) -> tuple[Array, Array]:
@@ -247,7 +247,7 @@ def integration_error(at: Solution) -> tuple[Array, Array]:
     nodes : ndarray, shape (n_z, K + 1) - change of the node states.
     durations : ndarray, shape (n_phases,) - change of the durations [s].
     """
-    equations = at.transcription
+    equations = at.equations
     halved, right = equations.halved_defects(at.w, at.p), np.zeros(at.residual.size)
     right[: halved.size] = at.residual[: halved.size] - halved
     nodes, durations, _ = equations.unpack(at.scaled.solve(right))
@@ -263,7 +263,7 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
     returned : ndarray, shape (n_xi, n_xi) - derivative of the return map: the deviation after the cycle.
     adjoint : maps weights (n_xi, n_xi) of ``returned`` to weights (n, n_xi) of the equations of ``response``.
     """
-    equations = at.transcription
+    equations = at.equations
     system, n_z, n = equations.system, equations.system.n_z, at.residual.size
     last, pattern = slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z), at.square.pattern
     indices = system.section(equations.layout.cycle.impact)
@@ -316,5 +316,5 @@ def _resample(coarse: MultipleShooting, finer: MultipleShooting, at: Solution) -
     return finer.pack(resampled, durations, freed)
 
 
-def _period(transcription: MultipleShooting, w: Array) -> float:
-    return float(transcription.unpack(w).durations.sum())
+def _period(equations: MultipleShooting, w: Array) -> float:
+    return float(equations.unpack(w).durations.sum())

@@ -164,13 +164,13 @@ def _solve_in_order(cycle: Cycle, dynamics: Dynamics, guess: Rollout, search: Se
 
 def _gait(problem: Problem, solution: Solution, began: float) -> Gait:
     """The gait at a solution: polished, refined until its integration error is small, and checked."""
-    refined, solver = refine(polish(solution.transcription, solution.w, solution.p)), _solver(solution, began)
+    refined, solver = refine(polish(solution.equations, solution.w, solution.p)), _solver(solution, began)
     causes = rejection_reason(refined)
     if not causes:
         return solved_gait(problem, refined, message=solution.words, solver=solver)
     return Gait(
         problem=problem,
-        dynamics=Dynamics(solution.transcription.system, solution.p),
+        dynamics=Dynamics(solution.equations.system, solution.p),
         status=Status.NOT_CONVERGED,
         message=describe_causes(causes),
         solver=solver,
@@ -185,7 +185,7 @@ def _solver(solution: Solution, began: float) -> dict[str, float]:
 @overflow_allowed()
 def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     """Why a solution of the equations is not a gait; empty for a gait."""
-    equations = refined.transcription
+    equations = refined.equations
     durations = equations.unpack(refined.w).durations
     short = np.flatnonzero(durations < VANISHING * durations.sum())
     if short.size:
@@ -217,7 +217,7 @@ def _causes(failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
 
     A reference that ends before the step explains more than the violations of motions beyond its end.
     """
-    equations, p, missing = failed.transcription, failed.p, None
+    equations, p, missing = failed.equations, failed.p, None
     if guess.endless is not None:
         missing = missing_event(equations.system, equations.layout.cycle, guess.endless)
         if missing.what == "reference":

@@ -29,7 +29,7 @@ def stable_slip():
 
 def transcribed(gait, free):
     solution = solution_of(gait, free)
-    return solution.transcription, solution.w
+    return solution.equations, solution.w
 
 
 def scalars_at(t, w, p, freed):

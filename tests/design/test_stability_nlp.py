@@ -48,7 +48,7 @@ def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
     gait = named(name)
     free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))
     solution = solution_of(gait, free)
-    t, w = solution.transcription, solution.w
+    t, w = solution.equations, solution.w
     radius = certified_radius(t)
     symbol = MX.sym("w", w.size)
     slope = Function("slope", [symbol], [jacobian(radius(symbol, gait.p), symbol)])

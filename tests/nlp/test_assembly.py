@@ -14,9 +14,9 @@ GAITS = ("compass-passive-a", "compass-pd-impact-slip", "compass-passive-two-ste
 
 
 def unknowns(gait):
-    """The transcription of a gait and its solution."""
+    """The equations of a gait and its solution."""
     solution = solution_of(gait)
-    return solution.transcription, solution.w
+    return solution.equations, solution.w
 
 
 @pytest.mark.parametrize("free", [(), ("friction",)])
@@ -25,8 +25,8 @@ def test_unknowns_of_a_gait_solve_its_equations_on_its_own_mesh(name, free):
     gait = named(name)
     solution = solution_of(gait, free)
     assert solution.size < 1e-13
-    assert tuple(arc.intervals for arc in solution.transcription.layout.arcs) == gait.shooting.intervals
-    assert solution.transcription.unpack(solution.w).freed.tolist() == [gait.dynamics.parameter(key) for key in free]
+    assert tuple(arc.intervals for arc in solution.equations.layout.arcs) == gait.shooting.intervals
+    assert solution.equations.unpack(solution.w).freed.tolist() == [gait.dynamics.parameter(key) for key in free]
 
 
 def test_unknowns_of_a_gait_without_nodes_are_refused():
@@ -76,8 +76,8 @@ def test_a_foot_at_rest_has_no_slip_velocity_at_all(name):
 
 
 def test_an_arc_that_few_points_do_not_resolve_gets_more():
-    transcription, w = unknowns(named("compass-passive-a"))
-    coarse = assemble_steps(transcription, w, named("compass-passive-a").p, (5,))
-    fine = assemble_steps(transcription, w, named("compass-passive-a").p, (5, *COUNTS))
+    equations, w = unknowns(named("compass-passive-a"))
+    coarse = assemble_steps(equations, w, named("compass-passive-a").p, (5,))
+    fine = assemble_steps(equations, w, named("compass-passive-a").p, (5, *COUNTS))
     assert {arc.times.size for arc in coarse[0].arcs} == {5}
     assert min(arc.times.size for arc in fine[0].arcs) >= COUNTS[0]

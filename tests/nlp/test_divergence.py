@@ -27,15 +27,15 @@ def gait() -> Gait:
 
 
 @cache
-def transcription(free: tuple[str, ...] = ()) -> tuple[MultipleShooting, NDArray[np.float64]]:
+def unknowns(free: tuple[str, ...] = ()) -> tuple[MultipleShooting, NDArray[np.float64]]:
     """The gait's equations, and the solution."""
     solution = solution_of(gait(), free)
-    return solution.transcription, solution.w
+    return solution.equations, solution.w
 
 
 @pytest.mark.parametrize("far", FAR)
 def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
-    equations, w = transcription(("friction",))
+    equations, w = unknowns(("friction",))
     metric = Metric(state=np.ones(gait().system.n_z), period=1.0, span=1.0)
     curve = Curve(gait().problem, "friction", equations, gait().p, metric)
     point = curve.start(w, np.append(np.zeros(w.size - 1), 1.0))
@@ -46,7 +46,7 @@ def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
 
 @pytest.mark.parametrize("far", FAR)
 def test_what_is_polished_far_from_a_gait_is_none(far: float) -> None:
-    equations, w = transcription()
+    equations, w = unknowns()
     refined = refine(polish(equations, w * far, gait().p))
     assert not refined.size < 1
     assert not refined.accurate
@@ -54,7 +54,7 @@ def test_what_is_polished_far_from_a_gait_is_none(far: float) -> None:
 
 @pytest.mark.parametrize("far", FAR)
 def test_radius_of_a_motion_that_diverges_is_undefined(far: float) -> None:
-    equations, w = transcription()
+    equations, w = unknowns()
     radius = certified_radius(equations)
     assert not float(radius(w * far, gait().p)) < 1
     assert float(radius(w, gait().p)) < 1

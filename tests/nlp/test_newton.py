@@ -29,8 +29,8 @@ def prepared(name):
     state = np.array([problem.guess.state[key] for key in system.state_names])
     rolled = roll_out(Dynamics(system, p), problem.cycle, state)
     plan = layout(problem.cycle, rolled.durations, system.control.breakpoints)
-    transcription = transcribe(system, plan)
-    return transcription, transcription.pack(rolled.nodes(plan), np.array(rolled.durations)), p
+    equations = transcribe(system, plan)
+    return equations, equations.pack(rolled.nodes(plan), np.array(rolled.durations)), p
 
 
 @pytest.mark.portable
@@ -50,25 +50,25 @@ def test_gait_is_that_of_ipopt_without_ipopt(name, monkeypatch):
 
 
 def test_solution_is_within_twice_the_longest_first_step():
-    transcription, start, p = prepared("compass-passive-a")
-    found = solve_nearby(transcription, start, p)
+    equations, start, p = prepared("compass-passive-a")
+    found = solve_nearby(equations, start, p)
     assert found.converged
-    assert np.abs((found.w - start) / transcription.units(p).unknowns).max() <= 2 * REACH
-    assert np.abs(transcription.violation(found.w, p) / transcription.units(p).equalities).max() < 1e-12
+    assert np.abs((found.w - start) / equations.units(p).unknowns).max() <= 2 * REACH
+    assert np.abs(equations.violation(found.w, p) / equations.units(p).equalities).max() < 1e-12
 
 
 @pytest.mark.parametrize("scale", [0.3, 3.0, 1e3])
 def test_start_that_is_not_near_a_gait_is_left_to_ipopt(scale):
-    transcription, start, p = prepared("compass-passive-a")
+    equations, start, p = prepared("compass-passive-a")
     away = np.random.default_rng(3).normal(scale=scale, size=start.size)
-    assert not solve_nearby(transcription, start + away, p).converged
+    assert not solve_nearby(equations, start + away, p).converged
 
 
 def test_feet_that_stay_together_are_no_solution_nearby():
-    transcription, start, p = prepared("rimless-wheel-stick")
+    equations, start, p = prepared("rimless-wheel-stick")
     short = start.copy()
     short[-1] *= 1e-3
-    assert not solve_nearby(transcription, short, p).converged
+    assert not solve_nearby(equations, short, p).converged
 
 
 def test_gait_that_violates_a_margin_is_searched_by_ipopt():

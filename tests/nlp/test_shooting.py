@@ -1,4 +1,4 @@
-"""Multiple shooting: integrator, transcription, solver, diagnosis."""
+"""Multiple shooting: integrator, equations, solver, diagnosis."""
 
 import re
 
@@ -55,18 +55,18 @@ def test_sticking_foot_does_not_drift(compass):
 
 def test_problem_without_freed_parameters_is_square(compass):
     problem, _ = passive("compass-passive-a")
-    transcription = MultipleShooting(compass, layout(problem.cycle, [0.09, 0.63, 0.03], []))
-    assert transcription.equalities.numel() == transcription.w.numel()
+    equations = MultipleShooting(compass, layout(problem.cycle, [0.09, 0.63, 0.03], []))
+    assert equations.equalities.numel() == equations.w.numel()
 
 
 def test_jacobian_agrees_with_central_differences(compass):
     problem, _ = passive("compass-passive-a")
-    transcription = MultipleShooting(compass, layout(problem.cycle, [0.09, 0.63, 0.03], []))
-    w = np.random.default_rng(1).normal(scale=0.1, size=transcription.w.numel())
+    equations = MultipleShooting(compass, layout(problem.cycle, [0.09, 0.63, 0.03], []))
+    w = np.random.default_rng(1).normal(scale=0.1, size=equations.w.numel())
     direction = np.random.default_rng(2).normal(size=w.size)
     eps = 1e-6
-    plus, minus = (transcription.violation(w + s * eps * direction, PARAMETERS) for s in (1, -1))
-    exact = Solution(transcription, w, PARAMETERS).jacobian @ direction
+    plus, minus = (equations.violation(w + s * eps * direction, PARAMETERS) for s in (1, -1))
+    exact = Solution(equations, w, PARAMETERS).jacobian @ direction
     assert np.allclose(exact, (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-6)
 
 
@@ -163,12 +163,12 @@ def test_a_phase_that_vanishes_never_has_a_negative_duration():
     problem, system = passive("compass-passive-a")
     gait = solve_gait(problem, system)
     plan = layout(problem.cycle, [duration for _, duration in gait.phases], ())
-    transcription = MultipleShooting(system, plan)
+    equations = MultipleShooting(system, plan)
     nodes = np.repeat(gait.state[:, None], plan.n_nodes, axis=1)
     for duration in (-1.5e-17, -1e-4):
-        w = transcription.pack(nodes, np.array([duration, 0.6, 0.1]))
-        steps = assemble_steps(transcription, w, gait.p)
+        w = equations.pack(nodes, np.array([duration, 0.6, 0.1]))
+        steps = assemble_steps(equations, w, gait.p)
         first = steps[0].phases[0][1]
         assert first == (0 if duration > -1e-10 else pytest.approx(duration))
-        causes = violations(transcription, w, gait.p, np.ones(1), 0.0)
+        causes = violations(equations, w, gait.p, np.ones(1), 0.0)
         assert ("duration is 0 s" if first == 0 else "duration is -0.0001 s") in causes[0].words
