@@ -24,6 +24,7 @@ from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, vec
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
+from gaitopt.model.buffered import buffered
 from gaitopt.model.declaration import (
     calling,
     check_class,
@@ -109,8 +110,8 @@ def section_posture(walker: type[Walker], free: Mapping[str, float], p: Array) -
         If ``Walker.after_impact`` or ``Walker.rates_after_impact`` does not give all of them.
     """
     names = walker.section_names(slipping=True)
-    shape, rates = _section(walker)([float(free.get(name, 0.0)) for name in names], p)
-    return np.asarray(shape).ravel(), np.asarray(rates).ravel()
+    shape, rates = buffered(_section(walker))([float(free.get(name, 0.0)) for name in names], p)
+    return shape.copy(), rates.copy()
 
 
 def not_a_number(walker: type[Walker], shape: Array, p: Array) -> str | None:

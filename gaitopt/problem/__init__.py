@@ -5,7 +5,6 @@ faults        what is wrong with a value, and where: one line per fault
 schema        the sections of a file as pydantic models, and their JSON Schema
 statement     what is required of a gait, complete and in SI; the same as data
 reading       from data to the fields of a statement
-overrides     changes of the data by dotted key
 plausibility  numbers that are impossible or unusual for the walker
 scalars       the table of scalars of a gait: words, unit, range, formula
 problem       ``Problem``: a statement with its source; load, replace, restore

@@ -5,7 +5,7 @@ must be at least tan(slope).
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -30,6 +30,8 @@ from gaitopt.problem.schema import (
     DURATION,
     ConstantTorqueSpec,
     CurveReference,
+    CurveSpec,
+    FrictionCoefficients,
     HeadSection,
     NoControlSpec,
     PDSpec,
@@ -112,66 +114,65 @@ def natural_units(walker: Walker) -> Scales:
 
 def _spans(problem: ProblemStatement) -> Iterator[Span]:
     """All numbers with a range in natural units, or one that depends on the walker."""
-    walker, control, laws = problem.walker, problem.control, dict[str, Any]()
-    yield from _friction(problem)
-    yield from _of(walker, ("walker",))
-    fields = state_section(type(walker)).model_fields
-    parameters = {name: field.metadata for name, field in type(walker).model_fields.items()}
-    for name, value in () if problem.start is None else problem.start.state.items():
-        yield from _annotated((*STATE, name), value, fields[name].metadata)
-    for k, duration in enumerate((problem.start and problem.start.durations) or ()):
-        yield ("gait", "guess", "durations", k), duration, duration, DURATION
+    walker, control = problem.walker, problem.control
+    torques, state = torques_section(type(walker)), state_section(type(walker))
+    yield from _section_spans((), HeadSection, {"friction": problem.friction})
+    if not isinstance(problem.friction, float):
+        yield from _section_spans(("friction",), FrictionCoefficients, vars(problem.friction))
+    yield from _section_spans(("walker",), type(walker), vars(walker))
+    if problem.start is not None:
+        yield from _section_spans(STATE, state, problem.start.state)
+        for k, duration in enumerate(problem.start.durations or ()):
+            yield ("gait", "guess", "durations", k), duration, duration, DURATION
     if isinstance(control, ConstantTorqueSpec):
-        laws = {name: field.metadata for name, field in torques_section(type(walker)).model_fields.items()}
-        for name, value in control.torques.items():
-            yield from _annotated(("control", name), value, laws[name])
+        yield from _section_spans(("control",), torques, control.torques)
     if isinstance(control, PDSpec):
-        laws = {name: field.metadata for name, field in PDSpec.model_fields.items()}
-        yield from _of(control, ("control",))
+        yield from _section_spans(("control",), PDSpec, vars(control))
         if isinstance(control.reference, CurveReference):
-            yield from _of(control.reference.curve, ("control", "reference", "curve"))
+            yield from _section_spans(("control", "reference", "curve"), CurveSpec, vars(control.reference.curve))
+    sections = {"walker": type(walker), "control": PDSpec if isinstance(control, PDSpec) else torques}
     for key, unknown in problem.free.items():
         group, _, name = key.rpartition(".")
-        metadata = {"control": laws, "walker": parameters}.get(group, {}).get(name, [])
+        ranges = _ranges(sections[group]).get(name, ()) if group in sections else ()
         for k, bound in enumerate((unknown.lower, unknown.upper)):
-            yield from _annotated((group, name, "free", k), bound, metadata)
+            yield from (((group, name, "free", k), bound, bound, within) for within in ranges)
     for name, span in problem.constraints.items():
-        yield from ((("constraints", name), span.minimum, span.maximum, part) for part in _scalar_range(name, problem))
+        for within in _scalar_range(name, problem):
+            yield ("constraints", name), span.minimum, span.maximum, within
 
 
-def _friction(problem: ProblemStatement) -> Iterator[Span]:
-    if isinstance(problem.friction, float):
-        return _annotated(("friction",), problem.friction, HeadSection.model_fields["friction"].metadata)
-    return _of(problem.friction, ("friction",))
-
-
-def _of(model: BaseModel, path: Key) -> Iterator[Span]:
-    for name, field in type(model).model_fields.items():
-        value = getattr(model, name)
+def _section_spans(path: Key, section: type[BaseModel], values: Mapping[str, Any]) -> Iterator[Span]:
+    for name, ranges in _ranges(section).items():
+        value = values.get(name)
         if isinstance(value, int | float):
-            yield from _annotated((*path, name), value, field.metadata)
+            yield from (((*path, name), value, value, within) for within in ranges)
 
 
-def _annotated(path: Key, value: float, metadata: list[Any]) -> Iterator[Span]:
-    yield from ((path, value, value, part) for part in metadata if isinstance(part, Within))
+@lru_cache(maxsize=64)
+def _ranges(section: type[BaseModel]) -> Mapping[str, tuple[Within, ...]]:
+    """Ranges of the fields of a section; without those that have none."""
+    ranges = {
+        name: tuple(part for part in field.metadata if isinstance(part, Within))
+        for name, field in section.model_fields.items()
+    }
+    return {name: within for name, within in ranges.items() if within}
 
 
-def _scalar_range(name: str, problem: ProblemStatement) -> list[Within]:
+def _scalar_range(name: str, problem: ProblemStatement) -> tuple[Within, ...]:
     """Range of a constrained scalar; a freed parameter has its own bounds."""
-    modes = set() if problem.is_open else {*problem.cycle.phases, *problem.cycle.impacts}
+    walker, modes = problem.walker, set() if problem.is_open else {*problem.cycle.phases, *problem.cycle.impacts}
     if name == "step_length" and modes == {Mode.STICK}:
-        return [SLIPLESS_STEP]
+        return (SLIPLESS_STEP,)
     if name in SCALARS:
-        return [SCALARS[name].within]
+        return (SCALARS[name].within,)
     group, _, coordinate = name.partition(".")
     if group != "state":
-        return []
-    if coordinate in problem.walker.shape:
-        if coordinate in problem.walker.lengths:
-            return [Within(possible=(-1, 1), unit="length")]
-        return [Within(possible=symmetric(problem.walker.largest_angle))]
-    return [part for part in state_section(type(problem.walker)).model_fields[coordinate].metadata
-            if isinstance(part, Within)]  # fmt: skip
+        return ()
+    if coordinate in walker.lengths:
+        return (Within(possible=(-1, 1), unit="length"),)
+    if coordinate in walker.shape:
+        return (Within(possible=symmetric(walker.largest_angle)),)
+    return _ranges(state_section(type(walker))).get(coordinate, ())
 
 
 def _geometry_at_guess(problem: ProblemStatement) -> tuple[Any, float, Any]:

@@ -5,7 +5,7 @@ A problem that tracks another gait holds that gait's own problem, which override
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,18 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
-from gaitopt.problem.overrides import apply_overrides, changed_values
 from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.reading import assemble
 from gaitopt.problem.schema import ControlSpec, CurveReference, PDSpec
 from gaitopt.problem.source import find_problem, parse_source, read_text
-from gaitopt.problem.statement import ProblemStatement, cycle_data, digest_of, problem_data
+from gaitopt.problem.statement import (
+    ProblemStatement,
+    changed_values,
+    cycle_data,
+    digest_of,
+    override,
+    problem_data,
+)
 
 FOLLOWED_FROM = "followed_from"
 """Key of a resolved problem: the file's values of the parameters that were changed."""
@@ -96,13 +102,16 @@ class Problem(ProblemStatement):
             If the result is not valid; each line names the override.
         """
         faults: list[Fault] = []
-        data, place = apply_overrides(problem_data(self), overrides, faults, label)
+        data = problem_data(self)
+        place = override(data, overrides, faults, label)
         raise_faults(faults, place)
         known = {} if self.reference is None else {reference_name(self.control)[0]: self.reference}
         origin = _Origin(walkers=(type(self.walker),), path=self.path)
         changed = _build(data, place, faults, origin, text=self.text, known=known)
         file = self if self.file is None else self.file
-        same = problem_data(changed) == problem_data(file) and changed.reference == file.reference
+        same = changed.reference == file.reference and all(
+            getattr(changed, entry.name) == getattr(file, entry.name) for entry in fields(ProblemStatement)
+        )
         return replace(changed, place=ChangedPlace(self.place, place), file=None if same else file)
 
     def with_guess(self, gait: Mapping[str, Any], parameters: Mapping[str, float] | None = None) -> "Problem":
@@ -198,7 +207,8 @@ class Problem(ProblemStatement):
     def objection(self, key: str, value: float) -> str | None:
         """Why a parameter cannot have a value, regardless of other parameters; None if it can."""
         faults: list[Fault] = []
-        data, place = apply_overrides(problem_data(self), {key: value}, faults)
+        data = problem_data(self)
+        place = override(data, {key: value}, faults)
         assemble(data, {self.walker.model: type(self.walker)}, faults)
         return next((fault.message for fault in faults if fault.path == place.keys[key]), None)
 

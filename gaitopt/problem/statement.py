@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +16,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import ImpactLaw, Mode
 from gaitopt.model.walker import Walker
+from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
 from gaitopt.problem.schema import (
     OPEN,
     ConstantTorqueSpec,
@@ -225,3 +227,108 @@ def _without_about(data: Any) -> Any:
     if isinstance(data, Mapping):
         return {key: _without_about(value) for key, value in data.items() if key != "about"}
     return data
+
+
+DURATIONS: Key = ("gait", "guess", "durations")
+SLIP_VELOCITY: Key = ("gait", "guess", "state", "dx")
+_REPLACED = (("steps", ("phases", "impact")), ("phases", ("steps",)))
+_OPENED = (("phases", ("impact", "steps")),)
+"""Keys of a gait that are removed when another one is set: by one step or several, and by an open sequence."""
+
+
+def override(
+    data: dict[str, Any], overrides: Mapping[str, object], faults: list[Fault], label: str = ""
+) -> OverridePlace:
+    """Set values in the data of a problem by dotted key; returns the place by which faults name them.
+
+    Dotted keys are friction, walker.slope, gait.guess.state.theta1, constraints.speed.min, and so on. Changes of the
+    mode sequence remove the parts of the first guess that no longer apply, unless they are set too: durations when the
+    number of phases changes, the slip velocity when the impact sticks, impact and durations when the sequence opens.
+
+    Parameters
+    ----------
+    data : as ``problem_data`` returns them; changed in place.
+    faults : overrides that cannot be set are added.
+    label : text before the keys in messages.
+    """
+    was_open, phase_counts = data["gait"].get("phases") == OPEN, _phase_counts(data["gait"])
+    place = OverridePlace({key: _path(key) for key in overrides}, label)
+    for key, value in overrides.items():
+        _set(data, place.keys[key], value, faults)
+    gait = data["gait"]
+    if faults or not isinstance(gait, dict) or not isinstance(gait.get("guess"), dict):
+        return place
+
+    def is_set(path: Key) -> bool:
+        return any(path[: len(key)] == key for key in place.keys.values())
+
+    guess, is_open = gait["guess"], gait.get("phases") == OPEN
+    if is_open and not was_open:
+        guess.pop("durations", None)
+    for key, others in () if is_open and was_open else _OPENED if is_open else _REPLACED:
+        if is_set(("gait", key)):
+            for other in others:
+                if not is_set(("gait", other)):
+                    gait.pop(other, None)
+    if _phase_counts(gait) not in (None, phase_counts) and not is_set(DURATIONS):
+        guess.pop("durations", None)
+    last = next(iter(_steps(gait)[-1:]), None)
+    sticks = isinstance(last, Mapping) and last.get("impact") == Mode.STICK
+    if sticks and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
+        guess["state"].pop("dx", None)
+    return place
+
+
+def _path(key: str) -> Key:
+    """Keys of mappings; a name after ``constraints`` or ``objective`` may itself hold dots (state.dx, walker.slope)."""
+    first, *rest = key.split(".")
+    if first not in ("constraints", "objective") or not rest:
+        return (first, *rest)
+    end = rest[-1:] if first == "constraints" and rest[-1] in ("min", "max") and len(rest) > 1 else []
+    return (first, ".".join(rest[: len(rest) - len(end)]), *end)
+
+
+def _set(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) -> None:
+    """Set one value; a single coefficient of friction sets two equal ones, and one of two splits a single one."""
+    friction = data["friction"] if path[0] == "friction" else None
+    if isinstance(friction, int | float) and len(path) > 1:
+        data["friction"] = {"static": friction, "kinetic": friction}
+    elif isinstance(friction, dict) and "static" in friction and len(path) == 1 and isinstance(value, int | float):
+        if friction["static"] == friction["kinetic"]:
+            value = {**friction, "static": value, "kinetic": value}
+        else:
+            message = f"there are two coefficients, {shown(friction)}: set friction.static or friction.kinetic"
+            faults.append(Fault(path, message))
+    section: Any = data
+    for depth, key in enumerate(path[:-1], start=1):
+        created: dict[str, Any] = {}
+        section = section.setdefault(key, created)
+        if not isinstance(section, dict):
+            faults.append(Fault(path, f"{dotted(path[:depth])} is {shown(section)} and has no keys: set it as a whole"))
+            return
+    section[path[-1]] = deepcopy(value)
+
+
+def _steps(gait: Mapping[str, Any]) -> list[Any]:
+    """The steps in the data of a gait, valid or not."""
+    steps = gait.get("steps", [gait])
+    return list(steps) if isinstance(steps, list | tuple) else []
+
+
+def _phase_counts(gait: Mapping[str, Any]) -> list[int] | None:
+    """Number of phases of every step; None where the data are not steps."""
+    phases = [step.get("phases") if isinstance(step, Mapping) else None for step in _steps(gait)]
+    counts = [len(p) for p in phases if isinstance(p, list | tuple)]
+    return counts if len(counts) == len(phases) else None
+
+
+def changed_values(before: Mapping[str, Any], after: Mapping[str, Any], above: str = "") -> list[str]:
+    """Dotted keys whose values differ in the data of two problems; ``name`` and ``about`` do not count."""
+    changed = []
+    for key in dict.fromkeys([*before, *after]):
+        one, other = before.get(key), after.get(key)
+        if isinstance(one, Mapping) and isinstance(other, Mapping):
+            changed += changed_values(one, other, f"{above}{key}.")
+        elif one != other and (above or key not in ("name", "about")):
+            changed.append(f"{above}{key}")
+    return changed
