@@ -25,7 +25,7 @@ def frames(gait):
     """Positions of the walker's points, and whether the foot slips, at equidistant times of one step."""
     motion = motion_of(gait)
     arcs = [resampled(arc, max(3, round(FRAMES * arc.duration / motion.period))) for arc in motion.steps[0].arcs]
-    points = np.vstack([skeleton(motion, arc.states).points for arc in arcs])
+    points = np.vstack([skeleton([arc]).points for arc in arcs])
     times = np.concatenate([arc.times for arc in arcs]) / motion.period
     slips = np.concatenate([np.full(len(arc.times), arc.mode != "stick") for arc in arcs])
     return times, points, slips, motion.steps[0].impact.step_length

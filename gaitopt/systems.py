@@ -222,6 +222,5 @@ def _flow_on(gait: Gait, arc: Arc, duration: float) -> Arc:
     """The motion in an arc's mode for ``duration`` after its end."""
     times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
     data = gait.system.control.data(arc.segment)
-    p = gait.dynamics.standing(arc.side).p
-    states = integrate_to(gait.system, arc.mode, arc.states[-1], times, p, data)
+    states = integrate_to(gait.system, arc.mode, arc.states[-1], times, arc.dynamics.p, data)
     return replace(arc, times=times, states=states)

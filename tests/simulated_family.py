@@ -116,7 +116,7 @@ class SimulatedFamily:
         """mu f_n - |f_t| of a foot that sticks at the start of the step [N]."""
         step = self.step_at(value)
         assert step.arcs[0].mode is Mode.STICK
-        f_t, f_n = observe(self.map_at(value).simulator.dynamics, step.arcs[0]).force[0]
+        f_t, f_n = observe(step.arcs[0]).force[0]
         return self._friction(value) * float(f_n) - abs(float(f_t))
 
     def approach(self, margin: Callable[[float], float], first: float, second: float) -> float:

@@ -209,12 +209,12 @@ def _early_fall(arcs: Sequence[Arc], margins: Sequence[Array]) -> float:
 def _beyond_cone(gait: Gait, arc: Arc) -> float:
     """By how much the force that would hold the foot at the start of a slip exceeds static friction [N]."""
     stick = arc.mode.with_contact(Mode.STICK)
-    margins = gait.dynamics.standing(arc.side).margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
+    margins = arc.dynamics.margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
     return -float(margins[gait.system.transitions.margin_names(stick).index(CONE[arc.mode.contact])])
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:
-    values = gait.dynamics.standing(arc.side).margins(arc.mode, arc.segment, arc.times, arc.states)
+    values = arc.dynamics.margins(arc.mode, arc.segment, arc.times, arc.states)
     return np.asarray(values / gait.dynamics.margin_units(arc.mode)).T
 
 
@@ -223,7 +223,7 @@ def _impact_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorK
     cycle, scales = gait.problem.cycle, gait.dynamics.scales
     for phase, mode in cycle.resets:
         at, last = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}, arcs[phase][-1]
-        for kind, value in gait.dynamics.standing(last.side).impact_margins(mode, last.states[-1]).items():
+        for kind, value in last.dynamics.impact_margins(mode, last.states[-1]).items():
             if kind == "touchdown_rate" or (kind == "impact_onset" and not gait.dynamics.friction_drops):
                 continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
             yield MonitorKey(kind, **at), MonitorValue(float(value) / margin_unit(kind, scales))

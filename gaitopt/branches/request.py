@@ -182,4 +182,4 @@ def _restated(gait: Gait, coefficients: float | FrictionCoefficients, law: Frict
     problem = replace(gait.problem, friction=coefficients)
     system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, law)
     p = system.values({**problem.parameters, **gait.dynamics.parameters})
-    return replace(gait, problem=problem, dynamics=Dynamics(system, p))
+    return replace(gait, problem=problem).under(Dynamics(system, p))

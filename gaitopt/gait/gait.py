@@ -10,6 +10,7 @@ from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -125,13 +126,13 @@ class WalkerMotion(Moving, ReadOnlyArrays):
     def to_frame(self) -> "DataFrame":
         """All steps as a pandas data frame: the columns of the table in a run folder, units in ``attrs["units"]``."""
         steps, attributes = self._tabulated()
-        rows = trajectory_rows(self.dynamics, steps)
+        rows = trajectory_rows(steps)
         return data_frame(trajectory_header(self.system), rows, _units(self.system), **attributes)
 
     def to_xarray(self) -> "Dataset":
         """The same as an xarray dataset over ``sample``, with the time as a coordinate and units as attributes."""
         steps, attributes = self._tabulated()
-        rows = trajectory_rows(self.dynamics, steps)
+        rows = trajectory_rows(steps)
         return sample_set(trajectory_header(self.system), rows, _units(self.system), **attributes)
 
     @abstractmethod
@@ -147,7 +148,7 @@ def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
     return ("t", "mode", *system.state_names, "f_t", "f_n", *system.walker.actuators)
 
 
-def trajectory_rows(dynamics: Dynamics, steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:
+def trajectory_rows(steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:
     """Rows under ``trajectory_header``; time runs on over the steps, x counts from each step's own stance foot.
 
     Both ends of an arc have a row, so that a time that occurs twice separates two arcs.
@@ -155,7 +156,7 @@ def trajectory_rows(dynamics: Dynamics, steps: Iterable[Step]) -> Iterator[tuple
     began = 0.0
     for step in steps:
         for arc in step.arcs:
-            observed = observe(dynamics, arc)
+            observed = observe(arc)
             numbers = np.hstack([arc.states, observed.force, observed.torque])
             for t, row in zip(arc.times, numbers, strict=True):
                 yield (began + float(t), str(arc.mode), *map(float, row))
@@ -283,8 +284,8 @@ class Gait(WalkerMotion):
     @property
     def repeats_after(self) -> int:
         """Number of steps after which the gait repeats; fewer than its steps if it consists of a shorter cycle."""
-        n, sides = len(self.steps), self.system.walker.n_sides()
-        if n <= sides:
+        n, least = len(self.steps), self.system.walker.steps_per_cycle()
+        if n <= least:
             return n
         steps = self.problem.cycle.steps
         unit = self.dynamics.state_units
@@ -294,7 +295,7 @@ class Gait(WalkerMotion):
             same = steps[k:] == steps[:-k] and np.abs(states[k:] - states[:-k]).max() < REPEATED * np.abs(states).max()
             return n % k == 0 and bool(same)
 
-        return next((k for k in range(sides, n, sides) if repeats(k)), n)
+        return next((k for k in range(least, n, least) if repeats(k)), n)
 
     def scalar(self, name: str) -> float:
         """A measure, ``spectral_radius``, ``state.NAME`` or a parameter by its key; NaN where it is not defined.
@@ -310,6 +311,14 @@ class Gait(WalkerMotion):
             return self.dynamics.parameter(name)
         value = self.spectral_radius if name == "spectral_radius" else self.measures[name]
         return float("nan") if value is None else value
+
+    def under(self, dynamics: Dynamics) -> "Gait":
+        """The same motion under other dynamics, as if it had been solved for with these."""
+        steps = tuple(
+            replace(step, arcs=tuple(replace(arc, dynamics=own) for arc in step.arcs))
+            for step, own in zip(self.steps, cycle(dynamics.steps), strict=False)
+        )
+        return replace(self, dynamics=dynamics, steps=steps)
 
     def verified(self, verification: Mapping[str, Any]) -> "Gait":
         """The same gait with the record of a verification."""

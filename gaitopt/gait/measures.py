@@ -13,7 +13,6 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.units import Scales
 from gaitopt.problem.scalars import MEASURES, SCALARS
 
@@ -46,16 +45,16 @@ class Observation:
     loss: Array
 
 
-def observe(dynamics: Dynamics, arc: Arc) -> Observation:
+def observe(arc: Arc) -> Observation:
     """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
-    observation = buffered_map(dynamics.system.observation(arc.mode), arc.times.size)
-    own, data = dynamics.standing(arc.side).p, dynamics.system.data(arc.segment)
-    outputs = observation(arc.times[:, None], arc.states, own, data)
+    system, p = arc.dynamics.system, arc.dynamics.p
+    observation = buffered_map(system.observation(arc.mode), arc.times.size)
+    outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
     force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
     return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0])
 
 
-def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None]:
+def measure(steps: Sequence[Step]) -> dict[str, float | None]:
     """All scalars of complete steps, by the names in ``MEASURES``.
 
     A scalar that is not defined is None: a cost where the walker stays on the spot, the required friction without a
@@ -64,7 +63,7 @@ def measure(dynamics: Dynamics, steps: Sequence[Step]) -> dict[str, float | None
     ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
     several steps it is the smallest of these.
     """
-    cycle = _Measured(dynamics, steps)
+    cycle = _Measured(steps)
     extrema = {
         "peak_torque": cycle.peak_torque,
         "foot_clearance": cycle.foot_clearance,
@@ -97,10 +96,10 @@ def friction_ratio(force: Array) -> Array:
 class _Measured:
     """``Quantities`` of complete steps as numbers, and the extrema of their curves."""
 
-    def __init__(self, dynamics: Dynamics, steps: Sequence[Step]) -> None:
-        self._dynamics = dynamics
+    def __init__(self, steps: Sequence[Step]) -> None:
+        self._dynamics = dynamics = steps[0].arcs[0].dynamics
         self._impacts = [step.final_impact for step in steps]
-        self._steps = [[(arc, observe(dynamics, arc)) for arc in step.arcs] for step in steps]
+        self._steps = [[(arc, observe(arc)) for arc in step.arcs] for step in steps]
         self._arcs = [pair for pairs in self._steps for pair in pairs]
         self.duration = sum(step.period for step in steps)
         self.distance = sum(impact.step_length for impact in self._impacts)

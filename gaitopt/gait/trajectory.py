@@ -27,18 +27,18 @@ class Arc(ReadOnlyArrays):
 
     Attributes
     ----------
+    dynamics : the hybrid system that moves, at the parameters of this step.
     mode : contact mode of the stance foot.
     segment : index of the control's segment.
     times : ndarray, shape (m,) - time since the last impact [s]; Chebyshev points from start to end, or just both.
     states : ndarray, shape (m, n_z) - states there.
-    side : index of the stance leg, see ``Walker.side``.
     """
 
+    dynamics: Dynamics
     mode: Mode
     segment: int
     times: Array
     states: Array
-    side: int = 0
 
     def __repr__(self) -> str:
         return f"<Arc {self.mode}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"

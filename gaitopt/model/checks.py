@@ -288,8 +288,9 @@ def _contradiction(walker: type[Walker], parameters: tuple[float, ...]) -> str |
         return undefined or "it has no length, no mass or no gravity to stand against"
     random = np.random.default_rng(0)
     spread = min(SPREAD, walker.largest_angle)
+    steps = walker.step_parameters(p)
     for k in range(TOUCHDOWNS):
-        legs = walker.standing(p, walker.side(k)), walker.standing(p, walker.side(k + 1))
+        legs = steps[k % len(steps)], steps[(k + 1) % len(steps)]
         free = dict(zip(walker.section, spread * random.uniform(-1, 1, len(walker.section)), strict=True))
         reason = _not_a_number_after(walker, free, legs[1])
         if reason is None and k < SAMPLES:

@@ -1,13 +1,15 @@
 """Mode sequences: the phases of a step with the impact that ends it, and the steps after which a gait repeats."""
 
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 from gaitopt.model.modes import Mode
+
+T = TypeVar("T")
 
 
 def mode_words(phases: Iterable[Mode]) -> str:
@@ -105,6 +107,10 @@ class Cycle:
     def step_of(self, phase: int) -> int:
         """Index of the step to which a phase belongs."""
         return bisect_right(self.first_phases, phase) - 1
+
+    def per_phase(self, per_step: Sequence[T]) -> tuple[T, ...]:
+        """What holds in each phase, from what holds in the steps of the cycle and repeats after the last entry."""
+        return tuple(per_step[self.step_of(phase) % len(per_step)] for phase in range(len(self.phases)))
 
     def after(self, phase: int) -> Mode | None:
         """Mode of the phase that follows within the step; None where the step ends with its impact."""

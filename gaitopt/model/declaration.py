@@ -32,10 +32,8 @@ RESERVED = ("mode", "contact", "impact", "model", "type", "touchdown", "upright"
 DERIVED = (
     "contacts",
     "modes",
-    "standing",
-    "place",
-    "side",
-    "n_sides",
+    "steps_per_cycle",
+    "step_parameters",
     "released",
     "coordinates",
     "state_names",

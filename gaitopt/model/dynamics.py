@@ -1,5 +1,9 @@
 """A hybrid system at fixed parameters: its friction, natural units and margins as numbers.
 
+A ``Dynamics`` holds while one leg stands. Where the legs differ their parameters swap places at touchdown, so that a
+motion has one ``Dynamics`` per step, ``Dynamics.steps``, and every arc refers to its own. Which leg stands is said
+nowhere else.
+
 How a small deviation passes an event: saltation of the variational equations.
 
     S = R_z + (f_plus - R_z f_minus) grad g' / (dg/dt)
@@ -48,10 +52,14 @@ class Dynamics(ReadOnlyArrays):
         """The same system with other values of the parameters with these dotted keys."""
         return Dynamics(self.system, self.system.values({**self.parameters, **parameters}))
 
-    def standing(self, side: int) -> "Dynamics":
-        """The dynamics of the steps in which the leg of this side stands, see ``Walker.side``."""
-        p = self.system.walker.standing(self.p, side)
-        return self if p is self.p else Dynamics(self.system, p)
+    @cached_property
+    def steps(self) -> tuple["Dynamics", ...]:
+        """The dynamics of this step and those that follow: one if the legs are alike, else one per stance leg.
+
+        They repeat: step k of a motion has ``steps[k % len(steps)]``, a phase ``cycle.per_phase(steps)[phase]``.
+        """
+        _, *others = self.system.walker.step_parameters(self.p)
+        return (self, *(Dynamics(self.system, p) for p in others))
 
     @cached_property
     def static_friction(self) -> float:

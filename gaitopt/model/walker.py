@@ -221,35 +221,24 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return tuple(Mode.of(contact, stops) for stops in states for contact in cls.contacts())
 
     @classmethod
-    def standing(cls, p: Any, side: int) -> Any:
-        """Parameters in the order of the fields, and others behind them, in the steps of one ``side``.
+    def steps_per_cycle(cls) -> int:
+        """The number of steps of a cycle is a multiple of this: 1 if the legs are alike, 2 if they differ."""
+        return 2 if cls.exchanged else 1
+
+    @classmethod
+    def step_parameters(cls, p: Any) -> tuple[Any, ...]:
+        """Parameters in each of the first ``steps_per_cycle`` steps, after which they repeat.
 
         Parameters
         ----------
-        p : those of the first step of a cycle, numbers or symbols.
-        side : 0 where the same leg stands as in the first step, 1 where it is the other one.
+        p : ndarray or CasADi symbols, shape (n,) - those of the first step: the fields in order, and others after them.
         """
-        if not (cls.exchanged and side):
-            return p
-        n = p.size if isinstance(p, np.ndarray) else p.numel()
-        return p[[cls.place(k) for k in range(n)]]
-
-    @classmethod
-    def place(cls, k: int) -> int:
-        """Index of the parameter with which the k-th changes places when the feet swap roles, of most itself."""
-        names = (*cls.model_fields,)
-        partners = dict(cls.exchanged) | {swing: stance for stance, swing in cls.exchanged.items()}
-        return names.index(partners.get(names[k], names[k])) if k < len(names) else k
-
-    @classmethod
-    def side(cls, step: int) -> int:
-        """Which leg stands in a step, counted from 0: always 0 where both are alike, else 0 and 1 in turn."""
-        return step % cls.n_sides()
-
-    @classmethod
-    def n_sides(cls) -> int:
-        """After how many steps the same leg stands again, as far as the legs differ."""
-        return 2 if cls.exchanged else 1
+        if not cls.exchanged:
+            return (p,)
+        names, n = [*cls.model_fields], p.size if isinstance(p, np.ndarray) else p.numel()
+        partners = {**cls.exchanged, **{swing: stance for stance, swing in cls.exchanged.items()}}
+        swapped = [names.index(partners.get(name, name)) for name in names]
+        return p, p[[*swapped, *range(len(names), n)]]
 
     @classmethod
     def released(cls, contact: Mode) -> Mode:

@@ -11,6 +11,7 @@ from gaitopt.gait.gait import Gait, Shooting, Status, floquet_multipliers
 from gaitopt.gait.measures import measure
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.transitions import Transitions
 from gaitopt.nlp.layout import COINCIDENT, ArcLayout, layout
 from gaitopt.nlp.newton import Solution, section_sensitivity
@@ -80,7 +81,7 @@ def assemble_gait(problem: Problem, at: Solution, *, errors: Array, message: str
             errors=errors,
         ),
         multipliers=floquet_multipliers(section_sensitivity(at)[1]),
-        measures=measure(dynamics, steps),
+        measures=measure(steps),
         freed=dict(zip(equations.free, map(float, freed), strict=True)),
         solver=solver,
     )
@@ -92,17 +93,14 @@ def assemble_steps(
     """The steps that ``w`` describes; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
     w = _forward_in_time(equations, w)
     nodes, _, freed = equations.unpack(w)
-    dynamics, cycle, walker = equations.dynamics(p, freed), equations.layout.cycle, equations.system.walker
-    arcs: list[list[Arc]] = [[] for _ in cycle.steps]
+    dynamics, cycle = equations.dynamics(p, freed), equations.layout.cycle
+    per_phase, arcs = cycle.per_phase(dynamics.steps), [list[Arc]() for _ in cycle.steps]
     for index, arc in enumerate(equations.layout.arcs):
-        arcs[cycle.step_of(arc.phase)].append(_arc(equations, w, p, index, counts))
+        arcs[cycle.step_of(arc.phase)].append(_arc(equations, w, p, index, per_phase[arc.phase], counts))
     impacts = zip(arcs, cycle.impacts, equations.layout.impact_nodes, strict=True)
     return tuple(
-        Step(
-            arcs=tuple(step_arcs),
-            impact=impact_record(dynamics.standing(walker.side(step)), impact, nodes[:, end]),
-        )
-        for step, (step_arcs, impact, end) in enumerate(impacts)
+        Step(arcs=tuple(step_arcs), impact=impact_record(step_arcs[0].dynamics, impact, nodes[:, end]))
+        for step_arcs, impact, end in impacts
     )
 
 
@@ -113,17 +111,17 @@ def _forward_in_time(equations: MultipleShooting, w: Array) -> Array:
     return equations.pack(nodes, np.where(rounding, 0.0, durations), freed) if rounding.any() else w
 
 
-def _arc(equations: MultipleShooting, w: Array, p: Array, index: int, counts: tuple[int, ...]) -> Arc:
+def _arc(
+    equations: MultipleShooting, w: Array, p: Array, index: int, dynamics: Dynamics, counts: tuple[int, ...]
+) -> Arc:
     """One arc at as many Chebyshev points as resolve it."""
     arc, cycle = equations.layout.arcs[index], equations.layout.cycle
-    unit = equations.dynamics(p, equations.unpack(w).freed).state_units
     for count in counts:
         times, states = equations.sample(w, p, index, count)
-        if curves.tail(states / unit) < curves.RESOLVED:
+        if curves.tail(states / dynamics.state_units) < curves.RESOLVED:
             break
     _zero_slip_at_events(equations.system.transitions, cycle, arc, states)
-    side = equations.system.walker.side(cycle.step_of(arc.phase))
-    return Arc(mode=arc.mode, segment=arc.segment, times=times, states=states, side=side)
+    return Arc(dynamics=dynamics, mode=arc.mode, segment=arc.segment, times=times, states=states)
 
 
 def _zero_slip_at_events(table: Transitions, cycle: Cycle, arc: ArcLayout, states: Array) -> None:

@@ -73,12 +73,13 @@ def _rising_margins(
     equations: MultipleShooting, w: Array, p: Array, step: int
 ) -> dict[str, list[tuple[int, Array, Array]]]:
     """Phase, times and values along the arcs of a step by the name of each margin that rises before it falls."""
-    freed, rising = equations.unpack(w).freed, dict[str, list[tuple[int, Array, Array]]]()
+    rising, cycle = dict[str, list[tuple[int, Array, Array]]](), equations.layout.cycle
+    per_phase = cycle.per_phase(equations.dynamics(p, equations.unpack(w).freed).steps)
     for index, arc in enumerate(equations.layout.arcs):
-        if equations.layout.cycle.step_of(arc.phase) != step:
+        if cycle.step_of(arc.phase) != step:
             continue
         times, states = equations.sample(w, p, index, SAMPLES)
-        dynamics = equations.dynamics(p, freed, arc.phase)
+        dynamics = per_phase[arc.phase]
         values = dynamics.margins(arc.mode, arc.segment, times, states) / dynamics.margin_units(arc.mode)
         for name, column in zip(dynamics.system.transitions.margin_names(arc.mode), values.T, strict=True):
             if margin(name).rises:

@@ -130,25 +130,21 @@ def roll_out(
     durations : of the phases [s].
     longest : time after the impact by which phases end at the latest [s]; ``LONGEST_STEP`` by default.
     """
-    scales, walker = dynamics.scales, dynamics.system.walker
+    scales, per_phase = dynamics.scales, cycle.per_phase(dynamics.steps)
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
     starts = np.atleast_2d(state)
-
-    def in_step(step: int) -> Dynamics:
-        return dynamics.standing(walker.side(step))
-
     time, z = 0.0, starts[0].copy()
     lengths, motions, endless = list[float](), list[PhaseMotion](), list[int]()
     for phase, mode in enumerate(cycle.phases):
         impact, step = cycle.impact_before(phase) if phase > 0 else None, cycle.step_of(phase)
         if impact is not None:
             start_given = phase in cycle.first_phases and step < len(starts)
-            z = starts[step].copy() if start_given else in_step(cycle.step_of(phase - 1)).after_impact(impact, z)
+            z = starts[step].copy() if start_given else per_phase[phase - 1].after_impact(impact, z)
             time = time if impact.locked else 0.0
         z = np.nan_to_num(z)  # a motion that has broken down
         if mode.sticks:
             z[-1] = 0.0
-        flow = _ModeFlow(in_step(step), mode, cycle.after(phase))
+        flow = _ModeFlow(per_phase[phase], mode, cycle.after(phase))
         duration = None if durations is None else durations[phase]
         if duration is None:
             motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)

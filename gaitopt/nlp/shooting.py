@@ -95,6 +95,7 @@ class MultipleShooting:
     w, parameters : MX - unknowns and all parameters; the values of free parameters in ``parameters`` are ignored.
     Z, durations, freed : MX - the blocks of ``w``.
     p : MX - all parameters, with the free ones replaced by ``freed``.
+    phase_parameters : tuple of MX - the same in every phase, where parameters of legs that differ swap places.
     """
 
     def __init__(self, system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> None:
@@ -108,6 +109,7 @@ class MultipleShooting:
         self.p = self.parameters
         if free:
             self.p = substituted(system.parameters, self.parameters, {key: self.freed[i] for i, key in enumerate(free)})
+        self.phase_parameters: tuple[MX, ...] = self._per_phase(self.p)
         self._units: tuple[bytes, NaturalUnits] | None = None
         self._samples: tuple[bytes, dict[tuple[int, int], tuple[Array, Array]]] = (b"", {})
 
@@ -125,17 +127,20 @@ class MultipleShooting:
         nodes = w[:n].reshape((self.system.n_z, self.n_nodes), order="F")
         return Unknowns(nodes, w[n : n + self.n_phases], w[n + self.n_phases :])
 
-    def values(self, p: Array, freed: Array, phase: int) -> Array:
-        """All parameters with the free ones put in, as seen by the stance leg of a phase; shape (n_p,)."""
+    def values(self, p: Array, freed: Array) -> Array:
+        """All parameters with the free ones put in; shape (n_p,)."""
         if self.free:
             p = p.copy()
             p[[self.system.parameters.index(name) for name in self.free]] = freed
-        walker = self.system.walker
-        return np.asarray(walker.standing(p, walker.side(self.layout.cycle.step_of(phase))))
+        return p
 
-    def dynamics(self, p: Array, freed: Array, phase: int = 0) -> Dynamics:
-        """The system at these parameters in a phase."""
-        return _dynamics(self.system, self.values(p, freed, phase).tobytes())
+    def dynamics(self, p: Array, freed: Array) -> Dynamics:
+        """The system at these parameters."""
+        return _dynamics(self.system, self.values(p, freed).tobytes())
+
+    def _per_phase(self, p: Any) -> tuple[Any, ...]:
+        """The parameters of each phase, numbers or symbols, from those of the first step."""
+        return self.layout.cycle.per_phase(self.system.walker.step_parameters(p))
 
     def units(self, p: Array) -> NaturalUnits:
         """Natural units of unknowns and equalities at parameters ``p``, shape (n_p,)."""
@@ -202,14 +207,9 @@ class MultipleShooting:
         first = self.layout.first_nodes[index]
         return arc, self.Z[:, first : first + arc.intervals + 1], start, (end - start) / arc.intervals
 
-    def standing(self, phase: int) -> MX:
-        """The parameters as seen by the stance leg of a phase."""
-        walker = self.system.walker
-        return walker.standing(self.p, walker.side(self.layout.cycle.step_of(phase)))
-
     def constants(self, arc: ArcLayout, width: int) -> list[MX]:
         """Parameters and segment data of an arc, repeated."""
-        return [repmat(self.standing(arc.phase), 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
+        return [repmat(self.phase_parameters[arc.phase], 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
 
     def map_arcs(self, function: Callable[[Mode], Function], columns: Callable[[int], list[MX]]) -> list[MX]:
         """Apply ``function(mode)`` to the columns of all arcs, with one map per mode; results in the order of arcs."""
@@ -285,7 +285,7 @@ class MultipleShooting:
                     continue
                 _, Z, start, h = self.arc(i)
                 data = self.system.data(arc.segment)
-                _, rates = self.system.events(arc.mode)(start + k * h, Z[:, k], self.standing(arc.phase), data)
+                _, rates = self.system.events(arc.mode)(start + k * h, Z[:, k], self.phase_parameters[arc.phase], data)
                 for name in GROUND_FORCES:
                     rate = rates[self.system.transitions.margin_names(arc.mode).index(name)]
                     yield sign * rate, Label(name=name, phase=arc.phase, node=first + k)
@@ -298,7 +298,7 @@ class MultipleShooting:
             if arc.start is None and self.layout.cycle.starts_from_rest(arc.phase):
                 _, Z, start, _ = self.arc(i)
                 data = self.system.data(arc.segment)
-                margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.standing(arc.phase), data)
+                margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.phase_parameters[arc.phase], data)
                 names = self.system.transitions.margin_names(Mode.STICK)
                 cone = margins[names.index(CONE[arc.mode.contact])]
                 yield -cone, Label(name="onset", phase=arc.phase, node=first)
@@ -306,7 +306,7 @@ class MultipleShooting:
     def impact_margins(self) -> Iterator[tuple[MX, Label]]:
         """Margins of the impacts."""
         for (phase, mode), node in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
-            values = self.system.impact_margins(mode)(self.Z[:, node], self.standing(phase))
+            values = self.system.impact_margins(mode)(self.Z[:, node], self.phase_parameters[phase])
             place = {"phase": phase, "node": node} if mode.locked else {"step": self.layout.cycle.step_of(phase)}
             for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
                 yield values[row], Label(name=name, **place)
@@ -357,12 +357,12 @@ class MultipleShooting:
     def _step_starts(self, w: Array, p: Array) -> Iterator[tuple[Array, Array, float, Array, Array]]:
         """Per arc the inputs of its m steps: nodes (m, n_z), times (m, 1), length, parameters and segment data."""
         nodes, durations, freed = self.unpack(w)
-        layout = self.layout
+        layout, per_phase = self.layout, self._per_phase(self.values(p, freed))
         for arc, first, (start, end) in zip(layout.arcs, layout.first_nodes, layout.arc_times(durations), strict=True):
             length = (end - start) / arc.intervals
             times = start + length * np.arange(arc.intervals, dtype=float)[:, None]
-            values, data = self.values(p, freed, arc.phase), self.system.data(arc.segment)
-            yield nodes.T[first : first + arc.intervals], times, length, values, data
+            data = self.system.data(arc.segment)
+            yield nodes.T[first : first + arc.intervals], times, length, per_phase[arc.phase], data
 
     @cached_property
     def _steps(self) -> list[BufferedMap]:
@@ -402,11 +402,11 @@ class MultipleShooting:
 
     @cached_property
     def _stages(self) -> list[BufferedMap]:
-        """Stage derivatives of all intervals of every arc; the swapped leg has its free parameters in other places."""
-        walker, names, maps = self.system.walker, self.system.parameters, []
+        """Stage derivatives of all intervals of every arc; a free parameter may have another role in the next step."""
+        names, maps = self.system.parameters, []
+        roles = [dict(zip(own.tolist(), names, strict=True)) for own in self._per_phase(np.array(names))]
         for arc in self.layout.arcs:
-            swapped = walker.side(self.layout.cycle.step_of(arc.phase))
-            free = tuple(names[walker.place(names.index(name))] for name in self.free) if swapped else self.free
+            free = tuple(roles[arc.phase][name] for name in self.free)
             maps.append(buffered_map(stage_derivatives(self.system, arc.mode, free), arc.intervals))
         return maps
 
@@ -486,7 +486,7 @@ class MultipleShooting:
         h, places = (end - start) / arc.intervals, fractions * arc.intervals
         k = np.minimum(places.astype(int), arc.intervals - 1)
         step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
-        values, data = self.values(p, freed, arc.phase), self.system.data(arc.segment)
+        values, data = self._per_phase(self.values(p, freed))[arc.phase], self.system.data(arc.segment)
         (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], values, data)
         return states.copy()
 
@@ -527,15 +527,15 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
     durations, freed = SX.sym("durations", len(cycle.phases)), SX.sym("freed", len(free))
     p = SX.sym("p", len(system.parameters))
     full = substituted(system.parameters, p, {key: freed[i] for i, key in enumerate(free)})
-    standing = [system.walker.standing(full, system.walker.side(step)) for step in range(len(cycle.steps))]
+    per_phase = cycle.per_phase(system.walker.step_parameters(full))
     rows = []
     for phase, (mode, name, order) in enumerate(endings(system, cycle)):
         step = cycle.step_of(phase)
         time = sum1(durations[cycle.first_phases[step] : phase + 1])
-        margins = system.margins(mode)(time, ends[:, phase], standing[step], system.data(segments[phase]))
+        margins = system.margins(mode)(time, ends[:, phase], per_phase[phase], system.data(segments[phase]))
         rows.append(margins[system.transitions.margin_names(mode).index(name)] / durations[phase] ** order)
     for k, (phase, impact) in enumerate(cycle.resets):
-        z_plus = system.impact(impact)(z=ends[:, phase], p=standing[cycle.step_of(phase)])["z_plus"]
+        z_plus = system.impact(impact)(z=ends[:, phase], p=per_phase[phase])["z_plus"]
         if not impact.locked:  # counted from the new stance foot
             z_plus[system.n_shape] = 0
         rows.append(starts[:, k] - z_plus)

@@ -294,9 +294,9 @@ def _read_open(
     gait = read_section(OpenGaitSection, data, ("gait",), faults)
     if gait is None:
         return None, None
-    sides = 1 if model is None else model.n_sides()
-    sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, sides))
-    if "steps" in gait.model_fields_set and gait.steps < sides:
+    least = 1 if model is None else model.steps_per_cycle()
+    sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, least))
+    if "steps" in gait.model_fields_set and gait.steps < least:
         faults.append(Fault(("gait", "steps"), UNEVEN.format(gait.steps)))
     guess = None if gait.guess is None else read_section(GuessSection, gait.guess, ("gait", "guess"), faults)
     if guess is None or model is None:
@@ -315,7 +315,7 @@ def _read_cycle(
     try:
         cycle = Cycle(tuple(ModeSequence(phases=step.phases, impact=step.impact) for step in steps))
         if model is not None:
-            if len(steps) % model.n_sides():
+            if len(steps) % model.steps_per_cycle():
                 raise ValueError(UNEVEN.format(len(steps)))
             transitions(model).check(cycle)
         return cycle

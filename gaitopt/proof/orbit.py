@@ -147,6 +147,8 @@ class Orbit:
         self.system, self.p, self.varied, self.interval = system, list(p), varied, tuple(interval)
         self.sequence, self.arcs, self.n = sequence, tuple(arcs), system.n_z + 1
         self.order = order
+        spaces = [PhaseSpace(system, varied, step) for step in range(system.walker.steps_per_cycle())]
+        self._spaces = [sequence.per_phase(spaces)[arc.phase] for arc in arcs]
         self.nodes: list[list[int]] = []
         for arc in arcs:
             first = self.nodes[-1][-1] + self.n if self.nodes else 0
@@ -154,7 +156,7 @@ class Orbit:
         first = self.nodes[-1][-1] + self.n
         self.durations = list(range(first, first + len(arcs)))
         self.size = first + len(arcs)
-        self._fields: dict[tuple[Mode, int, int], VectorField] = {}
+        self._fields: dict[tuple[Mode, int, PhaseSpace], VectorField] = {}
 
     def name(self, entry: int) -> str:
         """The name of an unknown, for messages."""
@@ -170,15 +172,11 @@ class Orbit:
         """Whether a parameter varies by more than its rounding."""
         return bool(self.interval) and not self.interval[1].is_zero()
 
-    def side(self, j: int) -> int:
-        """Number of the standing leg in arc ``j``."""
-        return self.system.walker.side(self.sequence.step_of(self.arcs[j].phase))
-
     def field(self, mode: Mode, j: int) -> VectorField:
         """The vector field of a mode with the leg and control law of arc ``j``."""
-        key = (mode, self.arcs[j].segment, self.side(j))
+        key = (mode, self.arcs[j].segment, self._spaces[j])
         if key not in self._fields:
-            self._fields[key] = VectorField(self._space(j), mode, self.p, self._segment_data(j))
+            self._fields[key] = VectorField(self._spaces[j], mode, self.p, self._segment_data(j))
         return self._fields[key]
 
     def arcs_of(self, step: int) -> list[int]:
@@ -239,9 +237,6 @@ class Orbit:
         if self.interval:
             cycle.blocks.append((row, self.size, matrix(1, [values[-1] for values in rows])))
 
-    def _space(self, j: int) -> PhaseSpace:
-        return PhaseSpace(self.system, self.varied, self.side(j))
-
     def _segment_data(self, j: int) -> list[arb]:
         """Data of the control law in arc ``j``."""
         return [arb(float(value)) for value in self.system.data(self.arcs[j].segment)]
@@ -249,7 +244,7 @@ class Orbit:
     @lru_cache(maxsize=256)  # noqa: B019 - as long as the equations
     def _event_and_reset(self, j: int) -> BallFunction:
         """y -> event of arc ``j``, the state from which the next arc starts, and the derivatives of both."""
-        arc, following, space = self.arcs[j], (j + 1) % len(self.arcs), self._space(j)
+        arc, following, space = self.arcs[j], (j + 1) % len(self.arcs), self._spaces[j]
         system, n_z, (y, p, values) = self.system, self.system.n_z, space.symbols()
         r, time = SX.sym("r", system.n_r), SX.sym("breakpoint")
         after = y[: self.n]
@@ -265,7 +260,7 @@ class Orbit:
             impact = self.sequence.impacts[self.sequence.step_of(arc.phase)]
             xi = system.impact(impact)(y[:n_z], values)[0][self.section(impact)]
             full = vertcat(xi, SX.zeros(system.lift.size1_in(0) - xi.numel()))
-            after = vertcat(system.lift(full, space.side_parameters(y, p, self.side(following))), 0)
+            after = vertcat(system.lift(full, self._spaces[following].parameters(y, p)), 0)
         outputs = cse([event, after, jacobian(event, y), jacobian(after, y)])
         breakpoints = [*self.system.control.breakpoints, 0.0]
         constants = [self.p, self._segment_data(j), [arb(float(breakpoints[arc.segment]))]]
@@ -278,7 +273,7 @@ class Orbit:
     @cached_property
     def lift_jacobian(self) -> BallFunction:
         """y at the start of the cycle -> derivative of y in the section coordinates of a slipping impact."""
-        y, p, values = self._space(0).symbols()
+        y, p, values = self._spaces[0].symbols()
         xi = y[self.section(Mode.SLIP_FORWARD)]
         slope = vertcat(self.system.lift_jacobian(xi, values), SX.zeros(1, xi.numel()))
         return BallFunction(Function("lift_jacobian", [y, p], [slope]), [self.p])
@@ -286,7 +281,7 @@ class Orbit:
     @lru_cache(maxsize=64)  # noqa: B019 - as long as the equations
     def impact(self, mode: Mode, j: int) -> BallFunction:
         """y at the end of arc ``j`` -> margins of an impact, and the state after it."""
-        (y, p, values), n_z = self._space(j).symbols(), self.system.n_z
+        (y, p, values), n_z = self._spaces[j].symbols(), self.system.n_z
         outputs = [self.system.impact_margins(mode)(y[:n_z], values), self.system.impact(mode)(y[:n_z], values)[0]]
         return BallFunction(Function(f"impact_{mode.key}", [y, p], cse(outputs)), [self.p])
 

@@ -45,12 +45,12 @@ class PhaseSpace:
     Attributes
     ----------
     varied : index of the parameter that is a state; None if none is.
-    side : number of the standing leg, see ``Walker.side``.
+    step : index of the step in ``Walker.step_parameters``.
     """
 
     system: HybridSystem
     varied: int | None
-    side: int
+    step: int = 0
 
     @property
     def n(self) -> int:
@@ -58,14 +58,14 @@ class PhaseSpace:
         return self.system.n_z + 1 + (self.varied is not None)
 
     def symbols(self) -> tuple[SX, SX, SX]:
-        """y, p, and the parameters of this side; the varying one is taken from y."""
+        """y, p, and the parameters of this step; the varying one is taken from y."""
         y, p = SX.sym("y", self.n), SX.sym("p", len(self.system.parameters))
-        return y, p, self.side_parameters(y, p, self.side)
+        return y, p, self.parameters(y, p)
 
-    def side_parameters(self, y: SX, p: SX, side: int) -> SX:
-        """The parameters while the leg ``side`` stands; the varying one is taken from y."""
+    def parameters(self, y: SX, p: SX) -> SX:
+        """The parameters of this step from those of the first one; the varying one is taken from y."""
         values = vertcat(*(y[-1] if k == self.varied else p[k] for k in range(p.numel())))
-        return self.system.walker.standing(values, side)
+        return self.system.walker.step_parameters(values)[self.step]
 
 
 class VectorField:

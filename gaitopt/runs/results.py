@@ -54,7 +54,7 @@ def restore_gait(folder: Path) -> Gait:
         periods = [float(step["period"]) for step in record.get("steps", (record,))]
         starts = list(accumulate(periods[:-1], initial=0.0))
         steps = tabulated_steps(dynamics, table, starts, problem.cycle.impacts)
-        gait = gait_from_record(problem, dynamics, record, steps, measure(dynamics, steps))
+        gait = gait_from_record(problem, dynamics, record, steps, measure(steps))
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
     _check_same(path, record, gait.to_record())
@@ -149,7 +149,7 @@ def write_result(result: Gait | Walk, run: Run) -> None:
         steps, files = result.steps, GAIT_FILES
         if not steps:
             raise SolveError(f"{result.problem.name} is {result.status}: only a gait is stored")
-    table = Table(header=trajectory_header(result.system), rows=trajectory_rows(result.dynamics, steps))
+    table = Table(header=trajectory_header(result.system), rows=trajectory_rows(steps))
     run.write_result(result.problem, result.to_record(), table, files)
 
 

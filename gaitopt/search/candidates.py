@@ -132,9 +132,9 @@ def _walks(
     history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
     simulator = Simulator(dynamics, stepper=make_stepper(dynamics, engine))
     candidates = []
-    sides = system.walker.n_sides()
-    for n_returns in range(1, job.n_steps // sides + 1):
-        maps = {mode: ReturnMap(simulator, mode, n_returns * sides) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
+    least = system.walker.steps_per_cycle()
+    for n_returns in range(1, job.n_steps // least + 1):
+        maps = {mode: ReturnMap(simulator, mode, n_returns * least) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
         for row, state in _near_returns(history, n_returns, box):
             if should_stop():
                 raise KeyboardInterrupt
@@ -200,7 +200,7 @@ def _guesses(
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
     walker = dynamics.system.walker
-    if walker.n_sides() > 1 or walker.stops or walker.switches or walker.flies or walker.pushes:
+    if walker.steps_per_cycle() > 1 or walker.stops or walker.switches or walker.flies or walker.pushes:
         return [], 0  # the conditions assume equal legs, one of which is always on the ground
     time, n = dynamics.scales.time, len(job.problem.walker.section)
     within = {
@@ -245,9 +245,9 @@ def _record(
     start: str,
 ) -> Record:
     """The candidate of a cycle without repetitions, starting at its smallest state in lexical order."""
-    sides = system.walker.n_sides()
-    n = next(k for k in range(sides, len(steps) + 1, sides) if len(steps) % k == 0 and _repeats(states, k))
-    first = min(range(0, n, sides), key=lambda k: tuple(states[k]))
+    least = system.walker.steps_per_cycle()
+    n = next(k for k in range(least, len(steps) + 1, least) if len(steps) % k == 0 and _repeats(states, k))
+    first = min(range(0, n, least), key=lambda k: tuple(states[k]))
     return {
         "steps": [
             {"phases": [{**mode.record, "duration": t} for mode, t in phases], "impact": str(impact)}

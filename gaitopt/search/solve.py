@@ -91,7 +91,7 @@ def solve_attractor(attractor: Attractor, *, progress: Valued = None, should_sto
     dynamics = problem_dynamics(problem, should_stop=should_stop)
     mode = attractor.impact
     xi = attractor.state if mode.slips else attractor.state[:-1]
-    walked = ReturnMap(Simulator(dynamics), mode, attractor.period * dynamics.system.walker.n_sides())(xi)
+    walked = ReturnMap(Simulator(dynamics), mode, attractor.period * dynamics.system.walker.steps_per_cycle())(xi)
     if walked.xi is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
     guessed = problem.with_gait(cycle_record(dynamics.system, walked.steps, "attractor"))

@@ -16,6 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import ArrayLike
 
 from gaitopt.gait import curves
+from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc
 from gaitopt.show.motion import Motion, running
 from gaitopt.show.walker import Skeleton, skeleton, slope
@@ -41,8 +42,7 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
     """
     cycle = list(_running(motion, frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))))
     arcs = [part.arc for part in cycle]
-    sides = [part.arc.side for part in cycle for _ in part.arc.times]
-    drawing = skeleton(motion, np.vstack([arc.states for arc in arcs]), sides)
+    drawing = skeleton(arcs)
     path = _path(motion)
     impacts = [step.impact for step in motion.steps if step.impact is not None]
     impulses = [impact.stick_impulse.tolist() for impact in impacts]
@@ -144,7 +144,7 @@ def _short(value: float) -> float:
 
 
 def _columns(motion: Motion, arcs: list[Arc], drawing: Skeleton) -> dict[str, Any]:
-    observed = [motion.observe(arc) for arc in arcs]
+    observed = [observe(arc) for arc in arcs]
     force = np.vstack([o.force for o in observed])
     torque = np.vstack([o.torque for o in observed])
     states = np.vstack([arc.states for arc in arcs])

@@ -17,7 +17,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from gaitopt.arrays import Array
-from gaitopt.gait.measures import friction_ratio
+from gaitopt.gait.measures import friction_ratio, observe
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
@@ -109,7 +109,7 @@ def torques(motions: Sequence[Motion]) -> Figure:
             colour = next(colours)
             handles.append(entry(f"{prefix}{name}", color=colour))
             for began, arc in smooth(motion.steps):
-                axes.plot(began + arc.times, motion.observe(arc).torque[:, k], color=colour)
+                axes.plot(began + arc.times, observe(arc).torque[:, k], color=colour)
     axes.set_xlabel(time_label(motions))
     axes.set_ylabel("torque [N m]")
     legend_below(figure, [*handles, *mode_strip(strip, motions)])
@@ -136,7 +136,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
 def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
     ends = []
     for began, arc in smooth(motion.steps):
-        force = motion.observe(arc).force
+        force = observe(arc).force
         where = began + arc.times if against == "time" else arc.states[:, motion.state_index(against)]
         if not arc.mode.flies:
             axes.plot(where, friction_ratio(force), color=colour, linestyle=dashes(arc.mode))
@@ -153,7 +153,7 @@ def _draw_normal_force(axes: Axes, motion: Motion, colour: str) -> None:
     """Normal force over time, in units of the weight."""
     weight = float(motion.dynamics.system.weight(motion.dynamics.p))
     for began, arc in smooth(motion.steps):
-        force = motion.observe(arc).force[:, 1] / weight
+        force = observe(arc).force[:, 1] / weight
         axes.plot(began + arc.times, force, color=colour, linestyle=dashes(arc.mode))
     axes.set_ylabel("normal force / weight\n$f_n/(m g)$")
 

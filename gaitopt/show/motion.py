@@ -15,7 +15,6 @@ from numpy.polynomial import chebyshev
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.measures import Observation, observe
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -66,10 +65,6 @@ class Motion:
     def state_index(self, name: str) -> int:
         """Column of a state in ``Arc.states``."""
         return self.dynamics.system.state_names.index(name)
-
-    def observe(self, arc: Arc) -> Observation:
-        """Forces, torques and swing foot along an arc of this motion."""
-        return observe(self.dynamics, arc)
 
 
 def motion_of(gait: Gait, name: str = "") -> Motion:

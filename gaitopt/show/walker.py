@@ -15,7 +15,9 @@ import numpy as np
 from casadi import SX, Function, horzcat, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.gait.trajectory import Arc
 from gaitopt.model.declaration import state_mechanism, state_picture
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -51,26 +53,21 @@ class Skeleton:
     contact: int = 0
 
 
-def skeleton(motion: Motion, states: Array, sides: Sequence[int] = (0,)) -> Skeleton:
-    """The drawing of a motion's walker at ``states`` of shape (m, n_z).
-
-    Parameters
-    ----------
-    sides : which leg stands at each of them, see ``Walker.side``; one for all will do.
-    """
-    walker = motion.walker
+def skeleton(arcs: Sequence[Arc]) -> Skeleton:
+    """The drawing of a walker at all times of its arcs."""
+    dynamics = arcs[0].dynamics
+    walker, n_q = dynamics.system.walker, dynamics.system.n_shape + 1
     positions, masses, _, lines = _mechanism(walker)
-    p = motion.dynamics.p[: len(walker.model_fields)]
-    standing = np.array([walker.standing(p, side) for side in sides]).T
-    q = states[:, : motion.dynamics.system.n_shape + 1].T
-    points = np.asarray(positions(q, standing)).T.reshape(len(states), -1, 2)
-    mass = np.asarray(masses(p)).ravel()
+    n_p = len(walker.model_fields)
+    places = [np.asarray(positions(arc.states[:, :n_q].T, arc.dynamics.p[:n_p])) for arc in arcs]
+    points = np.hstack(places).T.reshape(sum(arc.times.size for arc in arcs), -1, 2)
+    mass = np.asarray(masses(dynamics.p[:n_p])).ravel()
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
     if lines:
         contact = points.shape[1] - 1
         return Skeleton(points=points, legs=_strokes(lines, 2 + mass.size), discs=discs, contact=contact)
     draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
-    return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), motion)
+    return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), dynamics)
 
 
 def slope(motion: Motion) -> float:
@@ -86,9 +83,9 @@ def _strokes(lines: tuple[int, ...], first: int) -> tuple[tuple[int, int], ...]:
     return tuple((k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1))
 
 
-def _wheel(bare: Skeleton, motion: Motion) -> Skeleton:
+def _wheel(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
     """All spokes, turned about the hub from the stance spoke."""
-    spokes = round(motion.dynamics.parameter("walker.spokes"))
+    spokes = round(dynamics.parameter("walker.spokes"))
     foot, swing, hub = (bare.points[:, k] for k in range(3))
     turns = -2 * np.pi / spokes * np.arange(2, spokes)
     arm = foot - hub
@@ -97,13 +94,13 @@ def _wheel(bare: Skeleton, motion: Motion) -> Skeleton:
     return replace(bare, points=points, legs=tuple((2, k) for k in range(points.shape[1]) if k != 2))
 
 
-_DRAWINGS: dict[type[Walker], Callable[[Skeleton, Motion], Skeleton]] = {
-    CompassBiped: lambda bare, motion: replace(bare, legs=((0, 3), (3, 1))),  # bodies are leg, hip, leg
+_DRAWINGS: dict[type[Walker], Callable[[Skeleton, Dynamics], Skeleton]] = {
+    CompassBiped: lambda bare, dynamics: replace(bare, legs=((0, 3), (3, 1))),  # bodies are leg, hip, leg
     RimlessWheel: _wheel,
 }
 
 
-def _rigid_parts(bare: Skeleton, motion: Motion) -> Skeleton:
+def _rigid_parts(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
     """A shortest tree over the points (Kruskal), rigid pairs first."""
     pairs = []
     for a, b in combinations(range(bare.points.shape[1]), 2):

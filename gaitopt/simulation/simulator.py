@@ -64,7 +64,6 @@ class Simulator:
     max_step_time : longest time from impact to impact [s]; ``MAX_STEP_TIME`` natural units unless given.
     max_switches : largest number of mode switches within a step.
     stepper : what integrates the arcs; scipy's DOP853 unless given.
-    side : which leg stands at these parameters, see ``Walker.side``.
 
     Attributes
     ----------
@@ -85,12 +84,11 @@ class Simulator:
         max_step_time: float | None = None,
         max_switches: int = MAX_SWITCHES,
         stepper: Stepper | None = None,
-        side: int = 0,
     ) -> None:
         _finite_vector("parameters", dynamics.p, dynamics.system.parameters)
         self.dynamics = dynamics
         self.system = system = dynamics.system
-        self._max_switches, self._max_step_time, self._side = max_switches, max_step_time, side
+        self._max_switches, self._max_step_time = max_switches, max_step_time
         self.stepper = ScipyStepper(dynamics, rtol=rtol, atol=atol) if stepper is None else stepper
         self._table = system.transitions
         self._resolver = ContactResolver(dynamics)
@@ -100,13 +98,13 @@ class Simulator:
         self._ends = (*(t for t in system.control.breakpoints if t < self._limit), self._limit)
 
     @cached_property
-    def sides(self) -> tuple["Simulator", ...]:
-        """The simulator itself and, where the legs differ, that of the steps in which the other leg stands."""
-        others = []
-        for side in range(1, self.system.walker.n_sides()):
-            dynamics = self.dynamics.standing(side)
-            stepper, longest, switches = self.stepper.at(dynamics), self._max_step_time, self._max_switches
-            others.append(Simulator(dynamics, max_step_time=longest, max_switches=switches, stepper=stepper, side=side))
+    def per_step(self) -> tuple["Simulator", ...]:
+        """The simulators of the steps in turn, one for each of ``dynamics.steps``: itself first."""
+        longest, switches = self._max_step_time, self._max_switches
+        others = (
+            Simulator(dynamics, max_step_time=longest, max_switches=switches, stepper=self.stepper.at(dynamics))
+            for dynamics in self.dynamics.steps[1:]
+        )
         return (self, *others)
 
     def run(
@@ -140,7 +138,7 @@ class Simulator:
             if should_stop is not None and should_stop():
                 message = f"{len(completed)} of {steps} steps, then stopped on request"
                 break
-            simulator = self.sides[self.system.walker.side(len(completed))]
+            simulator = self.per_step[len(completed) % len(self.per_step)]
             outcome = simulator.step(z, dense=dense, number=len(completed) + 1)
             if outcome.step is not None:
                 completed.append(outcome.step)
@@ -207,7 +205,7 @@ class Simulator:
             data = self.system.data(moment.segment)
             times, states = sample(self.stepper, self._units, mode, data, moment.time, arrival.time, moment.state)
             states[-1] = arrival.state
-        return Arc(mode=mode, segment=moment.segment, times=times, states=states, side=self._side)
+        return Arc(dynamics=self.dynamics, mode=mode, segment=moment.segment, times=times, states=states)
 
     def _follow(
         self, mode: Mode, moment: _Moment, arrival: Arrival

@@ -7,7 +7,7 @@ every digit of a fresh gait but not the solver's own nodes.
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from itertools import count, groupby, pairwise
+from itertools import cycle, groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -123,14 +123,11 @@ def integrated_steps(dynamics: Dynamics, record: Record, points: int = POINTS) -
     record : with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : Chebyshev points of every phase.
     """
-    sides = map(dynamics.system.walker.side, count())
-    return tuple(
-        _integrated(dynamics.standing(side), step, points, side)
-        for side, step in zip(sides, record.get("steps", (record,)), strict=False)
-    )
+    pairs = zip(cycle(dynamics.steps), record.get("steps", (record,)), strict=False)
+    return tuple(_integrated(own, step, points) for own, step in pairs)
 
 
-def _integrated(dynamics: Dynamics, record: Record, points: int, side: int) -> Step:
+def _integrated(dynamics: Dynamics, record: Record, points: int) -> Step:
     system, p = dynamics.system, dynamics.p
     breakpoints = system.control.breakpoints
     z = np.array([record["state"][name] for name in system.state_names])
@@ -146,7 +143,7 @@ def _integrated(dynamics: Dynamics, record: Record, points: int, side: int) -> S
             segment = bisect_right(breakpoints, (t0 + t1) / 2)
             times = t0 + (t1 - t0) * (curves.points(points) + 1) / 2
             states = integrate_to(system, mode, z, times, p, system.control.data(segment))
-            arcs.append(Arc(mode=mode, segment=segment, times=times, states=states, side=side))
+            arcs.append(Arc(dynamics=dynamics, mode=mode, segment=segment, times=times, states=states))
             z = states[-1].copy()
         time = end
     return Step(arcs=tuple(arcs), impact=impact_record(dynamics, Mode(record["impact"]), z))
@@ -179,19 +176,17 @@ def tabulated_steps(
         step = bisect_right(starts, (points[0][0] + points[-1][0]) / 2) - 1
         times = np.array([row[0] for row in points]) - starts[step]
         arc = Arc(
+            dynamics=dynamics.steps[step % len(dynamics.steps)],
             mode=Mode(points[0][1]),
             segment=bisect_right(system.control.breakpoints, (times[0] + times[-1]) / 2),
             times=times,
             states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
-            side=system.walker.side(step),
         )
         arcs.setdefault(step, []).append(arc)
     return tuple(
         Step(
             arcs=tuple(arcs[k]),
-            impact=impact_record(dynamics.standing(arcs[k][0].side), impacts[k], arcs[k][-1].states[-1])
-            if k < len(impacts)
-            else None,
+            impact=impact_record(arcs[k][0].dynamics, impacts[k], arcs[k][-1].states[-1]) if k < len(impacts) else None,
         )
         for k in range(max(len(impacts), 1 + max(arcs)))
     )

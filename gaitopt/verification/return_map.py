@@ -13,9 +13,10 @@ the same for every neighbouring motion, so that it leaves deviations as they are
 ``return_map`` applies the map to thousands of states at once: arrays in, arrays and named outcomes out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -133,15 +134,14 @@ class ReturnMap:
         start = steps[0].arcs[0].states[0]
         lift = _matrix(system.lift_jacobian, start[system.section(Mode.SLIP_FORWARD)], p)
         deviations = lift[:, : self._indices.size]
-        for step in steps:
+        for step, simulator in zip(steps, cycle(self.simulator.per_step), strict=False):
             for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
-                side = self.simulator.sides[arc.side]
                 data, ends = system.data(arc.segment), arc.times[[0, -1]]
-                deviations = side.stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
-                if after is None or after.segment == arc.segment or _ends_at_breakpoint(side.dynamics, arc, after):
-                    deviations = _event(side.dynamics, arc, after) @ deviations
+                deviations = simulator.stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
+                if after is None or after.segment == arc.segment or _ends_at_breakpoint(arc, after):
+                    deviations = _event(arc, after) @ deviations
             impact = system.impact_jacobian(step.final_impact.mode)
-            deviations = _matrix(impact, step.arcs[-1].states[-1], side.dynamics.p) @ deviations
+            deviations = _matrix(impact, step.arcs[-1].states[-1], simulator.dynamics.p) @ deviations
             deviations[system.n_shape] = 0.0  # x is counted from the new stance foot
         return np.asarray(deviations[self._indices])
 
@@ -324,30 +324,26 @@ class StepMap:
         """One return of every state, a step or, where the legs differ, one with either; see ``section_coordinates``."""
         (states,) = self._lift(xi, self.dynamics.p)
         modes = self.dynamics.system.walker.modes()
-        walked = self._step(states, 0)
-        for side in range(1, self.dynamics.system.walker.n_sides()):
+        first, *others = self._steps
+        walked = first(states)
+        for step in others:
             going = np.flatnonzero(walked.endings == 0)
             if going.size:
-                walked = followed_by(walked, self._step(walked.states[going], side), going, modes)
+                walked = followed_by(walked, step(walked.states[going]), going, modes)
         fields = {name: getattr(walked, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
         return Returns(names=self.names, states=walked.states[:, self._indices], modes=modes, **fields)
 
     @cached_property
-    def _batches(self) -> list[BatchSimulator]:
-        walker = self.dynamics.system.walker
-        return [BatchSimulator(self.dynamics.standing(side)) for side in range(walker.n_sides())]
-
-    @cached_property
-    def _simulator(self) -> Simulator:
-        return Simulator(self.dynamics)
-
-    def _step(self, states: Array, side: int) -> BatchSteps:
-        """One step of every state, shape (n, n_z), while the leg of this ``side`` stands."""
+    def _steps(self) -> list[Callable[[Array], BatchSteps]]:
+        """One step of every state, shape (n, n_z), for each of ``dynamics.steps``."""
         if self._engine is Engine.HEYOKA:
-            return self._batches[side].step(states)
-        simulator = self._simulator.sides[side]
-        outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED for state in states]
-        return stack_outcomes(outcomes, states, self.dynamics.system.walker.modes())
+            return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]
+        return [partial(_one_by_one, simulator) for simulator in Simulator(self.dynamics).per_step]
+
+
+def _one_by_one(simulator: Simulator, states: Array) -> BatchSteps:
+    outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED for state in states]
+    return stack_outcomes(outcomes, states, simulator.system.walker.modes())
 
 
 @per_thread(maxsize=8)
@@ -363,10 +359,11 @@ def _joined(parts: list[Returns]) -> Returns:
     return replace(parts[0], **joined)
 
 
-def _ends_at_breakpoint(dynamics: Dynamics, arc: Arc, after: Arc) -> bool:
+def _ends_at_breakpoint(arc: Arc, after: Arc) -> bool:
     """Whether the mode changes at a breakpoint of the control, so that no arc lies between the two events."""
     if after.mode is arc.mode:
         return False
+    dynamics = arc.dynamics
     table = dynamics.system.transitions
     name = table.between(arc.mode, after.mode).guard
     margins = dynamics.margins(arc.mode, arc.segment, arc.times[-1:], arc.states[-1:])[0]
@@ -374,9 +371,10 @@ def _ends_at_breakpoint(dynamics: Dynamics, arc: Arc, after: Arc) -> bool:
     return bool(abs(margins[table.margin_names(arc.mode).index(name)]) <= AT_EVENT * unit)
 
 
-def _event(dynamics: Dynamics, arc: Arc, after: Arc | None) -> Array:
+def _event(arc: Arc, after: Arc | None) -> Array:
     """Matrix by which the event at the end of an arc maps deviations; shape (n_z, n_z)."""
-    system, z, p, data = dynamics.system, arc.states[-1], dynamics.p, dynamics.system.data(arc.segment)
+    system, p, z = arc.dynamics.system, arc.dynamics.p, arc.states[-1]
+    data = system.data(arc.segment)
     transition = system.transitions.between(arc.mode, None if after is None else after.mode)
     row = system.transitions.margin_names(arc.mode).index(transition.guard)
     flow, gradients, rates = buffered(system.linearized(arc.mode))(arc.end, z, p, data)
@@ -384,16 +382,16 @@ def _event(dynamics: Dynamics, arc: Arc, after: Arc | None) -> Array:
     if after is None:
         return projection(flow, gradient, rate)
     (flow_after,) = buffered(system.flow(after.mode))(after.start, after.states[0], p, data)
-    return saltation(flow, flow_after, gradient, rate, _reset(dynamics, arc, after))
+    return saltation(flow, flow_after, gradient, rate, _reset(arc, after))
 
 
-def _reset(dynamics: Dynamics, arc: Arc, after: Arc) -> Array | None:
+def _reset(arc: Arc, after: Arc) -> Array | None:
     """Derivative of the reset from one arc to the next; None where no stop locks."""
     if arc.mode.locked == after.mode.locked:
         return None
     slides = after.states[0][-1] or after.mode.flies
     struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
-    return _matrix(dynamics.system.impact_jacobian(struck), arc.states[-1], dynamics.p).copy()
+    return _matrix(arc.dynamics.system.impact_jacobian(struck), arc.states[-1], arc.dynamics.p).copy()
 
 
 def _matrix(function: Function, *values: Array | float) -> Array:

@@ -204,12 +204,12 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
     """
     units, tolerance = measure_scales(gait.dynamics.scales), magnification(gait) * INTERIOR_AGREEMENT
     confirmed = _recomputed(gait) if _state_error(gait, walked) <= tolerance else ()
-    errors = {k: _error(gait.measures.get(k), value, units[k]) for k, value in measure(gait.dynamics, walked).items()}
+    errors = {k: _error(gait.measures.get(k), value, units[k]) for k, value in measure(walked).items()}
     given = {key: value for key, value in gait.problem.parameters.items() if key not in gait.problem.free}
     moving = gait.dynamics.parameters
     closely = {key: _relative_error(value, moving[key], 0.0) for key, value in {**given, **gait.freed}.items()}
     if confirmed:
-        recomputed = measure(gait.dynamics, confirmed)
+        recomputed = measure(confirmed)
         closely = {k: _relative_error(gait.measures.get(k), v, units[k]) for k, v in recomputed.items()} | closely
     yield _worst("measures", (errors, tolerance), (closely, RECOMPUTED))
     errors = _impact_errors(gait, _impacts(walked), _error)
@@ -338,7 +338,7 @@ def _margin_claims(gait: Gait) -> Iterator[Claim]:
     for arc in gait.arcs:
         if arc.mode.flies:
             continue
-        force = observe(gait.dynamics, arc).force
+        force = observe(arc).force
         lowest = min(lowest, -curves.maximum(-force[:, 1])[1])
         if arc.mode.sticks:
             ratio = friction_ratio(force)
@@ -357,7 +357,7 @@ def _energy_claim(gait: Gait) -> Claim:
     """Energy gained equals the work of motors and friction less the loss in dampers, phase by phase."""
     worst, scale = 0.0, gait.dynamics.scales.energy
     for arc in gait.arcs:
-        o = observe(gait.dynamics, arc)
+        o = observe(arc)
         power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1] - o.loss
         worst = max(worst, abs(o.energy[-1] - o.energy[0] - curves.integral(power, arc.duration)))
         scale = max(scale, abs(o.energy[-1] - o.energy[0]))
@@ -393,9 +393,7 @@ def _recomputed(gait: Gait) -> tuple[Step, ...]:
     return tuple(
         replace(
             step,
-            impact=impact_record(
-                gait.dynamics.standing(step.arcs[-1].side), step.final_impact.mode, step.arcs[-1].states[-1]
-            ),
+            impact=impact_record(step.arcs[-1].dynamics, step.final_impact.mode, step.arcs[-1].states[-1]),
         )
         for step in gait.steps
     )

@@ -62,7 +62,7 @@ class Walk(WalkerMotion):
             "phases": [] if last is None else [{**m.record, "duration": d} for m, d in last.phases],
             "impact": None if last is None or last.impact is None else str(last.impact.mode),
             "state": self._state_record(state),
-            **(dict.fromkeys(MEASURES) if last is None else measure(self.dynamics, [last])),
+            **(dict.fromkeys(MEASURES) if last is None else measure([last])),
             "section": [
                 {"time": float(t), "impact": mode, "state": self._state_record(z)}
                 for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)

@@ -10,7 +10,6 @@ from named import named
 import gaitopt as go
 from gaitopt.branches.monitors import MonitorKey, monitor_values
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.trajectory import Arc
 from gaitopt.model.modes import Mode
 
 NAMES = ("rimless-wheel-stick", "rimless-wheel-slip", "compass-passive-stick", "compass-passive-a", "compass-passive-b")
@@ -23,7 +22,7 @@ def solved(name: str) -> Gait:
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
     """The same motion, judged with another parameter."""
-    return replace(gait, dynamics=gait.dynamics.at({name: value}))
+    return gait.under(gait.dynamics.at({name: value}))
 
 
 def with_slip_velocity(gait: Gait, index: int, factor: float, offset: float = 0.0) -> Gait:
@@ -31,8 +30,7 @@ def with_slip_velocity(gait: Gait, index: int, factor: float, offset: float = 0.
     arcs = list(gait.arcs)
     states = arcs[index].states.copy()
     states[:, -1] = factor * states[:, -1] + offset
-    old = arcs[index]
-    arcs[index] = Arc(mode=old.mode, segment=old.segment, times=old.times, states=states)
+    arcs[index] = replace(arcs[index], states=states)
     return replace(gait, steps=(replace(gait.steps[0], arcs=tuple(arcs)),))
 
 
@@ -112,5 +110,5 @@ def test_a_foot_that_lands_between_is_seen() -> None:
     apart = arc.states[:, 1] - arc.states[:, 0]
     states = arc.states.copy()
     states[:, 1] -= 1.5 * apart * np.exp(-(((where - 0.7) / 0.1) ** 2))
-    step = replace(gait.steps[0], arcs=(Arc(mode=arc.mode, segment=arc.segment, times=arc.times, states=states),))
+    step = replace(gait.steps[0], arcs=(replace(arc, states=states),))
     assert lost(replace(gait, steps=(step,))) >= {MonitorKey("touchdown", 0)}

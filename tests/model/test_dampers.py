@@ -92,7 +92,7 @@ def test_energy_is_lost_to_dampers_and_impacts_alone(name):
     """The gain of potential energy over a step is what dampers and impacts have taken."""
     gait = named(name)
     assert verification(name).passed
-    observed = [observe(gait.dynamics, arc) for arc in gait.arcs]
+    observed = [observe(arc) for arc in gait.arcs]
     jumps = [o.energy[-1] - after.energy[0] for o, after in pairwise(observed)]
     w = gait.problem.walker
     last, first = observed[-1].energy[-1], observed[0].energy[0]
@@ -115,7 +115,7 @@ def test_both_engines_confirm_gaits_with_dampers(name):
 def test_the_swing_foot_of_the_telescopic_leg_clears_the_ground():
     gait = named("telescopic-passive")
     arc = gait.steps[0].arcs[0]
-    heights = observe(gait.dynamics, arc).swing_foot[:, 1]
+    heights = observe(arc).swing_foot[:, 1]
     assert arc.mode == "stick, leg free"
     assert heights[2:].min() > 0
     softer = gait.problem.replace({"walker.stiffness": 100})

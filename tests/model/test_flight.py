@@ -162,7 +162,7 @@ def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
 
 def test_energy_of_a_runner_on_massless_legs_is_what_it_states() -> None:
     gait = named("slip-run")
-    energies = np.concatenate([observe(gait.dynamics, arc).energy for arc in gait.arcs])
+    energies = np.concatenate([observe(arc).energy for arc in gait.arcs])
     assert energies[: len(gait.arcs[0].times)] == pytest.approx(1.7, abs=1e-10)
 
 

@@ -144,4 +144,4 @@ def test_arcs_are_drawn_and_touch_the_ground():
     *_, stance, swing = walker.outline(q, SimpleNamespace(**dict(gait.problem.walker)))
     lowest = [min(float(point[1]) for point in arc) for arc in (stance, swing)]
     assert lowest == pytest.approx([0, 0], abs=5e-4)
-    assert observe(gait.dynamics, gait.arcs[0]).swing_foot[[0, -1], 1] == pytest.approx([0, 0], abs=1e-12)
+    assert observe(gait.arcs[0]).swing_foot[[0, -1], 1] == pytest.approx([0, 0], abs=1e-12)

@@ -208,4 +208,20 @@ def test_legs_that_differ_must_be_exchanged():
 
 def test_walkers_with_equal_legs_keep_their_parameters():
     p = np.arange(8.0)
-    assert Walker.standing(p, 1) is p
+    (same,) = Walker.step_parameters(p)
+    assert same is p
+
+
+def test_every_arc_has_the_dynamics_of_its_step():
+    """The leg masses change places at touchdown, by the solver, the simulator and under other dynamics alike."""
+    gait = named("compass-unequal")
+    moved = gait.dynamics.at({"walker.leg_com": 0.7})
+    masses = [gait.dynamics.parameter(f"walker.{name}") for name in ("leg_mass", "other_leg_mass")]
+    for steps in (gait.steps, go.simulate(gait, steps=4).trajectory.steps):
+        assert [[arc.dynamics.parameter("walker.leg_mass") for arc in step.arcs[:1]] for step in steps] == [
+            [masses[k % 2]] for k in range(len(steps))
+        ]
+    for arc, own in zip(gait.under(moved).arcs, gait.problem.cycle.per_phase(moved.steps), strict=True):
+        assert arc.dynamics is own
+    assert moved.steps[1].parameter("walker.other_leg_com") == 0.7
+    np.testing.assert_array_equal(moved.steps[1].steps[1].p, moved.p)

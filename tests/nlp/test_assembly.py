@@ -51,7 +51,7 @@ def test_every_arc_obeys_the_flow_of_its_mode_along_its_whole_length(name):
         s = np.linspace(-0.95, 0.95, 7)
         states = curves.evaluate(curves.coefficients(arc.states), s)
         slopes = np.column_stack([curves.slopes(column, s) for column in arc.states.T]) * 2 / arc.duration
-        times, p = arc.start + arc.duration * (s + 1) / 2, gait.dynamics.standing(arc.side).p
+        times, p = arc.start + arc.duration * (s + 1) / 2, arc.dynamics.p
         flow, data = gait.system.flow(arc.mode), gait.system.data(arc.segment)
         rates = np.array([np.asarray(flow(t, z, p, data)).ravel() for t, z in zip(times, states, strict=True)])
         np.testing.assert_allclose(slopes, rates, rtol=1e-7, atol=1e-7)

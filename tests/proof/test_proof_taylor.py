@@ -115,7 +115,7 @@ def test_a_spoiled_remainder_is_noticed(monkeypatch):
 def slipping_field():
     system = HybridSystem(CompassBiped, NoControl())
     p = [arb(float(value)) for value in system.values(load_problem("compass-passive-a").parameters)]
-    return VectorField(PhaseSpace(system, None, 0), Mode.SLIP_BACKWARD, p, []), [0.14, 0.16, 0.0, 0.68, -0.46, -0.01]
+    return VectorField(PhaseSpace(system, None), Mode.SLIP_BACKWARD, p, []), [0.14, 0.16, 0.0, 0.68, -0.46, -0.01]
 
 
 def points_of_a_stiff_slip(count):
@@ -162,7 +162,7 @@ def test_the_graph_of_a_flow_has_the_values_of_casadi(mode):
     system = HybridSystem(CompassBiped, NoControl())
     p = system.values(load_problem("compass-passive-a").parameters)
     rng = np.random.default_rng(3)
-    field = VectorField(PhaseSpace(system, None, 0), mode, [arb(float(value)) for value in p], [])
+    field = VectorField(PhaseSpace(system, None), mode, [arb(float(value)) for value in p], [])
     for z in 0.3 * rng.normal(size=(5, system.n_z)):
         balls = field.rate([*(arb(float(value)) for value in z), arb(0)])[0]
         expected = np.asarray(system.flow(mode)(0, z, p, [])).ravel()

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.contour import ContourSet
 from pictured import SEQUENCES, TORSO, branch, gait
 
-from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.gait.trajectory import Step
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
@@ -107,7 +107,7 @@ def test_method_comparison_agree_and_a_spoiled_gait_is_seen_to_disagree():
     walked = simulated(ours)
     motion = motion_of(ours)
     assert max(np.abs(gap).max() for _, gap in differences(motion.steps, walked)) < 1e-8
-    arcs = [Arc(mode=a.mode, segment=a.segment, times=a.times, states=a.states + 1e-4) for a in motion.steps[0].arcs]
+    arcs = [replace(arc, states=arc.states + 1e-4) for arc in motion.steps[0].arcs]
     spoiled = Step(arcs=tuple(arcs), impact=motion.steps[-1].impact)
     assert max(np.abs(gap).max() for _, gap in differences([spoiled], walked)) > 9e-5
 

@@ -12,9 +12,8 @@ from gaitopt.show.walker import skeleton
 
 
 def drawing(name, step=0):
-    motion = motion_of(named(name))
-    states = np.vstack([arc.states for arc in motion.steps[step].arcs])
-    return states, skeleton(motion, states, [motion.steps[step].arcs[0].side])
+    arcs = named(name).steps[step].arcs
+    return np.vstack([arc.states for arc in arcs]), skeleton(arcs)
 
 
 def lengths(drawn):
@@ -56,11 +55,8 @@ def test_springs_of_telescopic_legs_are_zigzags_whose_length_changes():
 def test_masses_of_legs_that_differ_are_drawn_where_they_are():
     gait = named("compass-unequal")
     moved = gait.problem.replace({"walker.leg_com": 0.7})
-    motion = motion_of(gait)
-    dynamics = motion.dynamics.at(moved.parameters)
-    state = motion.steps[0].arcs[0].states[:1]
     distances = []
-    for side in (0, 1):
-        points = skeleton(replace(motion, dynamics=dynamics), state, [side]).points[0]
+    for dynamics in gait.dynamics.at(moved.parameters).steps:
+        points = skeleton([replace(gait.arcs[0], dynamics=dynamics)]).points[0]
         distances.append([np.linalg.norm(points[2] - points[0]), np.linalg.norm(points[4] - points[1])])
     assert distances == [pytest.approx([0.7, 0.8]), pytest.approx([0.8, 0.7])]

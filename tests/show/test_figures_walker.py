@@ -21,8 +21,8 @@ WALKERS = (*SEQUENCES, TORSO)
 
 def drawing(name):
     motion = motion_of(gait(name))
-    states = np.vstack([arc.states for arc in motion.steps[0].arcs])
-    return motion, states, skeleton(motion, states)
+    arcs = motion.steps[0].arcs
+    return motion, np.vstack([arc.states for arc in arcs]), skeleton(arcs)
 
 
 def unpack(packed, name):

@@ -201,7 +201,7 @@ def test_a_compass_pushed_too_gently_does_not_walk() -> None:
 def test_the_passive_compass_gait_is_the_published_one() -> None:
     start = compass_gait(0.2)
     step = compass(0.2).run(start, dense=True).steps[0]
-    scalars = measure(Dynamics(compass_system(), compass_parameters(0.2)), [step])
+    scalars = measure([step])
     assert modes(step) == [STICK]
     assert step.period == pytest.approx(0.7446, abs=5e-5)
     assert start == pytest.approx([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0], abs=5e-5)
@@ -226,7 +226,7 @@ def test_constant_torques_carry_the_compass_over_level_ground() -> None:
     simulator = Simulator(Dynamics(system, p))
     settled = simulator.run(COMPASS_START, 150)
     step = simulator.run(settled.section_states[-1], dense=True).steps[0]
-    scalars = measure(Dynamics(system, p), [step])
+    scalars = measure([step])
     assert modes(step) == [STICK]
     assert scalars["speed"] == pytest.approx(0.634, abs=5e-4)
     assert scalars["cost_of_transport"] == pytest.approx(0.01747, abs=5e-6)
@@ -290,7 +290,7 @@ def test_the_foot_does_not_move_in_stick() -> None:
 
 def energy_defect(system: HybridSystem, p: Array, arc: Arc) -> float:
     """Change of energy less the work of motors and friction [J]."""
-    seen = observe(Dynamics(system, p), arc)
+    seen = observe(arc)
     friction_power = seen.force[:, 0] * arc.states[:, -1]
     work = curves.integral(seen.power.sum(axis=1) + friction_power, arc.duration)
     return float(seen.energy[-1] - seen.energy[0] - work)
@@ -307,9 +307,8 @@ def test_energy_changes_by_the_work_of_motors_and_friction() -> None:
 
 
 def test_energy_is_constant_in_passive_stick_and_falls_in_slip() -> None:
-    p = compass_parameters(0.14)
     for arc in compass(0.14).run(compass_gait(0.14), dense=True).steps[0].arcs:
-        energy = observe(Dynamics(compass_system(), p), arc).energy
+        energy = observe(arc).energy
         if arc.mode is STICK:
             assert np.ptp(energy) < 1e-11
         else:

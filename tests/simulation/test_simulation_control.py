@@ -155,7 +155,7 @@ def test_a_slip_between_two_roots_of_the_cone_margin_shrinks_with_the_root_of_it
     """Beyond a parabola of depth e and curvature a the foot slips for 3 sqrt(2 e / a); before it, never."""
     system, p = pulsed(1.0)
     arc = Simulator(Dynamics(system, p)).run(START, dense=True).steps[0].arcs[0]
-    force = observe(Dynamics(system, p), arc).force
+    force = observe(arc).force
     place, needed = curves.maximum(force[:, 0] / force[:, 1])
     assert -1 < place < 1
     durations = []

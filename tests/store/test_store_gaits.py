@@ -42,6 +42,6 @@ def test_the_problem_of_a_restored_gait_is_the_same(gait, restored):
 
 def test_time_runs_on_over_the_steps_of_a_walk(gait):
     walk = simulate(gait, steps=3)
-    times = np.array([row[0] for row in trajectory_rows(walk.dynamics, walk.trajectory.steps)])
+    times = np.array([row[0] for row in trajectory_rows(walk.trajectory.steps)])
     assert (np.diff(times) > -1e-14).all()
     assert times[-1] == pytest.approx(3 * gait.measures["period"], abs=1e-8)
