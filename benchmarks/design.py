@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from timing import Row
 
 from gaitopt import load_problem, solve
-from gaitopt.runs.multistart import multistart
+from gaitopt.runs.multistart import StartsPlan
 from gaitopt.workers.jobs import Workers
 
 TARGETS = {
@@ -40,8 +40,9 @@ def start_rows(cores: int) -> list[Row]:
     rows: list[Row] = []
     for count in dict.fromkeys((1, cores)):
         with TemporaryDirectory() as folder:
+            plan = StartsPlan(problem=load_problem(MANY), starts=STARTS, folder=Path(folder))
             began = time.perf_counter()
-            found = multistart(load_problem(MANY), STARTS, Path(folder), workers=Workers(count=count)) or []
+            found = plan.complete(Workers(count=count))
             seconds = time.perf_counter() - began
         ratio = rows[0].seconds / seconds if rows else 1.0
         note = f"{sum(len(optimum.starts) for optimum in found)} gaits, {len(found)} of them distinct"

@@ -29,13 +29,13 @@ from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.search import solve as single
-from gaitopt.search.find import STARTS, Gaits, SearchPlan, in_memory, opened, search
+from gaitopt.search.find import STARTS, Gaits, SearchPlan, opened, search
 from gaitopt.simulation.engine import Engine
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify as verify  # a verb as it is
 from gaitopt.verification.walk import Walk
 from gaitopt.verification.walk import simulate as simulate_walk
-from gaitopt.workers.jobs import make_workers
+from gaitopt.workers.jobs import ResumableJobs, make_workers
 
 if TYPE_CHECKING:
     from gaitopt.design.neighbourhood import Neighbourhood
@@ -223,10 +223,11 @@ def find(
     processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)
     with shown(progress, job_progress, "parts of the search") as show:
         if folder is None:
-            return search(plan, in_memory(processes, show, should_stop), should_stop=should_stop)
-        from gaitopt.runs.jobs import find_durably
+            return search(plan, ResumableJobs(workers=processes, progress=show, should_stop=should_stop))
+        from gaitopt.runs.jobs import FindPlan
 
-        return find_durably(plan, Run(folder), processes, progress=show, should_stop=should_stop)
+        kept = FindPlan(problem=plan.problem, search=plan, folder=folder)
+        return kept.complete(processes, progress=show, should_stop=should_stop)
 
 
 def explain(
@@ -336,7 +337,7 @@ def continuation(
                 records.append(record)
                 show(len(records), record.value)
             return collected(parameter, records)
-        from gaitopt.runs.branch import BranchRun, restore_branch
+        from gaitopt.runs.branch import BranchPlan, restore_branch
 
         gait = start if isinstance(start, Gait) else start.gait
         if gait is None:
@@ -346,12 +347,12 @@ def continuation(
         check_request(gait, request)
         kind = start.type if isinstance(start, SpecialPoint) else ""
         folder = None if output is True else Path(output)
-        run = BranchRun(problem=gait.problem, request=request, start_type=kind, output=folder)
-        with run.run.writing(run.problem):
-            stored, new = run.walk(start, should_stop=should_stop)
+        plan = BranchPlan(problem=gait.problem, request=request, start_type=kind, output=folder)
+        with plan.run.writing(plan.problem):
+            stored, new = plan.walk(start, should_stop=should_stop)
             for number, point in enumerate(new, start=len(stored) + 1):
                 show(number, point["value"])
-            return restore_branch(run.folder)
+            return restore_branch(plan.folder)
 
 
 def prove(
@@ -486,15 +487,13 @@ def sweep(
     StorageError
         If the folder cannot be written, or the grid does not fit.
     """
-    from gaitopt.runs.sweep import SweepPlan, check_sweep, run_sweep
+    from gaitopt.runs.sweep import SweepPlan
 
     stated, grid, processes = _stated(problem), _grid(over), make_workers(workers, scheduler)
     folder = _run_folder(stated, output)
-    Run(folder).check(stated)
     plan = SweepPlan(problem=stated, grid=grid, warm=warm, folder=folder, from_guess=from_guess)
-    check_sweep(plan)
     with shown(progress, job_progress, "jobs") as show:
-        return run_sweep(plan, processes, progress=show, should_stop=should_stop)
+        return plan.complete(processes, progress=show, should_stop=should_stop)
 
 
 def basin(
@@ -524,15 +523,14 @@ def basin(
     UnknownNameError, ProblemError, StorageError
         As for ``sweep``.
     """
-    from gaitopt.runs.basin import BasinPlan, check_basin, walk_basin
+    from gaitopt.runs.basin import BasinPlan
 
     origin = start if isinstance(start, Gait) else _stated(start)
     grid, processes = _grid(over), make_workers(workers, scheduler)
     folder = _run_folder(origin.problem if isinstance(origin, Gait) else origin, output)
     plan = BasinPlan.around(origin, grid, max_steps=steps, engine=engine, folder=folder)
-    check_basin(plan)
     with shown(progress, job_progress, "tiles") as show:
-        return walk_basin(plan, processes, progress=show, should_stop=should_stop)
+        return plan.complete(processes, progress=show, should_stop=should_stop)
 
 
 def front(
@@ -558,13 +556,14 @@ def front(
     StorageError
         As for ``sweep``.
     """
-    from gaitopt.runs.front import design_front
+    from gaitopt.runs.front import FrontPlan
 
     stated, axes = _stated(problem), _grid(over).axes
     if len(axes) != 1:
         raise ProblemError("a front runs along one key")
+    plan = FrontPlan(problem=stated, axis=axes[0], folder=_run_folder(stated, output))
     with shown(progress, job_progress, "designs") as show:
-        return design_front(stated, axes[0], _run_folder(stated, output), progress=show, should_stop=should_stop)
+        return plan.complete(progress=show, should_stop=should_stop)
 
 
 def multistart(
@@ -594,14 +593,12 @@ def multistart(
     StorageError
         If the folder belongs to something else or cannot be written, or so many starts do not fit.
     """
-    from gaitopt.runs import multistart as runs
+    from gaitopt.runs.multistart import StartsPlan
 
     stated, processes = _stated(problem), make_workers(workers, scheduler)
-    folder = _run_folder(stated, output)
+    plan = StartsPlan(problem=stated, starts=starts, seed=seed, spread=spread, folder=_run_folder(stated, output))
     with shown(progress, job_progress, "starts") as show:
-        return runs.multistart(
-            stated, starts, folder, seed=seed, spread=spread, workers=processes, progress=show, should_stop=should_stop
-        )
+        return plan.complete(processes, progress=show, should_stop=should_stop)
 
 
 def _stated(problem: Problem | str | Path) -> Problem:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from gaitopt.gait.gait import Gait
     from gaitopt.problem.problem import Problem
     from gaitopt.runs.basin import Basin
-    from gaitopt.runs.branch import BranchRun
+    from gaitopt.runs.branch import BranchPlan
     from gaitopt.runs.sweep import Sweep
 
 
@@ -99,7 +99,7 @@ def continue_(
     Every point is kept at once; the same command resumes a branch that was interrupted.
     """
     from gaitopt.branches.request import Request, check_request
-    from gaitopt.runs.branch import BranchRun
+    from gaitopt.runs.branch import BranchPlan
 
     request = Request(
         parameter=param,
@@ -119,9 +119,9 @@ def continue_(
         report(gait, None, terminal)
         return NOT_A_GAIT
     check_request(gait, request)
-    run = BranchRun(problem=gait.problem, request=request, start_type=start.type if start else "", output=output)
-    with run.run.writing(run.problem):
-        refuted = _walk(run, start or gait, terminal)
+    plan = BranchPlan(problem=gait.problem, request=request, start_type=start.type if start else "", output=output)
+    with plan.run.writing(plan.problem):
+        refuted = _walk(plan, start or gait, terminal)
     return NOT_VERIFIED if refuted else 0
 
 
@@ -146,15 +146,15 @@ def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint
     return special, special.gait
 
 
-def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: Terminal) -> bool:
+def _walk(plan: "BranchPlan", start: "Gait | SpecialPoint", terminal: Terminal) -> bool:
     """Walk along the family and show each record; True if the simulator refutes a gait at an end."""
     from gaitopt.show.tables import print_branch, sequence
 
     refuted, summary = False, list[dict[str, Any]]()
-    with interruptible() as interrupted, _live(terminal, run.request.parameter) as show:
-        done, to_come = run.walk(start, should_stop=interrupted)
+    with interruptible() as interrupted, _live(terminal, plan.request.parameter) as show:
+        done, to_come = plan.walk(start, should_stop=interrupted)
         if done:
-            terminal.say(f"resumed from {run.folder} after {len(done)} records")
+            terminal.say(f"resumed from {plan.folder} after {len(done)} records")
         for record in chain(done, to_come):
             shown = {key: record[key] for key in SHOWN if key in record}
             if record["record"] == "point":
@@ -168,8 +168,8 @@ def _walk(run: "BranchRun", start: "Gait | SpecialPoint", terminal: Terminal) ->
             if terminal.json:
                 terminal.print_json(record)
     if not terminal.json:
-        print_branch(terminal.results, summary, run.request.parameter)
-        terminal.results.print(f"run: {run.folder}", soft_wrap=True)
+        print_branch(terminal.results, summary, plan.request.parameter)
+        terminal.results.print(f"run: {plan.folder}", soft_wrap=True)
     return refuted
 
 
@@ -257,7 +257,7 @@ def sweep(
     """
     from gaitopt.api import verbs
     from gaitopt.problem.scalars import SCALARS
-    from gaitopt.runs.sweep import TABLE_FILE, sweep_record
+    from gaitopt.runs.sweep import TABLE_FILE
     from gaitopt.show.tables import print_sweep
     from gaitopt.store.run import Run
 
@@ -271,7 +271,7 @@ def sweep(
             progress=progress, should_stop=interrupted,
         )  # fmt: skip
     place = {"table": f"{swept.folder}/{TABLE_FILE}", "run": str(swept.folder)}
-    terminal.show({**sweep_record(swept), **place, **_drawn(swept, folder, [what])}, print_sweep, "table")
+    terminal.show({**swept.to_record(), **place, **_drawn(swept, folder, [what])}, print_sweep, "table")
     return 0
 
 

@@ -27,7 +27,7 @@ from gaitopt.branches.request import Request
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import TERMINAL
 from gaitopt.model.lagrangian import equations_of_motion
-from gaitopt.runs.branch import BranchRun
+from gaitopt.runs.branch import BranchPlan
 from gaitopt.store.run import GAIT_FILE, RESULTS, Run
 
 Records = list[dict[str, Any]]
@@ -175,21 +175,21 @@ class Archive:
 
         A family whose computation was interrupted is taken up where it ended.
         """
-        run = self._family_run(problem, parameter, to)
-        if run.folder not in self._families:
-            if not _is_complete(run):
+        plan = self._family_plan(problem, parameter, to)
+        if plan.folder not in self._families:
+            if not _is_complete(plan):
                 gait = self.gait(problem)
                 targets = " and ".join(f"{value:g}" for value in to)
                 self.narrate(f"continuing {_description(problem)} in {parameter} to {targets}")
-                with run.run.writing(problem):
-                    _, points = run.walk(gait, should_stop=self.should_stop)
+                with plan.run.writing(problem):
+                    _, points = plan.walk(gait, should_stop=self.should_stop)
                     deque(points, maxlen=0)
-            self._families[run.folder] = run.stored()
-        return self._families[run.folder]
+            self._families[plan.folder] = plan.stored()
+        return self._families[plan.folder]
 
     def has_family(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> bool:
         """Whether the whole family is there already."""
-        return _is_complete(self._family_run(problem, parameter, to))
+        return _is_complete(self._family_plan(problem, parameter, to))
 
     def _gait_run(self, problem: go.Problem) -> Run:
         """The run folder of a problem's gait, which need not exist yet."""
@@ -197,14 +197,14 @@ class Archive:
         run.check(problem)
         return run
 
-    def _family_run(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> BranchRun:
-        run = BranchRun(problem=problem, request=Request(parameter=parameter, to=tuple(to)))
-        return replace(run, output=self.results / run.folder.name)
+    def _family_plan(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> BranchPlan:
+        plan = BranchPlan(problem=problem, request=Request(parameter=parameter, to=tuple(to)))
+        return replace(plan, output=self.results / plan.folder.name)
 
 
-def _is_complete(run: BranchRun) -> bool:
+def _is_complete(plan: BranchPlan) -> bool:
     """Whether the walks towards all targets have come to an end."""
-    return sum(record.get("type") in TERMINAL for record in run.stored()) >= len(run.request.to)
+    return sum(record.get("type") in TERMINAL for record in plan.stored()) >= len(plan.request.to)
 
 
 def _description(problem: go.Problem) -> str:

@@ -4,9 +4,10 @@ Finished work is kept; the same call resumes. Every function raises a ``StorageE
 ``KeyboardInterrupt`` when ``should_stop`` returns True.
 
 - ``results``: the kinds of results in a run folder, with their readers; gaits and walks
-- ``jobs``: the mechanism that keeps and resumes jobs; problems solved and verified; the search of ``find``
+- ``jobs``: ``Plan``, the one shape of work that consists of jobs, and its file of results; problems; the search of
+  ``find``
 - ``grid``: axes and grids, and whether they fit on the machine
-- ``sweep``, ``front``, ``multistart``: grids, chains and random starts of problems
-- ``basin``: states walked until they settle
+- ``sweep``, ``front``, ``multistart``: plans of problems on grids, in chains and from random starts
+- ``basin``: plan of states walked until they settle
 - ``branch``: a continuation, record by record
 """

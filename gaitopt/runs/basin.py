@@ -7,6 +7,8 @@ On the disk a basin is a part of a run: tiles of states, stored as they finish, 
 
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from io import BytesIO
 from pathlib import Path
@@ -16,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
-from gaitopt.callbacks import Counted, Stop
+from gaitopt.callbacks import Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait.frames import data_set
@@ -26,13 +28,13 @@ from gaitopt.model.modes import CONTACTS
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.grid import Grid, check_room
-from gaitopt.runs.jobs import KeptJobs
+from gaitopt.runs.jobs import Plan, Stored
 from gaitopt.simulation.batch import ENDINGS, phase_names
 from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.store.files import damaged, json_file, read_bytes, validated, write_whole
 from gaitopt.store.run import Run
 from gaitopt.verification.return_map import StepMap, section_coordinates, step_map
-from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of
+from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -309,9 +311,9 @@ STATE_BYTES_DISK = 48
 """The outcome of one state, compressed."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BasinPlan:
-    """A basin to be computed, and where it is kept.
+@dataclass(frozen=True, kw_only=True)
+class BasinPlan(Plan[Basin]):
+    """A basin to be computed.
 
     Attributes
     ----------
@@ -319,16 +321,13 @@ class BasinPlan:
     p : its parameters, if they differ from those of the problem.
     base : the section coordinates that the grid does not vary.
     max_steps : steps after which a state is undecided.
-    folder : the run folder.
     """
 
-    problem: Problem
     p: tuple[float, ...] | None
     base: dict[str, float]
     grid: Grid
     max_steps: int
     engine: str
-    folder: Path
 
     @classmethod
     def around(cls, start: Problem | Gait, grid: Grid, *, max_steps: int, engine: str, folder: Path) -> Self:
@@ -342,6 +341,50 @@ class BasinPlan:
         names = (name for name in problem.walker.section_names(slipping=True) if name not in varied)
         base = {name: float(state[name]) for name in names}
         return cls(problem=problem, p=p, base=base, grid=grid, max_steps=max_steps, engine=engine, folder=folder)
+
+    @property
+    def run(self) -> Run:
+        """The part of the run with the basin's tiles and figures."""
+        return Run(self.folder, f"basin-{self.key}")
+
+    def check(self) -> None:
+        """Refuse a grid over something else than section coordinates, an unknown engine, or too many states."""
+        self.grid.check_keys(self.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
+        choose_engine(self.engine)
+        check_room(self.grid.size, self.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
+
+    @contextmanager
+    def stored(self) -> Iterator[Stored]:
+        """The tiles that are on the disk, by the keys of their jobs; they are read when all are there."""
+        files = {self._tile_key(tile): self.run.path(TILE_FILE.format(tile)) for tile in self.tiles}
+
+        def store(key: str, outcomes: Outcomes) -> None:
+            arrays, packed = {f.name: getattr(outcomes, f.name) for f in fields(outcomes)}, BytesIO()
+            np.savez_compressed(packed, **{NUMBER: int(key.rpartition("-")[2]), **arrays})
+            write_whole(files[key], packed.getvalue())
+
+        yield dict.fromkeys(key for key, path in files.items() if path.is_file()), store
+
+    def result(self, jobs: ResumableJobs) -> Basin:
+        """The basin of all tiles.
+
+        Raises
+        ------
+        SolveError
+            If a tile was given up because it kills its workers; the others are kept.
+        """
+        fixed = replace(self, engine=self.chosen_engine)  # a worker might choose another engine
+        tile_jobs = [Job(key=self._tile_key(tile), argument=(fixed, tile)) for tile in self.tiles]
+        for tile, result in enumerate(jobs.complete(walk_tile, tile_jobs, len(tile_jobs))):
+            if isinstance(result, FailedJob):
+                raise SolveError(f"tile {tile} of the basin was given up: {result.reason}; the others are kept")
+        basin = assembled(self.run, self.problem, self.grid, self.base)
+        self.run.seal(*map(TILE_FILE.format, self.tiles))
+        self.run.write({BASIN_FILE: json_file(basin.to_record())})
+        return basin
+
+    def _tile_key(self, tile: int) -> str:
+        return f"{self.key}-{tile}"
 
     @property
     def key(self) -> str:
@@ -360,51 +403,9 @@ class BasinPlan:
         return TILE if self.chosen_engine is Engine.HEYOKA else min(TILE, SCIPY_TILE)
 
     @property
-    def run(self) -> Run:
-        """The part of the run with the basin's tiles and figures."""
-        return Run(self.folder, f"basin-{self.key}")
-
-    @property
     def tiles(self) -> range:
         """Numbers of the tiles."""
         return range(-(-self.grid.size // self.tile_size))
-
-
-def check_basin(plan: BasinPlan) -> None:
-    """Refuse a basin that cannot be walked or kept, before it starts; its errors are those of ``gaitopt.basin``."""
-    plan.grid.check_keys(plan.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
-    choose_engine(plan.engine)
-    check_room(plan.grid.size, plan.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
-
-
-def walk_basin(plan: BasinPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Basin:
-    """Walk the states of the tiles that are not on disk yet, and find out where every state goes.
-
-    Raises
-    ------
-    SolveError
-        If a tile was given up because it kills its workers; the others are kept.
-    """
-    run, fixed = plan.run, replace(plan, engine=plan.chosen_engine)  # a worker might choose another engine
-    tiles = {f"{plan.key}-{tile}": tile for tile in plan.tiles}
-    names = [TILE_FILE.format(tile) for tile in plan.tiles]
-
-    def keep(key: str, outcomes: Outcomes) -> None:
-        arrays, packed = {f.name: getattr(outcomes, f.name) for f in fields(outcomes)}, BytesIO()
-        np.savez_compressed(packed, **{NUMBER: tiles[key], **arrays})
-        write_whole(run.path(names[tiles[key]]), packed.getvalue())
-
-    with run.begun(plan.problem):
-        stored = dict.fromkeys(key for key, tile in tiles.items() if run.path(names[tile]).is_file())
-        jobs = [Job(key=key, argument=(fixed, tile)) for key, tile in tiles.items()]
-        kept = KeptJobs(stored, keep, workers, progress, should_stop)
-        for tile, result in enumerate(kept.complete(walk_tile, jobs, len(jobs))):
-            if isinstance(result, FailedJob):
-                raise SolveError(f"tile {tile} of the basin was given up: {result.reason}; the others are kept")
-        basin = assembled(run, plan.problem, plan.grid, plan.base)
-        run.seal(*names)
-        run.write({BASIN_FILE: json_file(basin.to_record())})
-    return basin
 
 
 def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop = None) -> Outcomes:

@@ -42,8 +42,12 @@ EFFORT = ("max_points", "max_seconds")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BranchRun:
-    """A branch and the run folder that keeps it.
+class BranchPlan:
+    """A branch to be continued, and the run folder that keeps it.
+
+    This is no ``Plan`` of jobs: how many points there are, and which branches begin at them, is known only at the end;
+    each point starts from the one before; and what resumes is not a set of results but the end of the file, where the
+    continuation goes on.
 
     Attributes
     ----------

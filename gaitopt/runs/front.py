@@ -4,12 +4,12 @@ The chain is followed in both directions, because a design is a local optimum th
 for the same value the better one is kept. The Pareto front consists of the points that no other beats in both aims.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.frames import data_frame
@@ -19,10 +19,10 @@ from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
-from gaitopt.runs.jobs import problem_job, solve_all
+from gaitopt.runs.jobs import SOLVED, Plan, Stored, problem_job, solve_all
 from gaitopt.store.files import damaged, json_text, validated
 from gaitopt.store.run import Run
-from gaitopt.workers.jobs import Job, Workers
+from gaitopt.workers.jobs import Job, ResumableJobs, Workers
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -110,32 +110,63 @@ class Front(Plotted, Sequence[FrontPoint]):
         return data_frame(header, rows, units, problem=self.problem.name, over=self.key)
 
 
-def design_front(
-    problem: Problem, axis: Axis, folder: Path, *, progress: Counted = None, should_stop: Stop = None
-) -> Front:
-    """Designs for every value of an axis, kept in the run folder of the problem; raises as ``check_front``."""
-    check_front(problem, axis, folder)
-    problems = {value: at_point(problem, {axis.key: value}) for value in axis.numbers(problem)}
-    walk, run = [*problems, *reversed(problems)], Run(folder)
-    best = dict[float, Record]()
+@dataclass(frozen=True, kw_only=True)
+class FrontPlan(Plan[Front]):
+    """Designs to be computed for every value of an axis.
 
-    def chain(results: Mapping[str, Any]) -> Iterator[Job]:
-        """Each design starts from the best gait of its neighbour, or from the guess where there is none."""
-        neighbour: str | None = None
-        for value in walk:
-            job = problem_job(problems[value], neighbour)
-            yield job
-            gait = results[job.key]
-            best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
-            neighbour = best[value]["job"] if best[value]["status"] == Status.CONVERGED else neighbour
+    Attributes
+    ----------
+    problem : the design.
+    axis : the varied number.
+    """
 
-    with run.begun(problem):
-        here = Workers(count=1)  # a chain: each design needs the one before
-        solve_all(run, problem, chain, len(walk), here, progress=progress, should_stop=should_stop)
-        points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, axis.key)) for v in problems)
-        front = Front(problem=problem, key=axis.key, points=tuple(points), file=run.path(front_file(axis.key)))
-        run.write({front_file(axis.key): json_text(front.to_record()) + "\n"})
-    return front
+    axis: Axis
+
+    @property
+    def run(self) -> Run:
+        """The run folder."""
+        return Run(self.folder)
+
+    def check(self) -> None:
+        """Refuse a front without an objective, along no number, or with too many designs."""
+        problem, key = self.problem, self.axis.key
+        if not problem.objective:
+            raise ProblemError(f"{problem.name}: a front needs an objective to trade against {key}")
+        keys = (*problem.parameters, *(f"constraints.{name}" for name in DESIGN_SCALARS))
+        if key not in keys and "." not in key:
+            words = f"{key}: no number of {problem.name}{nearest_keys(key, keys)}"
+            raise UnknownNameError(words).about("over")
+        check_jobs_fit(2 * self.axis.count, self.folder)
+        for value in self.axis.numbers(problem)[:: max(self.axis.count - 1, 1)]:
+            at_point(problem, {key: value})
+
+    def stored(self) -> AbstractContextManager[Stored]:
+        """Open the file of solved problems."""
+        return SOLVED.opened(self.run, self.problem)
+
+    def result(self, jobs: ResumableJobs) -> Front:
+        """The better design of both directions for every value."""
+        key = self.axis.key
+        problems = {value: at_point(self.problem, {key: value}) for value in self.axis.numbers(self.problem)}
+        walk, best = [*problems, *reversed(problems)], dict[float, Record]()
+
+        def chain() -> Iterator[Job]:
+            """Each design starts from the best gait of its neighbour, or from the guess where there is none."""
+            neighbour: str | None = None
+            for value in walk:
+                job = problem_job(problems[value], neighbour)
+                yield job
+                gait = jobs.results[job.key]
+                best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
+                neighbour = best[value]["job"] if best[value]["status"] == Status.CONVERGED else neighbour
+
+        here = replace(jobs, workers=Workers(count=1))  # each design needs the one before
+        solve_all(here, chain(), len(walk))
+        points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, key)) for v in problems)
+        file = self.run.path(front_file(key))
+        front = Front(problem=self.problem, key=key, points=tuple(points), file=file)
+        self.run.write({file.name: json_text(front.to_record()) + "\n"})
+        return front
 
 
 def front_file(key: str) -> str:
@@ -159,19 +190,6 @@ def read_fronts(folder: Path) -> list[Front]:
             raise damaged(path, "over, or pareto of a point, is not what its points give")
         fronts.append(front)
     return fronts
-
-
-def check_front(problem: Problem, axis: Axis, folder: Path) -> None:
-    """Refuse a front that cannot be made or kept, before anything is written; errors as of ``gaitopt.front``."""
-    if not problem.objective:
-        raise ProblemError(f"{problem.name}: a front needs an objective to trade against {axis.key}")
-    keys = (*problem.parameters, *(f"constraints.{name}" for name in DESIGN_SCALARS))
-    if axis.key not in keys and "." not in axis.key:
-        words = f"{axis.key}: no number of {problem.name}{nearest_keys(axis.key, keys)}"
-        raise UnknownNameError(words).about("over")
-    check_jobs_fit(2 * axis.count, folder)
-    for value in axis.numbers(problem)[:: max(axis.count - 1, 1)]:
-        at_point(problem, {axis.key: value})
 
 
 def _objective(gait: Record) -> float:

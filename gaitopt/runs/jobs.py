@@ -1,93 +1,97 @@
-"""Jobs whose results a run folder keeps: the one mechanism of sweeps, fronts, basins, many starts and searches.
+"""Long work as jobs whose results a run folder keeps: the mechanism of sweeps, fronts, basins, starts and searches.
 
-A job has a key, an argument and perhaps a parent, from whose result it starts. A result is on the disk before the next
-one is accepted, so that no job is ever done twice: the same call resumes where it stopped. Jobs are drawn one by one as
-workers become free; a later one may depend on the results of earlier ones.
+A ``Plan`` states the work. ``complete`` does the jobs whose results are not on the disk yet; a result is on the disk
+before the next one is accepted, so that the same plan resumes where it stopped. A later job may start from the results
+of earlier ones.
 
 A problem is a job whose key is the hash of what it resolves to. All sweeps, fronts and starts of a problem share the
 file of solved problems.
 """
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait.gait import Status
 from gaitopt.gait.records import JobRecord, PartRecord
 from gaitopt.problem.problem import Problem
-from gaitopt.search.find import Gaits, Part, SearchPlan, Task, search
+from gaitopt.search.find import Gaits, SearchPlan, search
 from gaitopt.search.solve import solve
 from gaitopt.store.files import validated
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify
-from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers
 
-Keep = Callable[[str, Any], Any]
+Result = TypeVar("Result", covariant=True)
+Stored = tuple[dict[str, Any], Callable[[str, Any], Any]]
+"""Results that are on the disk by the keys of their jobs, and the function that stores another one."""
 SET_ASIDE = "set_aside"
 """Status of a job that has no result."""
 
 
-class KeptJobs:
-    """Jobs of one kind with their results.
+@dataclass(frozen=True, kw_only=True)
+class Plan(ABC, Generic[Result]):
+    """Long work for a problem, and the run folder that keeps it.
 
-    Parameters
+    Attributes
     ----------
-    results : those that are on the disk, by key; new ones are added.
-    keep : stores a new result by its key, and returns what is to be held of it in memory.
-    progress : called with the number of jobs done and their total.
-    should_stop : polled before every job.
+    problem : of the run.
+    folder : the run folder.
     """
 
-    def __init__(
-        self, results: dict[str, Any], keep: Keep, workers: Workers, progress: Counted = None, should_stop: Stop = None
-    ) -> None:
-        self.results = results
-        self._keep, self._workers, self._progress, self._should_stop = keep, workers, progress, should_stop
+    problem: Problem
+    folder: Path
 
-    def complete(self, task: Callable[..., Any], jobs: Iterable[Job], total: int) -> list[Any]:
-        """Do the jobs that have no result yet.
+    @property
+    @abstractmethod
+    def run(self) -> Run:
+        """The run folder, or the part of it with the files of this work."""
+
+    @abstractmethod
+    def check(self) -> None:
+        """Refuse work that cannot be done or kept; its errors are those of the function in ``gaitopt``."""
+
+    @abstractmethod
+    def stored(self) -> AbstractContextManager[Stored]:
+        """Open the file of results in the locked run folder."""
+
+    @abstractmethod
+    def result(self, jobs: ResumableJobs) -> Result:
+        """Complete the jobs, and write their summary if there is one."""
+
+    def complete(self, workers: Workers | None = None, *, progress: Counted = None, should_stop: Stop = None) -> Result:
+        """Do the jobs that are not on the disk yet; the result of all.
 
         Parameters
         ----------
-        task : see ``run_jobs``.
-        jobs : drawn one by one; where there is one process, a job is drawn after the results of those before it.
-        total : their number.
-
-        Returns
-        -------
-        results : in the order of the jobs; a ``FailedJob`` is not stored, and tried again by the next call.
+        workers : by default one process per core.
+        progress : called with the number of finished jobs and their total.
+        should_stop : polled before every job.
 
         Raises
         ------
+        StorageError
+            If the folder cannot be used, or a stored result is not what was written.
         KeyboardInterrupt
             If ``should_stop`` returned True; finished jobs are kept.
         """
-        keys, drawn, done = list[str](), set[str](), 0
-
-        def missing() -> Iterator[Job]:
-            nonlocal done
-            for job in jobs:
-                if self._should_stop is not None and self._should_stop():
-                    return
-                keys.append(job.key)
-                if job.key in self.results or job.key in drawn:
-                    done += 1
-                else:
-                    drawn.add(job.key)
-                    yield job
-
-        for key, result in run_jobs(task, missing(), self._workers, self.results, should_stop=self._should_stop):
-            self.results[key] = result if isinstance(result, FailedJob) else self._keep(key, result)
-            done += 1
-            if self._progress is not None:
-                self._progress(done, total)
-        if done < total:
-            raise KeyboardInterrupt
-        return [self.results[key] for key in keys]
+        self.check()
+        with self.run.begun(self.problem), self.stored() as (results, store):
+            return self.result(
+                ResumableJobs(
+                    workers=workers or Workers(),
+                    results=results,
+                    store=store,
+                    progress=progress,
+                    should_stop=should_stop,
+                )
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,41 +102,32 @@ class ResultFile:
     key: str
     model: Any
 
+    @contextmanager
+    def opened(self, run: Run, problem: Problem) -> Iterator[Stored]:
+        """The results in a run folder that the caller has locked, each checked, and the function that appends one.
+
+        Raises
+        ------
+        StorageError
+            If a line is not of its type; the message names it.
+        """
+        with run.appending(self.name) as lines:
+            results, states = dict[str, Any](), problem.walker.state_names()
+            for number, record in enumerate(lines.records, start=1):
+                validated(self.model, record, run.path(self.name), number, states=states)
+                results[record[self.key]] = record
+
+            def store(key: str, result: Mapping[str, Any]) -> dict[str, Any]:
+                record = {self.key: key, **result}
+                lines.append(record)
+                return record
+
+            yield results, store
+
 
 SOLVED = ResultFile(name="jobs.jsonl", key="job", model=JobRecord)
 SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 """A part that an earlier version has stored under another key is searched again."""
-
-
-@contextmanager
-def jobs_in(
-    run: Run,
-    file: ResultFile,
-    workers: Workers,
-    *,
-    states: Sequence[str] | None = None,
-    progress: Counted = None,
-    should_stop: Stop = None,
-) -> Iterator[KeptJobs]:
-    """The jobs of a file in a run folder that the caller has locked; ``states`` are names that every state must have.
-
-    Raises
-    ------
-    StorageError
-        If a line of the file is not of its type; the message names it.
-    """
-    with run.appending(file.name) as log:
-        results = dict[str, Any]()
-        for number, record in enumerate(log.records, start=1):
-            validated(file.model, record, run.path(file.name), number, states=states)
-            results[record[file.key]] = record
-
-        def keep(key: str, result: Mapping[str, Any]) -> dict[str, Any]:
-            record = {file.key: key, **result}
-            log.append(record)
-            return record
-
-        yield KeptJobs(results, keep, workers, progress, should_stop)
 
 
 def problem_job(problem: Problem, parent: str | None = None) -> Job:
@@ -141,32 +136,11 @@ def problem_job(problem: Problem, parent: str | None = None) -> Job:
     return Job(key=key, argument=problem, parent=parent)
 
 
-def solve_all(
-    run: Run,
-    problem: Problem,
-    jobs: Callable[[Mapping[str, Any]], Iterable[Job]],
-    total: int,
-    workers: Workers,
-    *,
-    progress: Counted = None,
-    should_stop: Stop = None,
-) -> list[dict[str, Any]]:
-    """Solve and verify problems; records of their gaits in the order of the jobs, kept in the run of ``problem``.
-
-    Parameters
-    ----------
-    jobs : gives the jobs of ``problem_job``, from the results of earlier ones by key.
-    total : their number.
-    """
-    names = problem.walker.state_names()
-    with (
-        run.begun(problem),
-        jobs_in(run, SOLVED, workers, states=names, progress=progress, should_stop=should_stop) as kept,
-    ):
-        results = kept.complete(solve_job, jobs(kept.results), total)
+def solve_all(jobs: ResumableJobs, problems: Iterable[Job], total: int) -> list[dict[str, Any]]:
+    """Solve and verify the problems of ``problem_job``; records of their gaits in the same order."""
     return [
         {"status": SET_ASIDE, "message": result.reason} if isinstance(result, FailedJob) else result
-        for result in results
+        for result in jobs.complete(solve_job, problems, total)
     ]
 
 
@@ -190,17 +164,30 @@ def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None, shou
     return {**gait.to_record(), "start": start}
 
 
-def find_durably(
-    plan: SearchPlan, run: Run, workers: Workers, *, progress: Counted = None, should_stop: Stop = None
-) -> Gaits:
-    """The search of a plan, whose parts are kept in a run of its problem."""
-    names = plan.problem.walker.state_names()
-    with (
-        run.begun(plan.problem),
-        jobs_in(run, SEARCHED, workers, states=names, progress=progress, should_stop=should_stop) as kept,
-    ):
+@dataclass(frozen=True, kw_only=True)
+class FindPlan(Plan[Gaits]):
+    """A search for all gaits of a problem, see ``gaitopt.find``; the finished parts of the search are kept.
 
-        def complete(task: Task, jobs: list[Job]) -> list[Part]:
-            return kept.complete(task, jobs, len(jobs))
+    Attributes
+    ----------
+    search : the search; its problem is that of the run.
+    """
 
-        return search(plan, complete, should_stop=should_stop)
+    search: SearchPlan
+
+    @property
+    def run(self) -> Run:
+        """The run folder."""
+        return Run(self.folder)
+
+    def check(self) -> None:
+        """Refuse a search from unknown coordinates or too many starts."""
+        self.search.check()
+
+    def stored(self) -> AbstractContextManager[Stored]:
+        """Open the file of the parts."""
+        return SEARCHED.opened(self.run, self.problem)
+
+    def result(self, jobs: ResumableJobs) -> Gaits:
+        """The gaits of all parts."""
+        return search(self.search, jobs)

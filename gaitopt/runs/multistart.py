@@ -4,24 +4,23 @@ A start changes every section coordinate of the guess, the guess of every freed 
 curve at random. The starts depend on the seed alone, not on how many processes work on them.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gaitopt.callbacks import Counted, Stop
 from gaitopt.gait.gait import Status
 from gaitopt.model.control import BezierTracking
 from gaitopt.problem.problem import Problem
 from gaitopt.runs.grid import check_jobs_fit
-from gaitopt.runs.jobs import problem_job, solve_all
+from gaitopt.runs.jobs import SOLVED, Plan, Stored, problem_job, solve_all
 from gaitopt.search.find import grouped
 from gaitopt.store.run import Run
 from gaitopt.systems import build_system
-from gaitopt.workers.jobs import Job, Workers
+from gaitopt.workers.jobs import ResumableJobs
 
 SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
 """Relative differences of the objective, and of state and freed values, within which two solutions are the same: near a
@@ -64,6 +63,12 @@ class Optimum:
         """Spectral radius; below one the gait is stable."""
         return float(self.record["spectral_radius"])
 
+    @property
+    def rank(self) -> tuple[bool, float, bool, float]:
+        """Sort key: verified solutions first, then better objectives; of equal objectives the stable gaits first."""
+        objective = float(f"{self.objective:.{DECIDING_DIGITS}g}")
+        return not self.verified, objective, not self.radius < 1, self.radius
+
     def to_record(self) -> dict[str, Any]:
         """The numbers that distinguish it from the other solutions."""
         kept = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
@@ -77,58 +82,64 @@ class Optimum:
         }
 
 
-def multistart(
-    problem: Problem,
-    starts: int,
-    folder: Path,
-    *,
-    seed: int = 0,
-    spread: float = 0.3,
-    workers: Workers | None = None,
-    progress: Counted = None,
-    should_stop: Stop = None,
-) -> list[Optimum]:
-    """As ``gaitopt.multistart``; ``folder`` keeps the results of all starts, on all cores by default."""
-    check_jobs_fit(starts, folder, "starts")
+@dataclass(frozen=True, kw_only=True)
+class StartsPlan(Plan[list[Optimum]]):
+    """A problem to be solved from many guesses.
 
-    def jobs(_: Mapping[str, Any]) -> Iterator[Job]:
-        return map(problem_job, sampled(problem, starts, seed=seed, spread=spread))
+    Attributes
+    ----------
+    starts, seed, spread : as in ``gaitopt.multistart``.
+    """
 
-    records = solve_all(
-        Run(folder), problem, jobs, starts, workers or Workers(), progress=progress, should_stop=should_stop
-    )
-    converged = [k for k, record in enumerate(records) if record["status"] == Status.CONVERGED]
-    groups = {group[0]: group for group in grouped(converged, lambda a, b: _same(records[a], records[b]))}
-    guessed = enumerate(islice(sampled(problem, starts, seed=seed, spread=spread), max(groups, default=-1) + 1))
-    optima = [Optimum(record=records[k], problem=start, starts=tuple(groups[k])) for k, start in guessed if k in groups]
-    return sorted(optima, key=_rank)
+    starts: int
+    seed: int = 0
+    spread: float = 0.3
 
+    @property
+    def run(self) -> Run:
+        """The run folder."""
+        return Run(self.folder)
 
-def sampled(problem: Problem, count: int, *, seed: int, spread: float) -> Iterator[Problem]:
-    """The problem, and then ``count - 1`` times the same with another guess; made one by one as they are drawn."""
-    yield problem
-    control = build_system(problem).control
-    curves = control.points if isinstance(control, BezierTracking) else {}
-    names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
-    for number in range(1, count):
-        rng = np.random.default_rng([seed, number])
-        changes: dict[str, object] = {
-            f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1)) for name in names
-        }
+    def check(self) -> None:
+        """Refuse more starts than fit."""
+        check_jobs_fit(self.starts, self.folder, "starts")
+
+    def stored(self) -> AbstractContextManager[Stored]:
+        """Open the file of solved problems."""
+        return SOLVED.opened(self.run, self.problem)
+
+    def result(self, jobs: ResumableJobs) -> list[Optimum]:
+        """The distinct solutions, the best first."""
+        records = solve_all(jobs, map(problem_job, self.sampled()), self.starts)
+        converged = [k for k, record in enumerate(records) if record["status"] == Status.CONVERGED]
+        groups = {group[0]: group for group in grouped(converged, lambda a, b: _same(records[a], records[b]))}
+        guessed = enumerate(islice(self.sampled(), max(groups, default=-1) + 1))
+        optima = [
+            Optimum(record=records[k], problem=start, starts=tuple(groups[k])) for k, start in guessed if k in groups
+        ]
+        return sorted(optima, key=lambda optimum: optimum.rank)
+
+    def sampled(self) -> Iterator[Problem]:
+        """The problem, and then the same with other guesses; made one by one as they are drawn."""
+        problem, spread = self.problem, self.spread
+        yield problem
+        control = build_system(problem).control
+        curves = control.points if isinstance(control, BezierTracking) else {}
+        names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
         sizes = {key: abs(free.guess) or free.upper - free.lower for key, free in problem.free.items()}
-        guesses = {key: problem.free[key].guess + spread * size * rng.uniform(-1, 1) for key, size in sizes.items()}
-        changes |= problem.free_guesses(guesses)
-        for name, points in curves.items():
-            row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
-            within = control.unknowns[f"reference.{name}.0"]
-            changes[f"control.reference.curve.points.{name}"] = np.clip(row, *within).tolist()
-        yield problem.replace(changes)
-
-
-def _rank(optimum: Optimum) -> tuple[bool, float, bool, float]:
-    """Verified solutions first, then better objectives; of equal objectives the stable gaits first."""
-    objective = float(f"{optimum.objective:.{DECIDING_DIGITS}g}")
-    return not optimum.verified, objective, not optimum.radius < 1, optimum.radius
+        for number in range(1, self.starts):
+            rng = np.random.default_rng([self.seed, number])
+            changes: dict[str, object] = {
+                f"gait.guess.state.{name}": problem.guess.state[name] * (1 + spread * rng.uniform(-1, 1))
+                for name in names
+            }
+            guesses = {key: problem.free[key].guess + spread * size * rng.uniform(-1, 1) for key, size in sizes.items()}
+            changes |= problem.free_guesses(guesses)
+            for name, points in curves.items():
+                row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
+                within = control.unknowns[f"reference.{name}.0"]
+                changes[f"control.reference.curve.points.{name}"] = np.clip(row, *within).tolist()
+            yield problem.replace(changes)
 
 
 def _same(first: dict[str, Any], second: dict[str, Any]) -> bool:

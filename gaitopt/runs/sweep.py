@@ -5,6 +5,7 @@ The gaits are in the file of solved problems of the run; table and figures are i
 
 import csv
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gaitopt.callbacks import Counted, Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.frames import columns_of, data_frame, data_set
@@ -22,7 +22,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
-from gaitopt.runs.jobs import SET_ASIDE, problem_job, solve_all
+from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, problem_job, solve_all
 from gaitopt.store.files import (
     Table,
     cell_rows,
@@ -34,7 +34,7 @@ from gaitopt.store.files import (
     validated,
 )
 from gaitopt.store.run import Run
-from gaitopt.workers.jobs import Job, Workers, key_of
+from gaitopt.workers.jobs import Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -78,21 +78,55 @@ class Sweep(Plotted):
         values = [record.get(name) if record["status"] == Status.CONVERGED else None for record in self.records]
         return np.array([np.nan if value is None else value for value in values], dtype=float).reshape(self.grid.shape)
 
+    def to_record(self) -> dict[str, Any]:
+        """The summary as one JSON object with the keys of the command line."""
+        statuses = [record["status"] for record in self.records]
+        verified = [(record.get("verification") or {}).get("passed") for record in self.records]
+        return {
+            "problem": self.problem.name,
+            "over": [asdict(axis) for axis in self.grid.axes],
+            "jobs": len(self.records),
+            "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
+            "verified": verified.count(True),
+            "refuted": verified.count(False),
+            "set_aside": [
+                {"at": record["at"], "reason": record.get("message", "")}
+                for record in self.records
+                if record["status"] == SET_ASIDE
+            ],
+        }
+
     def to_frame(self) -> "DataFrame":
         """One row per point: the columns of ``table.csv``, units in ``attrs["units"]``."""
-        table = sweep_table(self.grid, self.records)
+        table = sweep_table(self)
         units = {name: unit_of(name) for name in table.header}
         return data_frame(table.header, table.rows, units, problem=self.problem.name)
 
     def to_xarray(self) -> "Dataset":
         """The same as an xarray dataset over the parameters, with units as attributes."""
-        table = sweep_table(self.grid, self.records)
+        table = sweep_table(self)
         keys = tuple(axis.key for axis in self.grid.axes)
         columns = columns_of(table.header, table.rows)
         variables = {n: (keys, v.reshape(self.grid.shape)) for n, v in columns.items() if n not in keys}
         places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
         units = {name: unit_of(name) for name in table.header}
         return data_set(variables, places, units, problem=self.problem.name)
+
+
+def sweep_table(sweep: Sweep) -> Table:
+    """One row per point: the grid's values, status, whether it was verified, start, modes and the scalars."""
+    keys = [axis.key for axis in sweep.grid.axes]
+    scalars = [name for name in SCALARS if name not in keys]
+    rows = list[list[Any]]()
+    for record in sweep.records:
+        verification, phases = record.get("verification"), record.get("phases") or ()
+        passed = "" if verification is None else str(verification["passed"]).lower()
+        names = [Mode.from_record(phase) for phase in phases]
+        modes = (STOPS_SEPARATOR if any(mode.stops for mode in names) else " ").join(names)
+        sequence = f"{modes} / {record['impact']}" if names else ""
+        values = [float("nan") if record.get(name) is None else record[name] for name in scalars]
+        rows.append([*record["at"].values(), record["status"], passed, record.get("start", ""), sequence, *values])
+    return Table(header=(*keys, *WORDS, *scalars), rows=rows)
 
 
 def read_sweep(place: Path) -> Sweep:
@@ -107,7 +141,7 @@ def read_sweep(place: Path) -> Sweep:
     keys = [axis.key for axis in grid.axes]
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
     swept = Sweep(problem=run.problem(), grid=grid, records=records, folder=place)
-    expected = {key: value for key, value in sweep_record(swept).items() if key != "set_aside"}  # not in the table
+    expected = {key: value for key, value in swept.to_record().items() if key != "set_aside"}  # not in the table
     key = differing(record, expected)
     if key:
         raise damaged(place / SWEEP_FILE, f"{key}: is not what {TABLE_FILE} gives")
@@ -136,46 +170,9 @@ def _parse_rows(text: str) -> list[dict[str, Any]]:
     return rows
 
 
-def sweep_record(sweep: Sweep) -> dict[str, Any]:
-    """The summary of a sweep as one JSON object."""
-    records = sweep.records
-    statuses = [record["status"] for record in records]
-    verified = [(record.get("verification") or {}).get("passed") for record in records]
-    return {
-        "problem": sweep.problem.name,
-        "over": [asdict(axis) for axis in sweep.grid.axes],
-        "jobs": len(records),
-        "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
-        "verified": verified.count(True),
-        "refuted": verified.count(False),
-        "set_aside": [
-            {"at": record["at"], "reason": record.get("message", "")}
-            for record in records
-            if record["status"] == SET_ASIDE
-        ],
-    }
-
-
-def sweep_table(grid: Grid, records: Sequence[Mapping[str, Any]]) -> Table:
-    """One row per point: the grid's values, status, whether it was verified, start, modes and the scalars."""
-    keys = [axis.key for axis in grid.axes]
-    scalars = [name for name in SCALARS if name not in keys]
-
-    def row(record: Mapping[str, Any]) -> list[Any]:
-        verification, phases = record.get("verification"), record.get("phases") or ()
-        passed = "" if verification is None else str(verification["passed"]).lower()
-        names = [Mode.from_record(phase) for phase in phases]
-        modes = (STOPS_SEPARATOR if any(mode.stops for mode in names) else " ").join(names)
-        values = [record.get(name) for name in scalars]
-        texts = [record["status"], passed, record.get("start", ""), f"{modes} / {record['impact']}" if names else ""]
-        return [*record["at"].values(), *texts, *(float("nan") if v is None else v for v in values)]
-
-    return Table(header=(*keys, *WORDS, *scalars), rows=[row(record) for record in records])
-
-
-@dataclass(frozen=True)
-class SweepPlan:
-    """A sweep to be computed, and where it is kept.
+@dataclass(frozen=True, kw_only=True)
+class SweepPlan(Plan[Sweep]):
+    """A sweep to be computed.
 
     Attributes
     ----------
@@ -183,15 +180,37 @@ class SweepPlan:
     grid : over dotted keys of parameters.
     warm : whether a job starts from the gait of its neighbour towards the grid's first point; otherwise, and if that
         fails, the result at a point is that of ``solve``.
-    folder : the run folder of the problem.
     from_guess : whether every point is solved from the guess of the problem instead.
     """
 
-    problem: Problem
     grid: Grid
-    warm: bool
-    folder: Path
+    warm: bool = False
     from_guess: bool = False
+
+    @cached_property
+    def run(self) -> Run:
+        """The part of the run with the sweep's table and figures."""
+        way = [self.warm, *(["from_guess"] if self.from_guess else [])]
+        return Run(self.folder, f"sweep-{key_of([*map(str, self.grid.axes), *way])[:8]}")
+
+    def check(self) -> None:
+        """Refuse a sweep over something else than parameters, with an invalid point, or with too many."""
+        Run(self.folder).check(self.problem)
+        self.grid.check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
+        check_jobs_fit(self.grid.size, self.folder)
+        _ = self.jobs
+
+    def stored(self) -> AbstractContextManager[Stored]:
+        """Open the file of solved problems."""
+        return SOLVED.opened(Run(self.folder), self.problem)
+
+    def result(self, jobs: ResumableJobs) -> Sweep:
+        """The gaits of all points, with their table."""
+        solved = solve_all(jobs, self.jobs, len(self.jobs))
+        records = [{**record, "at": self.point(k)} for k, record in enumerate(solved)]
+        swept = Sweep(problem=self.problem, grid=self.grid, records=records, folder=self.run.place)
+        self.run.write({TABLE_FILE: csv_text(sweep_table(swept)), SWEEP_FILE: json_file(swept.to_record())})
+        return swept
 
     @cached_property
     def jobs(self) -> list[Job]:
@@ -203,12 +222,6 @@ class SweepPlan:
             neighbour = self._neighbour(number) if self.warm else None
             jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key))
         return jobs
-
-    @cached_property
-    def run(self) -> Run:
-        """The part of the run with the sweep's table and figures."""
-        way = [self.warm, *(["from_guess"] if self.from_guess else [])]
-        return Run(self.folder, f"sweep-{key_of([*map(str, self.grid.axes), *way])[:8]}")
 
     def point(self, number: int) -> dict[str, float]:
         """Values by dotted key at one point of the grid."""
@@ -227,25 +240,3 @@ class SweepPlan:
             return None
         index[axis] -= 1
         return int(np.ravel_multi_index(index, self.grid.shape))
-
-
-def check_sweep(sweep: SweepPlan) -> None:
-    """Refuse a sweep that cannot be made or kept, before it starts; its errors are those of ``gaitopt.sweep``."""
-    sweep.grid.check_keys(tuple(sweep.problem.parameters), f"a parameter of {sweep.problem.name}")
-    check_jobs_fit(sweep.grid.size, sweep.folder)
-    _ = sweep.jobs
-
-
-def run_sweep(sweep: SweepPlan, workers: Workers, *, progress: Counted = None, should_stop: Stop = None) -> Sweep:
-    """Solve and verify the points that are not on disk yet."""
-    problem, run = sweep.problem, sweep.run
-    with run.begun(problem):
-        solved = solve_all(
-            Run(sweep.folder), problem, lambda _: sweep.jobs, len(sweep.jobs), workers,
-            progress=progress, should_stop=should_stop,
-        )  # fmt: skip
-        records = [{**record, "at": sweep.point(k)} for k, record in enumerate(solved)]
-        swept = Sweep(problem=problem, grid=sweep.grid, records=records, folder=run.place)
-        table = csv_text(sweep_table(sweep.grid, records))
-        run.write({TABLE_FILE: table, SWEEP_FILE: json_file(sweep_record(swept))})
-    return swept

@@ -23,11 +23,11 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.statement import Free
-from gaitopt.search.find import STARTS, Gaits, SearchPlan, in_memory, opened, search
+from gaitopt.search.find import STARTS, Gaits, SearchPlan, opened, search
 from gaitopt.search.solve import file_gait, solve
 from gaitopt.verification.verify import verify
 from gaitopt.verification.walk import Walk, simulate
-from gaitopt.workers.jobs import Workers
+from gaitopt.workers.jobs import ResumableJobs, Workers
 
 ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
 """Special points beyond which a mode sequence does not continue, or not in the same direction."""
@@ -130,11 +130,11 @@ def explain(
     if gait.converged and not refuted:
         return Explanation(problem=problem, gait=gait, exists=True)
     say("searching for gaits of any mode sequence")
-    run = in_memory(Workers(count=workers), None, should_stop)
+    jobs = ResumableJobs(workers=Workers(count=workers), should_stop=should_stop)
 
     def gaits_at(given: Problem) -> Gaits:
         plan = SearchPlan(problem=opened(given), starts=starts, seed=seed)
-        return search(plan, run, should_stop=should_stop)
+        return search(plan, jobs)
 
     instead = gaits_at(problem)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)

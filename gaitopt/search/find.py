@@ -9,7 +9,7 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from gaitopt.callbacks import Counted, Stop, Valued
+from gaitopt.callbacks import Stop, Valued
 from gaitopt.display import Reported
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.gait import Gait, Status
@@ -18,7 +18,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.search.candidates import GUESSES, SAME, WALKS, Record, SearchJob, search_family, search_part, varied
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.verify import verify
-from gaitopt.workers.jobs import FailedJob, Job, Workers, key_of, run_jobs
+from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
 
 Item = TypeVar("Item")
 
@@ -34,9 +34,6 @@ SAME_GAIT = 1e-6
 """Relative difference of states below which two gaits of one mode sequence are the same."""
 
 Within = Mapping[str, tuple[float, float]]
-Part = Record | FailedJob
-Task = Callable[..., Record]
-Run = Callable[[Task, list[Job]], list[Part]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,6 +183,23 @@ class SearchPlan:
         """Length of the longest cycle of the search."""
         return getattr(self.problem.modes, "steps", 1)
 
+    def check(self) -> None:
+        """Refuse a search that cannot be made.
+
+        Raises
+        ------
+        ProblemError, UnknownNameError
+            If the number of starts is out of range, or ``within`` names something that is no section coordinate.
+        """
+        if not 1 <= self.starts <= MOST_STARTS:
+            raise ProblemError(f"starts: {self.starts:,} start states; from 1 to {MOST_STARTS:,} are possible")
+        names = self.problem.walker.section_names(slipping=True)
+        unknown = [name for name in self.within if name not in names]
+        if unknown:
+            raise UnknownNameError(
+                f"within {', '.join(unknown)}: not a coordinate just after an impact; use {', '.join(names)}"
+            )
+
     def job(self, problem: Problem, method: str, number: int, parameter: str = "") -> Job:
         """A job of the search; its key is the same in every run."""
         search_job = SearchJob(
@@ -203,42 +217,32 @@ class SearchPlan:
 
 def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
     """The gait that a problem with an open mode sequence asks for; see ``solve``."""
-    run = in_memory(Workers(count=1), None, should_stop)
+    jobs = ResumableJobs(workers=Workers(count=1), should_stop=should_stop)
     try:
-        gaits = search(SearchPlan(problem=problem, starts=STARTS), run, progress=progress, should_stop=should_stop)
+        gaits = search(SearchPlan(problem=problem, starts=STARTS), jobs, progress=progress)
     except KeyboardInterrupt:
         return _none(problem, Status.INTERRUPTED, "interrupted")
     return best_gait(gaits)
 
 
-def search(plan: SearchPlan, run: Run, *, progress: Valued = None, should_stop: Stop = None) -> Gaits:
+def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) -> Gaits:
     """The gaits that two searches find, and further gaits on the families of these.
 
-    ``run`` runs a task for all jobs and returns the results; ``progress`` is that of the solver.
+    Parameters
+    ----------
+    jobs : does the jobs of the search; its ``should_stop`` ends the search with a KeyboardInterrupt.
+    progress : of the solver.
     """
-    parts = run(search_part, search_jobs(plan))
-    gaits = gaits_of(plan.problem, parts, progress=progress, should_stop=should_stop)
-    jobs = family_jobs(plan, gaits)
-    if not jobs:
+    plan.check()
+    counts = {"complementarity": -(-GUESSED // GUESSES), "simulation": -(-plan.starts // WALKS)}
+    searches = [plan.job(plan.problem, method, number) for method, count in counts.items() for number in range(count)]
+    parts = jobs.complete(search_part, searches, len(searches))
+    gaits = gaits_of(plan.problem, parts, progress=progress, should_stop=jobs.should_stop)
+    families = family_jobs(plan, gaits)
+    if not families:
         return gaits
-    parts += run(search_family, jobs)
-    return gaits_of(plan.problem, parts, known=gaits, progress=progress, should_stop=should_stop)
-
-
-def in_memory(workers: Workers, progress: Counted, should_stop: Stop) -> Run:
-    """The argument ``run`` of ``search`` that stores nothing."""
-
-    def run(task: Task, jobs: list[Job]) -> list[Part]:
-        parts = []
-        for _, part in run_jobs(task, jobs, workers, should_stop=should_stop):
-            parts.append(part)
-            if progress is not None:
-                progress(len(parts), len(jobs))
-        if len(parts) < len(jobs):
-            raise KeyboardInterrupt
-        return parts
-
-    return run
+    parts += jobs.complete(search_family, families, len(families))
+    return gaits_of(plan.problem, parts, known=gaits, progress=progress, should_stop=jobs.should_stop)
 
 
 def best_gait(gaits: Gaits) -> Gait:
@@ -259,20 +263,6 @@ def best_gait(gaits: Gaits) -> Gait:
 def opened(problem: Problem) -> Problem:
     """The problem with an open mode sequence."""
     return problem if problem.is_open else problem.replace({"gait.phases": "auto"})
-
-
-def search_jobs(plan: SearchPlan) -> list[Job]:
-    """The jobs of the searches by complementarity and by simulation."""
-    if not 1 <= plan.starts <= MOST_STARTS:
-        raise ProblemError(f"starts: {plan.starts:,} start states; from 1 to {MOST_STARTS:,} are possible")
-    names = plan.problem.walker.section_names(slipping=True)
-    unknown = [name for name in plan.within if name not in names]
-    if unknown:
-        raise UnknownNameError(
-            f"within {', '.join(unknown)}: not a coordinate just after an impact; use {', '.join(names)}"
-        )
-    counts = {"complementarity": -(-GUESSED // GUESSES), "simulation": -(-plan.starts // WALKS)}
-    return [plan.job(plan.problem, method, number) for method, count in counts.items() for number in range(count)]
 
 
 def family_jobs(plan: SearchPlan, gaits: Gaits) -> list[Job]:

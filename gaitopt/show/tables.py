@@ -25,7 +25,7 @@ from gaitopt.problem.statement import OpenSequence
 from gaitopt.runs.basin import Basin
 from gaitopt.runs.front import Front
 from gaitopt.runs.multistart import Optimum
-from gaitopt.runs.sweep import Sweep, sweep_record
+from gaitopt.runs.sweep import Sweep
 from gaitopt.search.explain import Explanation
 from gaitopt.search.find import Gaits
 from gaitopt.verification.verify import Verification
@@ -483,7 +483,7 @@ print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.t
 print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))
 print_result.register(Branch, lambda branch, console: print_branch(console, branch.to_records(), branch.parameter))
 print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
-print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep_record(sweep)))
+print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep.to_record()))
 
 
 @print_result.register

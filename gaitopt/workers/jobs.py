@@ -1,8 +1,8 @@
 """Many independent jobs in this process, in several processes of this machine, or on the workers of a Dask cluster.
 
 Every job has a key and is submitted once. A worker leaves its result with the scheduler before the job counts as
-finished; the caller receives it from there and can store it at once. If a worker dies, only its current job is
-repeated; a job on which three workers have died is given up.
+finished; the caller receives it from there and can store it at once, so that no job is done twice. If a worker dies,
+only its current job is repeated; a job on which three workers have died is given up.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ from itertools import chain, islice
 from queue import Empty, Queue
 from typing import Any
 
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import ProblemError
 
 MOST_WORKERS = 1024
@@ -123,6 +123,69 @@ def run_jobs(
 
         with connected(len(first), workers.scheduler) as client:
             yield from _Run(client, task, chain(first, jobs), known).results(should_stop)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResumableJobs:
+    """Jobs of one kind with their results; those that have a result are not done again.
+
+    Attributes
+    ----------
+    workers : where jobs run.
+    results : by key; new ones are added.
+    store : stores a new result under its key, before the next one is accepted, and returns what memory holds of it;
+        None where nothing is stored.
+    progress : called with the number of finished jobs and their total.
+    should_stop : polled before every job.
+    """
+
+    workers: Workers
+    results: dict[str, Any] = field(default_factory=dict)
+    store: Callable[[str, Any], Any] | None = None
+    progress: Counted = None
+    should_stop: Stop = None
+
+    def complete(self, task: Callable[..., Any], jobs: Iterable[Job], total: int) -> list[Any]:
+        """Do the jobs that have no result yet; returns the results of all, in the order of the jobs.
+
+        A ``FailedJob`` is not stored, so that the next call tries it again.
+
+        Parameters
+        ----------
+        task : see ``run_jobs``.
+        jobs : drawn one by one; where there is one process, a job is drawn after the results of those before it.
+        total : their number.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If ``should_stop`` returned True; finished jobs are stored.
+        """
+        keys, drawn, done = list[str](), set[str](), 0
+
+        def missing() -> Iterator[Job]:
+            nonlocal done
+            for job in jobs:
+                if self.should_stop is not None and self.should_stop():
+                    return
+                keys.append(job.key)
+                if job.key in self.results or job.key in drawn:
+                    done += 1
+                else:
+                    drawn.add(job.key)
+                    yield job
+
+        for key, result in run_jobs(task, missing(), self.workers, self.results, should_stop=self.should_stop):
+            if self.store is None or isinstance(result, FailedJob):
+                self.results[key] = result
+            else:
+                self.results[key] = self.store(key, result)
+            done += 1
+            if self.progress is not None:
+                self.progress(done, total)
+        if done < total:
+            raise KeyboardInterrupt
+        return [self.results[key] for key in keys]
 
 
 def _result_of(parent: str | None, results: Mapping[str, Any]) -> Any:

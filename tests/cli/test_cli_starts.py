@@ -7,7 +7,7 @@ import pytest
 
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.runs import jobs as solved
-from gaitopt.runs.multistart import Optimum, _rank
+from gaitopt.runs.multistart import Optimum
 
 WHEEL = "rimless-wheel-slip"
 
@@ -99,5 +99,7 @@ def test_where_the_objective_does_not_decide_stable_gaits_come_first():
         record = {"solver": {"objective": objective}, "spectral_radius": radius, "verification": {"passed": True}}
         return Optimum(record=record, problem=problem, starts=(0,))
 
-    ranked = sorted([optimum(1.0, 2.44), optimum(1.0 + 1e-9, 0.586), optimum(0.9, 3.0)], key=_rank)
+    ranked = sorted(
+        [optimum(1.0, 2.44), optimum(1.0 + 1e-9, 0.586), optimum(0.9, 3.0)], key=lambda optimum: optimum.rank
+    )
     assert [entry.radius for entry in ranked] == [3.0, 0.586, 2.44]

@@ -23,11 +23,9 @@ from gaitopt.runs.basin import (
     SETTLED,
     UNDECIDED,
     BasinPlan,
-    check_basin,
     claim,
     follow,
     read_basin,
-    walk_basin,
 )
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.show.families import basin as basin_figure
@@ -57,7 +55,7 @@ def plan_in(folder, gait, **changes):
 
 @pytest.fixture(scope="module")
 def basin(gait, tmp_path_factory):
-    return walk_basin(plan_in(tmp_path_factory.mktemp("basin"), gait), HERE)
+    return plan_in(tmp_path_factory.mktemp("basin"), gait).complete(HERE)
 
 
 def test_states_near_the_gait_settle_on_it(gait, basin):
@@ -94,9 +92,9 @@ def test_a_stopped_basin_resumes_where_it_stopped(gait, basin, tmp_path, monkeyp
     done = []
     plan = plan_in(tmp_path, gait)
     with pytest.raises(KeyboardInterrupt):
-        walk_basin(plan, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
+        plan.complete(HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
     resumed = []
-    whole = walk_basin(plan, HERE, progress=lambda k, n: resumed.append((k, n)))
+    whole = plan.complete(HERE, progress=lambda k, n: resumed.append((k, n)))
     assert resumed == [(3, 4), (4, 4)]
     for name in ("labels", "endings", "steps"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(basin, name))
@@ -105,7 +103,7 @@ def test_a_stopped_basin_resumes_where_it_stopped(gait, basin, tmp_path, monkeyp
 def test_basin_on_scipy_is_that_on_heyoka_in_tiles_for_every_core(gait, basin, tmp_path):
     plan = plan_in(tmp_path, gait, engine="scipy")
     assert len(plan.tiles) == 2
-    walked = walk_basin(plan, HERE)
+    walked = plan.complete(HERE)
     for name in ("labels", "endings", "steps"):
         np.testing.assert_array_equal(getattr(walked, name), getattr(basin, name))
 
@@ -123,11 +121,11 @@ def test_basin_without_heyoka_says_what_is_faster(tmp_path, monkeypatch, capsys)
 
 def test_tile_that_is_broken_is_named(gait, tmp_path):
     plan = plan_in(tmp_path, gait, grid=Grid((Axis(key="dtheta1", lower=0.7, upper=0.72, count=3),)))
-    walk_basin(plan, HERE)
+    plan.complete(HERE)
     (tile,) = plan.run.place.glob("tile-*.npz")
     tile.write_bytes(b"not an archive")
     with pytest.raises(StorageError, match=r"tile-000000.npz is broken .* delete it"):
-        walk_basin(plan, HERE)
+        plan.complete(HERE)
 
 
 def test_tiles_of_another_basin_are_not_used(gait, tmp_path):
@@ -203,13 +201,13 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
 
 def test_grid_over_something_else_is_refused(gait, tmp_path):
     with pytest.raises(UnknownNameError, match="friction: not a coordinate just after an impact; use theta1"):
-        check_basin(plan_in(tmp_path, gait, grid=Grid((Axis(key="friction", lower=0.1, upper=0.2, count=2),))))
+        plan_in(tmp_path, gait, grid=Grid((Axis(key="friction", lower=0.1, upper=0.2, count=2),))).check()
 
 
 def test_grid_that_does_not_fit_is_refused_before_it_starts(gait, tmp_path):
     huge = Grid((Axis(key="dtheta1", lower=0.1, upper=1, count=10**7), Axis(key="dx", lower=0, upper=1, count=10**6)))
     with pytest.raises(StorageError, match=r"10,000,000,000,000 points need about .* TB on disk"):
-        check_basin(plan_in(tmp_path, gait, grid=huge))
+        plan_in(tmp_path, gait, grid=huge).check()
 
 
 def test_command_prints_one_object_and_draws_now_and_later(tmp_path, monkeypatch, capsys):
@@ -245,7 +243,7 @@ def test_basin_over_one_coordinate_is_a_strip_in_the_colour_of_each_state(basin)
 def test_basin_is_the_same_when_it_is_read_again(gait, basin, tmp_path):
     plan = plan_in(tmp_path, gait)
     with Run(tmp_path).begun(gait.problem):
-        walk_basin(plan, HERE)
+        plan.complete(HERE)
     again = read_basin(plan.run.place)
     assert again.to_record() == basin.to_record()
     np.testing.assert_array_equal(again.labels, basin.labels)

@@ -1,14 +1,16 @@
 """Fronts and multi-start."""
 
+from pathlib import Path
+
 import pytest
 
 from gaitopt import load_run
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.problem.problem import load_problem, parse_problem
 from gaitopt.runs import jobs as solved
-from gaitopt.runs.front import design_front
+from gaitopt.runs.front import FrontPlan
 from gaitopt.runs.grid import Axis
-from gaitopt.runs.multistart import multistart, sampled
+from gaitopt.runs.multistart import StartsPlan
 from gaitopt.systems import build_system
 from gaitopt.workers.jobs import Workers
 
@@ -26,7 +28,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def front(folder):
-    return design_front(design_problem(), AXIS, folder)
+    return FrontPlan(problem=design_problem(), axis=AXIS, folder=folder).complete()
 
 
 def test_every_point_of_a_front_is_verified(front):
@@ -42,7 +44,7 @@ def test_cost_rises_along_the_pareto_front(front):
 
 def test_front_resumes_where_it_stopped(front, folder, monkeypatch):
     monkeypatch.setattr(solved, "solve_job", None)  # nothing is left to do
-    again = design_front(design_problem(), AXIS, folder)
+    again = FrontPlan(problem=design_problem(), axis=AXIS, folder=folder).complete()
     assert [point.to_record() for point in again] == [point.to_record() for point in front]
 
 
@@ -58,24 +60,26 @@ def test_front_comes_back_from_its_folder_and_is_drawn_again(front, folder, run,
 
 def test_front_along_a_word_names_the_nearest_number(tmp_path):
     with pytest.raises(UnknownNameError, match=r"did you mean constraints\.speed"):
-        design_front(design_problem(), Axis(key="speed", lower=0.4, upper=0.5, count=2), tmp_path)
+        FrontPlan(
+            problem=design_problem(), axis=Axis(key="speed", lower=0.4, upper=0.5, count=2), folder=tmp_path
+        ).complete()
 
 
 def test_front_that_is_stopped_says_so(tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        design_front(design_problem(), AXIS, tmp_path, should_stop=lambda: True)
+        FrontPlan(problem=design_problem(), axis=AXIS, folder=tmp_path).complete(should_stop=lambda: True)
 
 
 def test_front_without_objective_is_refused(tmp_path):
     with pytest.raises(ProblemError, match="needs an objective"):
-        design_front(load_problem("rimless-wheel-slope"), AXIS, tmp_path)
+        FrontPlan(problem=load_problem("rimless-wheel-slope"), axis=AXIS, folder=tmp_path).complete()
 
 
 def test_many_starts_find_one_optimum_and_depend_on_the_seed_alone(tmp_path):
     problem = design_problem()
     here = Workers(count=1)
-    optima = multistart(problem, 2, tmp_path, seed=1, spread=0.1, workers=here)
-    again = multistart(problem, 2, tmp_path / "again", seed=1, spread=0.1, workers=here)
+    optima = StartsPlan(problem=problem, starts=2, folder=tmp_path, seed=1, spread=0.1).complete(here)
+    again = StartsPlan(problem=problem, starts=2, folder=tmp_path / "again", seed=1, spread=0.1).complete(here)
     assert optima[0].starts == (0, 1)
     assert [optimum.to_record() for optimum in optima] == [optimum.to_record() for optimum in again]
     assert optima[0].objective == pytest.approx(0.00399805, rel=1e-4)
@@ -84,13 +88,14 @@ def test_many_starts_find_one_optimum_and_depend_on_the_seed_alone(tmp_path):
 
 def test_samples_of_a_free_curve_change_its_points_within_their_bound():
     problem = load_problem("compass-pd-slippery")
-    _, first, second = sampled(problem, 3, seed=3, spread=0.5)
+    plan = StartsPlan(problem=problem, starts=3, folder=Path(), seed=3, spread=0.5)
+    _, first, second = plan.sampled()
     points = [p.control.reference.curve.points for p in (first, second)]
     assert points[0] != points[1]
     assert set(points[0]) == {"theta1", "theta2"}
     assert all(abs(c) <= 0.6 for p in points for row in p.values() for c in row)
     assert build_system(first).control.points == points[0]
-    assert [p.digest for p in sampled(problem, 3, seed=3, spread=0.5)] == [problem.digest, first.digest, second.digest]
+    assert [p.digest for p in plan.sampled()] == [problem.digest, first.digest, second.digest]
 
 
 def curve_file(points):

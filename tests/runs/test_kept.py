@@ -6,9 +6,9 @@ import pytest
 
 from gaitopt.errors import StorageError
 from gaitopt.problem.problem import load_problem
-from gaitopt.runs.jobs import ResultFile, jobs_in
+from gaitopt.runs.jobs import ResultFile
 from gaitopt.store.run import Run
-from gaitopt.workers.jobs import Job, Workers
+from gaitopt.workers.jobs import Job, ResumableJobs, Workers
 
 HERE = Workers(count=1)
 
@@ -20,13 +20,14 @@ class Line:
 
 
 FILE = ResultFile(name="squares.jsonl", key="name", model=Line)
+PROBLEM = load_problem("rimless-wheel-stick")
 JOBS = [Job(key=str(number), argument=number) for number in range(4)]
 
 
 @pytest.fixture
 def kept_run(tmp_path):
     run = Run(tmp_path)
-    with run.begun(load_problem("rimless-wheel-stick")):
+    with run.begun(PROBLEM):
         yield run
 
 
@@ -35,8 +36,9 @@ def squares(kept_run, done, jobs=JOBS, **arguments):
         done.append(number)
         return {"square": number**2}
 
-    with jobs_in(kept_run, FILE, HERE, **arguments) as kept:
-        return kept.complete(square, jobs(kept.results) if callable(jobs) else jobs, len(JOBS))
+    with FILE.opened(kept_run, PROBLEM) as (results, store):
+        kept = ResumableJobs(workers=HERE, results=results, store=store, **arguments)
+        return kept.complete(square, jobs(results) if callable(jobs) else jobs, len(JOBS))
 
 
 def test_a_stopped_call_resumes_where_it_stopped(kept_run):

@@ -10,7 +10,7 @@ from gaitopt.api.pictures import figures_in
 from gaitopt.errors import StorageError
 from gaitopt.runs import jobs as kept
 from gaitopt.runs.branch import BRANCH_FILE
-from gaitopt.runs.jobs import SEARCHED, find_durably
+from gaitopt.runs.jobs import SEARCHED, FindPlan
 from gaitopt.search.find import SearchPlan, opened
 from gaitopt.store.lines import lines_text
 from gaitopt.store.run import Run
@@ -62,8 +62,8 @@ def part(argument, parent=None):
 def plan(monkeypatch):
     """A search of two parts that takes no time."""
 
-    def search(plan, run, should_stop):
-        return run(part, [plan.job(plan.problem, "simulation", number) for number in range(2)])
+    def search(plan, jobs):
+        return jobs.complete(part, [plan.job(plan.problem, "simulation", number) for number in range(2)], 2)
 
     monkeypatch.setattr(kept, "search", search)
     return SearchPlan(problem=opened(go.load_problem("rimless-wheel-stick")))
@@ -72,7 +72,8 @@ def plan(monkeypatch):
 def find(plan, folder):
     """How many parts are searched now."""
     done = []
-    find_durably(plan, Run(folder), Workers(count=1), progress=lambda count, total: done.append(count))
+    kept = FindPlan(problem=plan.problem, search=plan, folder=folder)
+    kept.complete(Workers(count=1), progress=lambda count, total: done.append(count))
     return len(done)
 
 

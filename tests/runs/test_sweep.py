@@ -12,15 +12,15 @@ import pytest
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.problem.problem import load_problem
-from gaitopt.runs import jobs as kept
 from gaitopt.runs import jobs as study
-from gaitopt.runs.front import design_front
+from gaitopt.runs.front import FrontPlan
 from gaitopt.runs.grid import Axis, Grid, axis_of, check_room
 from gaitopt.runs.jobs import SOLVED
-from gaitopt.runs.multistart import multistart
-from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, check_sweep, run_sweep, sweep_record
+from gaitopt.runs.multistart import StartsPlan
+from gaitopt.runs.sweep import TABLE_FILE, SweepPlan
 from gaitopt.store.lines import read_lines
 from gaitopt.store.run import Run
+from gaitopt.workers import jobs as workers
 from gaitopt.workers.jobs import FailedJob, Workers
 
 HERE = Workers(count=1)
@@ -40,7 +40,7 @@ def table(sweep):
 
 def test_every_point_is_solved_and_verified(tmp_path):
     sweep = wheel_sweep(tmp_path)
-    records = run_sweep(sweep, HERE).records
+    records = sweep.complete(HERE).records
     assert [record["friction"] for record in records] == [0.36, 0.4, 0.44]
     assert {record["status"] for record in records} == {"converged"}
     assert all(record["verification"]["passed"] for record in records)
@@ -52,59 +52,59 @@ def test_every_point_is_solved_and_verified(tmp_path):
 
 def test_unknown_key_and_parent_folder_are_answered_with_what_to_give(tmp_path, run):
     sweep = wheel_sweep(tmp_path)
-    run_sweep(sweep, HERE)
+    sweep.complete(HERE)
     code, _, err = run("plot", str(tmp_path))
     assert code == 6
     assert f"give the folder of its basin or sweep: {sweep.run.place}" in err
     with pytest.raises(UnknownNameError, match=r"did you mean walker\.slope"):
-        check_sweep(wheel_sweep(tmp_path, Axis(key="slope", lower=0.1, upper=0.2, count=2)))
+        wheel_sweep(tmp_path, Axis(key="slope", lower=0.1, upper=0.2, count=2)).check()
 
 
 def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monkeypatch):
-    run_sweep(wheel_sweep(tmp_path), HERE)
+    wheel_sweep(tmp_path).complete(HERE)
     solved = []
     monkeypatch.setattr(
         study, "solve_job", lambda problem, parent=None: solved.append(problem.friction) or {"status": "x"}
     )
-    run_sweep(wheel_sweep(tmp_path), HERE)
+    wheel_sweep(tmp_path).complete(HERE)
     assert solved == []
-    run_sweep(wheel_sweep(tmp_path, Axis(key="friction", lower=0.36, upper=0.44, count=5)), HERE)
+    wheel_sweep(tmp_path, Axis(key="friction", lower=0.36, upper=0.44, count=5)).complete(HERE)
     assert solved == pytest.approx([0.38, 0.42])
 
 
 def test_spokes_are_counted_in_integers(tmp_path):
     spokes = Axis(key="walker.spokes", lower=9, upper=10, count=2)
-    records = run_sweep(wheel_sweep(tmp_path, spokes), HERE).records
+    records = wheel_sweep(tmp_path, spokes).complete(HERE).records
     assert [record["at"]["walker.spokes"] for record in records] == [9, 10]
     assert records[1]["state"]["theta"] == pytest.approx(-math.pi / 10)
     with pytest.raises(ProblemError, match=r"6\.5 is not an integer: .*, for instance 6:7:2"):
-        check_sweep(wheel_sweep(tmp_path, Axis(key="walker.spokes", lower=6, upper=7, count=3)))
+        wheel_sweep(tmp_path, Axis(key="walker.spokes", lower=6, upper=7, count=3)).check()
 
 
 def test_attempts_that_failed_are_done_too(tmp_path):
     frictions = Axis(key="friction", lower=0.05, upper=0.4, count=2)
-    first = run_sweep(wheel_sweep(tmp_path, frictions), HERE).records
+    first = wheel_sweep(tmp_path, frictions).complete(HERE).records
     assert [record["status"] for record in first] == ["infeasible", "converged"]
-    assert run_sweep(wheel_sweep(tmp_path, frictions), HERE).records == first
+    assert wheel_sweep(tmp_path, frictions).complete(HERE).records == first
 
 
 def test_a_killed_sweep_resumes_where_it_stopped(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     done = []
     with pytest.raises(KeyboardInterrupt):
-        run_sweep(sweep, HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
+        sweep.complete(HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
     jobs = tmp_path / SOLVED.name
     with jobs.open("a", encoding="utf-8") as file:
         file.write('{"job": "torn')  # killed in the middle of a line
-    whole = run_sweep(wheel_sweep(tmp_path), HERE).records
+    whole = wheel_sweep(tmp_path).complete(HERE).records
     assert len(list(read_lines(jobs))) == 3
-    afresh = run_sweep(wheel_sweep(tmp_path / "afresh"), HERE).records
+    afresh = wheel_sweep(tmp_path / "afresh").complete(HERE).records
     assert (sweep.run.path(TABLE_FILE)).read_text() == (tmp_path / "afresh" / sweep.run.part / TABLE_FILE).read_text()
     assert [r["state"] for r in whole] == [r["state"] for r in afresh]
 
 
 def test_warm_and_cold_starts_find_the_same_gaits(tmp_path):
-    warm, cold = (run_sweep(wheel_sweep(tmp_path / str(w), warm=w), HERE).records for w in (True, False))
+    warm, cold = (wheel_sweep(tmp_path / str(w), warm=w).complete(HERE).records for w in (True, False))
     assert [record["start"] for record in warm] == ["cold", "warm", "warm"]
     assert {record["start"] for record in cold} == {"cold"}
     for first, second in zip(warm, cold, strict=True):
@@ -119,7 +119,7 @@ def test_neighbour_is_prescribed_by_the_grid_alone(tmp_path):
 
 def test_point_without_a_gait_is_a_row_of_the_table(tmp_path):
     sweep = wheel_sweep(tmp_path, Axis(key="friction", lower=0.1, upper=0.4, count=2))
-    first, second = run_sweep(sweep, HERE).records
+    first, second = sweep.complete(HERE).records
     assert first["status"] != "converged"
     assert second["status"] == "converged"
     assert table(sweep)[0]["period"] == ""
@@ -128,13 +128,13 @@ def test_point_without_a_gait_is_a_row_of_the_table(tmp_path):
 def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     monkeypatch.setattr(
-        kept, "run_jobs", lambda task, jobs, *_, **__: ((j.key, FailedJob(reason="dead")) for j in jobs)
+        workers, "run_jobs", lambda task, jobs, *_, **__: ((j.key, FailedJob(reason="dead")) for j in jobs)
     )
-    record = sweep_record(run_sweep(sweep, HERE))
+    record = sweep.complete(HERE).to_record()
     assert record["statuses"] == {"set_aside": 3}
     assert record["set_aside"][0] == {"at": {"friction": 0.36}, "reason": "dead"}
     monkeypatch.undo()
-    assert {r["status"] for r in run_sweep(sweep, HERE).records} == {"converged"}
+    assert {r["status"] for r in sweep.complete(HERE).records} == {"converged"}
 
 
 def test_two_sweeps_of_a_problem_do_not_write_at_once(tmp_path):
@@ -148,21 +148,21 @@ with only_writer(pathlib.Path(sys.argv[1])):
     with subprocess.Popen([sys.executable, "-c", other, tmp_path], **pipes) as process:
         process.stdout.readline()
         with pytest.raises(StorageError, match=rf"being written by process {process.pid} \(-c .*since 20"):
-            run_sweep(wheel_sweep(tmp_path), HERE)
+            wheel_sweep(tmp_path).complete(HERE)
         process.communicate(b"\n")
-    run_sweep(wheel_sweep(tmp_path), HERE)
+    wheel_sweep(tmp_path).complete(HERE)
 
 
 def test_grid_over_something_else_than_a_parameter_is_refused(tmp_path):
     with pytest.raises(
         UnknownNameError, match=r"^walker.weight: not a parameter of rimless-wheel-slip; did you mean walker"
     ):
-        check_sweep(wheel_sweep(tmp_path, Axis(key="walker.weight", lower=1, upper=2, count=2)))
+        wheel_sweep(tmp_path, Axis(key="walker.weight", lower=1, upper=2, count=2)).check()
 
 
 def test_grid_with_a_point_that_is_no_problem_is_refused_before_it_starts(tmp_path):
     with pytest.raises(ProblemError, match=r"^friction: .*must be at least 0") as refused:
-        check_sweep(wheel_sweep(tmp_path, Axis(key="friction", lower=-0.1, upper=0.4, count=3)))
+        wheel_sweep(tmp_path, Axis(key="friction", lower=-0.1, upper=0.4, count=3)).check()
     assert refused.value.argument == "over"
 
 
@@ -176,9 +176,9 @@ def test_front_and_starts_that_do_not_fit_are_refused_before_they_start(tmp_path
     design = load_problem("compass-torque-efficient")
     axis = Axis(key="constraints.speed", lower=0.3, upper=0.4, count=50_000_000)
     with pytest.raises(StorageError, match=r"100,000,000 points need about"):
-        design_front(design, axis, tmp_path)
+        FrontPlan(problem=design, axis=axis, folder=tmp_path).complete()
     with pytest.raises(StorageError, match=r"100,000,000 starts need about"):
-        multistart(design, 100_000_000, tmp_path)
+        StartsPlan(problem=design, starts=100_000_000, folder=tmp_path).complete()
     assert not any(tmp_path.iterdir())
 
 

@@ -17,7 +17,7 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.jobs import SOLVED
-from gaitopt.runs.sweep import TABLE_FILE, SweepPlan, run_sweep
+from gaitopt.runs.sweep import TABLE_FILE, SweepPlan
 from gaitopt.store.lines import read_lines
 from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
@@ -93,10 +93,10 @@ def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
         return {child.pid for child in children if any("spawn_main" in word for word in child.cmdline())}
 
     undisturbed = sweep(tmp_path / "undisturbed")
-    run_sweep(undisturbed, Workers(count=2))
+    undisturbed.complete(Workers(count=2))
     killed = sweep(tmp_path / "killed")
     with Killer(at_work, victims=1) as killer:
-        run_sweep(killed, Workers(count=5))
+        killed.complete(Workers(count=5))
     assert len(killer.killed) == 1
     assert (killed.run.path(TABLE_FILE)).read_text() == (undisturbed.run.path(TABLE_FILE)).read_text()
     keys = [record["job"] for record in read_lines(killed.folder / SOLVED.name)]
