@@ -324,11 +324,9 @@ def _seen_from_behind(point: CurvePoint, event: Location) -> CurvePoint | None:
     """
     slope = point.tangent[-1]
     length = 2 * (event.point.value - point.value) / slope if slope else 0.0
-    behind = point.curve.step(point, length) if length else None
+    behind = point.step(length) if length else None
     if behind is None:
         return None
-    zeros = [
-        point.curve.locate(point, behind, length, partial(CurvePoint.monitor, key=key)) for key in behind.lost(point)
-    ]
+    zeros = [point.locate(behind, length, partial(CurvePoint.monitor, key=key)) for key in behind.lost(point)]
     nearest = min(zeros, key=lambda location: abs(location.length), default=None)
     return nearest.point if nearest is not None and nearest.status == "converged" else None

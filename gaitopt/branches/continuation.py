@@ -263,7 +263,7 @@ class Continuation:
             point, length = event[0].point, event[0].length
         bound = self.request.crossed(here.value, point.value)
         if bound is not None:
-            at_bound = here.curve.at_parameter(here, bound)
+            at_bound = here.at_parameter(bound)
             point, event = (point if at_bound is None else at_bound), None
         for special in self._bifurcations(point, length):
             yield special
@@ -286,22 +286,21 @@ class Continuation:
         while self.length > SMALLEST_LENGTH:
             length = self.length
             try:
-                point = curve.step(here, length)
+                point = here.step(length)
             except ProblemError:  # the parameter has left the range that the problem allows
                 bound = self.request.crossed(here.value, here.value + length * float(here.tangent[-1]))
-                point = None if bound is None else curve.at_parameter(here, bound)
+                point = None if bound is None else here.at_parameter(bound)
             if point is not None:
                 turn = tangent @ curve.coordinates(point.tangent)
                 missed = np.linalg.norm(curve.coordinates(point.at.w) - y - length * tangent)
                 point = point if turn > STRAIGHT and missed < ASIDE * length else None
-            if point is not None and not curve.in_order(point):  # a switch has passed a breakpoint of the control
-                reordered = curve.reordered(point)
+            if point is not None and not point.in_order:  # a switch has passed a breakpoint of the control
+                reordered = point.reordered()
                 if reordered is not None and not reordered.lost(here):
                     return length, reordered, None
             elif point is not None:
                 zeros = [
-                    (curve.locate(here, point, length, partial(CurvePoint.monitor, key=key)), key)
-                    for key in point.lost(here)
+                    (here.locate(point, length, partial(CurvePoint.monitor, key=key)), key) for key in point.lost(here)
                 ]
                 event = min(zeros, key=lambda zero: zero[0].length, default=None)
                 if event is None or event[0].status == "converged":
@@ -319,7 +318,7 @@ class Continuation:
         here, curve, events = self.point, self.point.curve, self.request.events
 
         def located(kind: str, test: str, function: Callable[[CurvePoint], float]) -> tuple[Location, str, str]:
-            return curve.locate(here, point, length, function), kind, test
+            return here.locate(point, length, function), kind, test
 
         zeros = [
             located(kind, test, partial(_test, name=test))
@@ -335,7 +334,7 @@ class Continuation:
             special = self._special(kind, location.point, location.status)
             special = replace(special, gait=gait.verified(confirm(gait).to_record()))
             if kind == "branch_point":  # where the tangent of its gait is undetermined: the mean of both sides
-                sides = [curve.step(here, location.length + side * BESIDE) for side in (-1, 1)]
+                sides = [here.step(location.length + side * BESIDE) for side in (-1, 1)]
                 tangents = [curve.entries(side.tangent) for side in sides if side is not None]
                 special = replace(special, tangent=np.mean(tangents, axis=0) if len(tangents) == 2 else None)
             half = halved_cycle(gait) if kind == "branch_point" and test == "slope" else None
@@ -370,7 +369,7 @@ class Continuation:
         yield from self._emitted()
 
     def _move(self, point: CurvePoint) -> None:
-        remeshed = point.curve.remeshed(point)
+        remeshed = point.remeshed()
         self.point = point if remeshed is None else remeshed
         self.index += 1
 
@@ -380,7 +379,7 @@ class Continuation:
         if every and self.count % every == 0:
             check = confirm(gait)
             gait = gait.verified(check.to_record())
-            if not check.passed and (finer := self.point.curve.bisected(self.point)) is not None:
+            if not check.passed and (finer := self.point.bisected()) is not None:
                 self.point = finer
                 check = confirm(finer.gait)
                 gait = finer.gait.verified(check.to_record())
@@ -395,7 +394,7 @@ class Continuation:
             gait=gait,
             tangent=self.point.curve.coordinates(self.point.tangent),
             length=self.length,
-            walk=self.point.curve.state_of(self.point),
+            walk=self.point.state,
         )
 
     def _unconfirmed(self, gait: Gait, worst: Claim) -> SpecialPoint:

@@ -104,9 +104,25 @@ class Metric:
         return float(np.abs((first - second) / self.state).max())
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Location:
+    """A zero of a function on a step along a curve.
+
+    Attributes
+    ----------
+    length : arclength from the start of the step.
+    point : the gait there.
+    status : ``converged``, or ``guess`` where Newton's method failed on the way and only the step is known.
+    """
+
+    length: float
+    point: "CurvePoint"
+    status: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class CurvePoint:
-    """A point of a curve; its gait and what is watched there are computed on first use.
+    """A point of a curve; its gait, monitors and test functions are computed on first use.
 
     Attributes
     ----------
@@ -161,21 +177,116 @@ class CurvePoint:
         """Monitors that were positive at the point ``before`` and no longer are."""
         return [key for key in self.monitors if self.monitor(key) <= 0 < before.monitor(key)]
 
+    @property
+    def in_order(self) -> bool:
+        """Whether no switch has passed a breakpoint of the control; True as well where a phase has vanished."""
+        equations = self.at.equations
+        durations, breakpoints = equations.unpack(self.at.w).durations, equations.system.control.breakpoints
+        return bool(durations.min() <= 0) or equations.layout.in_order(durations, breakpoints)
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Location:
-    """A zero of a watched function on a step along a curve.
+    @property
+    def state(self) -> ContinuationState:
+        """What ``resumed_point`` needs to go on from here."""
+        equations, curve = self.at.equations, self.curve
+        return ContinuationState(
+            unknowns=self.at.w,
+            direction=self.tangent,
+            arcs=tuple(
+                (arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals) for arc in equations.layout.arcs
+            ),
+            origin=float(curve.p[equations.system.parameters.index(curve.parameter)]),
+            metric=curve.metric.to_array(),
+            earlier=len(self.earlier),
+        )
 
-    Attributes
-    ----------
-    length : arclength from the start of the step.
-    point : the gait there.
-    status : ``converged``, or ``guess`` where Newton's method failed on the way and only the step is known.
-    """
+    def step(self, length: float) -> "CurvePoint | None":
+        """The point at arclength ``length`` along the tangent; None if Newton's method does not converge.
 
-    length: float
-    point: CurvePoint
-    status: str
+        Raises
+        ------
+        ProblemError
+            If the parameter has left the range that the problem allows.
+        """
+        normal, ahead = self.curve.coordinates(self.tangent), self.at.w + length * self.tangent
+        for predicted in (self._extrapolated(length), ahead) if self.earlier else (ahead,):
+            end = self.curve.corrected(predicted, normal, self.bordered)
+            if end is not None:
+                return replace(end, earlier=((self.at.w, self.tangent), *self.earlier)[:REMEMBERED])
+        return None
+
+    @overflow_allowed()
+    def at_parameter(self, value: float) -> "CurvePoint | None":
+        """The point next to this one with the given value of the parameter; None if Newton's method fails."""
+        slope = self.tangent[-1]
+        predicted = self.at.w + self.tangent * ((value - self.at.w[-1]) / slope if slope else 0.0)
+        predicted[-1] = value
+        return self.curve.nearest(predicted, self.tangent)
+
+    def locate(self, after: "CurvePoint", length: float, function: "Callable[[CurvePoint], float]") -> Location:
+        """The zero of ``function`` on the step of the given arclength from here to ``after``."""
+        points: dict[float, CurvePoint] = {0.0: self, length: after}
+
+        def value(part: float) -> float:
+            if part not in points:
+                point = self.step(part)
+                if point is None:
+                    raise _LostError
+                points[part] = point
+            return function(points[part])
+
+        try:
+            root = bracketed_root(value, 0.0, length, LENGTH_TOLERANCE)
+        except _LostError:
+            return Location(length=length, point=after, status="guess")
+        value(root)
+        return Location(length=root, point=points[root], status="converged")
+
+    def remeshed(self) -> "CurvePoint | None":
+        """The same gait on a finer mesh where its integration error needs one; None if that fails."""
+        refined = refine(self.at)
+        return self if refined.equations is self.at.equations else self._resampled(refined)
+
+    def bisected(self) -> "CurvePoint | None":
+        """The same gait down to rounding with every interval cut in two; None if that fails."""
+        return self._resampled(halved(self.at))
+
+    def reordered(self) -> "CurvePoint | None":
+        """The same gait with arcs in the order that its durations demand; its modes do not change."""
+        curve, equations = self.curve, self.at.equations
+        nodes, durations, freed = equations.unpack(self.at.w)
+        dynamics = equations.dynamics(curve.p, freed)
+        rolled = roll_out(dynamics, curve.cycle, nodes[:, 0], durations)
+        finer, w = curve_through(curve.problem, dynamics, curve.parameter, curve.metric, rolled)
+        first = finer.start(w, self._tangent_on(finer))
+        return first if first is not None and first.in_order else None
+
+    def _resampled(self, at: Solution) -> "CurvePoint | None":
+        """The point on the curve of another mesh, where ``at`` is its solution."""
+        curve = Curve(self.curve.problem, self.curve.parameter, at.equations, self.curve.p, self.curve.metric)
+        plain = Solution(at.equations, at.w, at.p)  # with its own Jacobian, without a chord
+        return curve.through(plain, curve.coordinates(self._tangent_on(curve)))
+
+    def _tangent_on(self, curve: "Curve") -> Array:
+        """The tangent on another mesh, with the entries that count for arclength; those of all inner nodes are zero."""
+        n_z, tail = curve.equations.system.n_z, curve.equations.n_phases + 1
+        tangent = np.zeros(curve.equations.w.numel())
+        tangent[:n_z], tangent[-tail:] = self.tangent[:n_z], self.tangent[-tail:]
+        return tangent
+
+    def _extrapolated(self, length: float) -> Array:
+        """The solution at arclength ``length`` on the polynomial through the last points and tangents."""
+        coordinates = self.curve.coordinates
+        normal, here = coordinates(self.tangent), coordinates(self.at.w)
+        places, weights = [0.0], np.array([1.0, length])
+        known = [(self.at.w, self.tangent)]
+        for w, tangent in self.earlier:
+            place, slope = float(normal @ (coordinates(w) - here)), float(normal @ coordinates(tangent))
+            following = None if slope < FORWARD else extrapolation([*places, place], length, slopes=True)
+            if following is None:
+                break
+            places, known, weights = [*places, place], [*known, (w, tangent / slope)], following
+        values, slopes = zip(*known, strict=True)
+        return np.asarray(weights @ np.array([*values, *slopes]))
 
 
 class Curve:
@@ -229,68 +340,18 @@ class Curve:
         None if Newton's method fails; ``forward`` has the shape of w.
         """
         point = self.nearest(w, forward)
-        return None if point is None else self.remeshed(point)
+        return None if point is None else point.remeshed()
 
     def nearest(self, w: Array, forward: Array) -> CurvePoint | None:
         """The point next to ``w`` on this mesh and at the same parameter."""
         upright = np.zeros(self._indices.size)
         upright[-1] = 1.0
-        return self._correct(w, upright, None, self.coordinates(forward), at_parameter=True)
+        return self.corrected(w, upright, forward=self.coordinates(forward))
 
-    def step(self, point: CurvePoint, length: float) -> CurvePoint | None:
-        """The point at arclength ``length`` along the tangent; None if Newton's method does not converge.
-
-        Raises
-        ------
-        ProblemError
-            If the parameter has left the range that the problem allows.
-        """
-        normal, ahead = self.coordinates(point.tangent), point.at.w + length * point.tangent
-        for predicted in (self._extrapolated(point, length), ahead) if point.earlier else (ahead,):
-            end = self._correct(predicted, normal, point.bordered, normal)
-            if end is not None:
-                earlier = ((point.at.w, point.tangent), *point.earlier)
-                return replace(end, earlier=earlier[:REMEMBERED])
-        return None
-
-    @overflow_allowed()
-    def at_parameter(self, point: CurvePoint, value: float) -> CurvePoint | None:
-        """The point near ``point`` with the given value of the parameter."""
-        slope = point.tangent[-1]
-        predicted = point.at.w + point.tangent * ((value - point.at.w[-1]) / slope if slope else 0.0)
-        predicted[-1] = value
-        return self.nearest(predicted, point.tangent)
-
-    def locate(
-        self, before: CurvePoint, after: CurvePoint, length: float, watched: Callable[[CurvePoint], float]
-    ) -> Location:
-        """The zero of ``watched`` on the step of the given arclength from ``before`` to ``after``."""
-        points: dict[float, CurvePoint] = {0.0: before, length: after}
-
-        def value(place: float) -> float:
-            if place not in points:
-                point = self.step(before, place)
-                if point is None:
-                    raise _LostError
-                points[place] = point
-            return watched(points[place])
-
-        try:
-            root = bracketed_root(value, 0.0, length, LENGTH_TOLERANCE)
-        except _LostError:
-            return Location(length=length, point=after, status="guess")
-        value(root)
-        return Location(length=root, point=points[root], status="converged")
-
-    def through(self, at: Solution, forward: Array, iterations: int = 0) -> CurvePoint | None:
-        """A solution as a point of the curve, its tangent along ``forward`` (shape of y); None where it has none."""
-        right = np.zeros(at.w.size)
-        right[-1] = 1.0
-        try:
-            tangent = self._bordered(at, forward).solve(right)
-        except RuntimeError:  # singular
-            return None
-        return self._point(at, tangent / np.linalg.norm(self.coordinates(tangent)), iterations)
+    def branch_off(self, w: Array, direction: Array, length: float) -> CurvePoint | None:
+        """The point of another branch through ``w`` whose projection on ``direction`` (shape of w) is ``length``."""
+        point = self.corrected(w + length * direction, np.sign(length) * self.coordinates(direction))
+        return None if point is None else point.remeshed()
 
     @overflow_allowed()
     def crossing(self, w: Array, along: Array) -> Array | None:
@@ -314,87 +375,18 @@ class Curve:
         left = np.abs(at.jacobian @ vector / self._units.equalities).max()
         return vector if left < SINGULAR else None
 
-    def branch_off(self, w: Array, direction: Array, length: float) -> CurvePoint | None:
-        """The point of another branch through ``w`` whose projection on ``direction`` (shape of w) is ``length``."""
-        normal = self.coordinates(direction)
-        point = self._correct(w + length * direction, normal, None, np.sign(length) * normal)
-        return None if point is None else self.remeshed(point)
-
-    def remeshed(self, point: CurvePoint) -> CurvePoint | None:
-        """The same gait on a finer mesh where its integration error needs one; None if that fails."""
-        refined = refine(point.at)
-        return point if refined.equations is self.equations else self._resumed_on(refined, point)
-
-    def bisected(self, point: CurvePoint) -> CurvePoint | None:
-        """The same gait down to rounding with every interval cut in two; None if that fails."""
-        return self._resumed_on(halved(point.at), point)
-
-    def in_order(self, point: CurvePoint) -> bool:
-        """Whether no switch has passed a breakpoint of the control; True as well where a phase has vanished."""
-        durations = self.equations.unpack(point.at.w).durations
-        breakpoints = self.equations.system.control.breakpoints
-        return bool(durations.min() <= 0) or self.equations.layout.in_order(durations, breakpoints)
-
-    def reordered(self, point: CurvePoint) -> CurvePoint | None:
-        """The same gait with arcs in the order that its durations demand; its modes do not change."""
-        nodes, durations, freed = self.equations.unpack(point.at.w)
-        dynamics = self.equations.dynamics(self.p, freed)
-        rolled = roll_out(dynamics, self.cycle, nodes[:, 0], durations)
-        curve, w = curve_through(self.problem, dynamics, self.parameter, self.metric, rolled)
-        first = curve.start(w, _resized(point.tangent, self.equations, curve.equations))
-        return first if first is not None and first.curve.in_order(first) else None
-
-    def state_of(self, point: CurvePoint) -> ContinuationState:
-        """What ``resumed_point`` needs to go on from a point."""
-        return ContinuationState(
-            unknowns=point.at.w,
-            direction=point.tangent,
-            arcs=tuple(
-                (arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals) for arc in self.equations.layout.arcs
-            ),
-            origin=float(self.p[self.equations.system.parameters.index(self.parameter)]),
-            metric=self.metric.to_array(),
-            earlier=len(point.earlier),
-        )
-
-    def _resumed_on(self, refined: Solution, point: CurvePoint) -> CurvePoint | None:
-        """The point on the curve of another mesh."""
-        curve = Curve(self.problem, self.parameter, refined.equations, self.p, self.metric)
-        at = Solution(refined.equations, refined.w, refined.p)
-        return curve.through(at, curve.coordinates(_resized(point.tangent, self.equations, refined.equations)))
-
-    def _extrapolated(self, point: CurvePoint, length: float) -> Array:
-        """The solution at arclength ``length`` on the polynomial through the last points and tangents."""
-        normal, here = self.coordinates(point.tangent), self.coordinates(point.at.w)
-        places, weights = [0.0], np.array([1.0, length])
-        known = [(point.at.w, point.tangent)]
-        for w, tangent in point.earlier:
-            place, slope = float(normal @ (self.coordinates(w) - here)), float(normal @ self.coordinates(tangent))
-            following = None if slope < FORWARD else extrapolation([*places, place], length, slopes=True)
-            if following is None:
-                break
-            places, known, weights = [*places, place], [*known, (w, tangent / slope)], following
-        values, slopes = zip(*known, strict=True)
-        return np.asarray(weights @ np.array([*values, *slopes]))
-
     @overflow_allowed()
-    def _correct(
-        self,
-        predicted: Array,
-        normal: Array,
-        chord: ScaledMatrix | None,
-        forward: Array,
-        *,
-        at_parameter: bool = False,
+    def corrected(
+        self, predicted: Array, normal: Array, chord: ScaledMatrix | None = None, *, forward: Array | None = None
     ) -> CurvePoint | None:
-        """Newton's method from ``predicted`` perpendicular to ``normal``, or at exactly the predicted parameter.
+        """Newton's method from ``predicted`` perpendicular to ``normal``, which becomes the direction of the tangent.
 
         Parameters
         ----------
         chord : bordered Jacobian for the first steps; None for that at ``predicted``.
-        forward : ndarray, shape of y - direction of the tangent.
+        forward : ndarray, shape of y - direction of the tangent, if the parameter must stay exactly as predicted.
         """
-        w, last = predicted, np.inf
+        w, last, is_fixed = predicted, np.inf, forward is not None
         try:
             for iterations in range(ITERATIONS + 1):
                 residual = self.equations.violation(w, self.p)
@@ -407,43 +399,66 @@ class Curve:
                     if iterations == ITERATIONS or not np.isfinite(size):
                         return None
                     chord = chord or self._bordered(Solution(self.equations, w, self.p), normal)
-                if chord is not None:  # which of a solution leads to rounding
+                if chord is not None:  # also at a solution, where one more chord leads to rounding
                     w = w - chord.solve(np.append(residual, offset))
-                    if at_parameter:
+                    if is_fixed:
                         w[-1] = predicted[-1]  # rounding would move it, perhaps out of its range
                 if solved:
                     break
                 last = size
         except RuntimeError:  # singular
             return None
-        at = self._polished(Solution(self.equations, w, self.p), normal, at_parameter=at_parameter)
-        return self.through(at, forward, iterations)
+        at, bordered = self._polished(Solution(self.equations, w, self.p), normal, is_fixed=is_fixed)
+        return (
+            self.through(at, normal, iterations, bordered) if forward is None else self.through(at, forward, iterations)
+        )
 
-    def _polished(self, at: Solution, normal: Array, *, at_parameter: bool) -> Solution:
-        """The solution after full Newton steps perpendicular to ``normal``, down to ``PRECISION`` or rounding."""
-        last, best = np.inf, at
+    def _polished(self, at: Solution, normal: Array, *, is_fixed: bool) -> tuple[Solution, ScaledMatrix]:
+        """The solution after full Newton steps perpendicular to ``normal``, down to ``PRECISION`` or rounding.
+
+        Returns
+        -------
+        at, bordered : the solution, and its Jacobian with ``normal`` as the last row.
+        """
+        best, last = (at, self._bordered(at, normal)), np.inf
+        at, bordered = best
         while True:
             try:
-                step = self._bordered(at, normal).solve(np.append(at.residual, 0.0))
+                step = bordered.solve(np.append(at.residual, 0.0))
             except RuntimeError:  # singular
                 return best
-            if at_parameter:
+            if is_fixed:
                 step[-1] = 0.0
             size = float(np.abs(step / self._columns).max())
             if not size < CONTRACTION * last:
                 return best
             if size < PRECISION:
-                return at
-            last, best = size, at
+                return at, bordered
+            best, last = (at, bordered), size
             at = Solution(self.equations, at.w - step, self.p)
+            bordered = self._bordered(at, normal)
 
-    def _point(
-        self,
-        at: Solution,
-        tangent: Array,
-        iterations: int,
-        earlier: tuple[tuple[Array, Array], ...] = (),
+    def through(
+        self, at: Solution, forward: Array, iterations: int = 0, bordered: ScaledMatrix | None = None
+    ) -> CurvePoint | None:
+        """A solution as a point of the curve, its tangent along ``forward`` (shape of y); None where it has none.
+
+        Parameters
+        ----------
+        bordered : Jacobian with ``forward`` as the last row, if it is known.
+        """
+        right = np.zeros(at.w.size)
+        right[-1] = 1.0
+        try:
+            tangent = (bordered or self._bordered(at, forward)).solve(right)
+        except RuntimeError:  # singular
+            return None
+        return self.point(at, tangent / np.linalg.norm(self.coordinates(tangent)), iterations)
+
+    def point(
+        self, at: Solution, tangent: Array, iterations: int, earlier: tuple[tuple[Array, Array], ...] = ()
     ) -> CurvePoint:
+        """A solution with a known tangent as a point of the curve."""
         return CurvePoint(
             curve=self,
             problem=self.problem.replace({self.parameter: float(at.w[-1])}),
@@ -488,7 +503,7 @@ def curve_through(
 def resumed_point(
     problem: Problem, dynamics: Dynamics, parameter: str, states: Sequence[ContinuationState], iterations: int
 ) -> CurvePoint:
-    """The last of some points from their ``state_of``, to the last bit.
+    """The last of some points from their ``state``, to the last bit.
 
     Parameters
     ----------
@@ -523,19 +538,9 @@ def resumed_point(
     p = dynamics.at({parameter: last.origin}).p
     curve = Curve(problem, parameter, equations, p, Metric.from_array(last.metric))
     earlier = tuple((state.unknowns, state.direction) for state in reversed(before))
-    point = curve._point(Solution(equations, last.unknowns, p), last.direction, iterations, earlier)
+    point = curve.point(Solution(equations, last.unknowns, p), last.direction, iterations, earlier)
     if not point.at.size < SOLVED:
         raise ValueError("walk.unknowns are not a gait with these phases")
-    if not curve.in_order(point):
+    if not point.in_order:
         raise ValueError("walk.arcs do not match the segments of the control")
     return point
-
-
-def _resized(tangent: Array, old: MultipleShooting, new: MultipleShooting) -> Array:
-    """A tangent on another mesh, with the entries that count for arclength; those of all inner nodes are zero."""
-    n_z = old.system.n_z
-    result = np.zeros(new.w.numel())
-    result[:n_z] = tangent[:n_z]
-    tail = old.n_phases + 1
-    result[-tail:] = tangent[-tail:]
-    return result

@@ -45,10 +45,10 @@ def curve_of(equation: str, scales: tuple[float, float]) -> Curve:
     return Curve(problem, "v", planar(equation), np.zeros(1), Metric(state=np.array([x]), period=1.0, span=v))
 
 
-def walked(curve: Curve, start: CurvePoint, length: float, count: int) -> list[CurvePoint]:
+def walked(start: CurvePoint, length: float, count: int) -> list[CurvePoint]:
     points = [start]
     for _ in range(count):
-        point = curve.step(points[-1], length)
+        point = points[-1].step(length)
         assert point is not None
         points.append(point)
     return points
@@ -57,7 +57,7 @@ def walked(curve: Curve, start: CurvePoint, length: float, count: int) -> list[C
 def test_a_circle_is_walked_round_through_both_of_its_folds() -> None:
     curve = curve_of("circle", (1.0, 1.0))
     start = curve.nearest(np.array([0.9, 0.3]), np.array([0.0, 1.0]))
-    points = walked(curve, start, 0.05, 130)
+    points = walked(start, 0.05, 130)
     w = np.array([point.at.w for point in points])
     assert np.abs(np.linalg.norm(w, axis=1) - 1).max() < RESIDUAL
     assert np.count_nonzero(np.diff(np.sign([point.tangent[-1] for point in points]))) == 2
@@ -67,7 +67,7 @@ def test_a_circle_is_walked_round_through_both_of_its_folds() -> None:
 
 def test_the_tangent_has_unit_length_and_lies_in_the_kernel() -> None:
     curve = curve_of("cubic", (2.0, 0.5))
-    for point in walked(curve, curve.nearest(np.array([1.4, 1.4**3 - 1.4]), np.array([0.0, -1.0])), 0.05, 40):
+    for point in walked(curve.nearest(np.array([1.4, 1.4**3 - 1.4]), np.array([0.0, -1.0])), 0.05, 40):
         assert np.linalg.norm(curve.coordinates(point.tangent)) == pytest.approx(1, abs=1e-14)
         assert np.abs(point.at.jacobian @ point.tangent).max() < 1e-12
 
@@ -76,7 +76,7 @@ def test_the_tangent_has_unit_length_and_lies_in_the_kernel() -> None:
 def test_scales_do_not_decide_where_a_fold_is(scale: float, length: float, count: int) -> None:
     curve = curve_of("cubic", (1.0, scale))
     start = curve.nearest(np.array([1.2, 1.2**3 - 1.2]), np.array([0.0, -1.0]))
-    points = walked(curve, start, length, count)
+    points = walked(start, length, count)
     turn = next(k for k, point in enumerate(points) if point.tangent[-1] > 0)
     assert points[turn].at.w[0] < 1 / np.sqrt(3) < points[turn - 1].at.w[0]
     assert points[turn].at.w[-1] == pytest.approx(-2 / 3**1.5, abs=2e-3)
@@ -85,5 +85,5 @@ def test_scales_do_not_decide_where_a_fold_is(scale: float, length: float, count
 def test_there_is_no_point_past_the_last_parameter() -> None:
     curve = curve_of("circle", (1.0, 1.0))
     start = curve.nearest(np.array([0.6, 0.8]), np.array([0.0, 1.0]))
-    assert curve.at_parameter(start, 0.9).at.w == pytest.approx([np.sqrt(0.19), 0.9], abs=1e-12)
-    assert curve.at_parameter(start, 1.1) is None
+    assert start.at_parameter(0.9).at.w == pytest.approx([np.sqrt(0.19), 0.9], abs=1e-12)
+    assert start.at_parameter(1.1) is None

@@ -4,7 +4,7 @@ import pytest
 from named import named
 
 from gaitopt import continuation
-from gaitopt.branches.curve import Curve
+from gaitopt.branches.curve import CurvePoint
 
 
 @pytest.fixture(scope="module")
@@ -13,14 +13,14 @@ def wheel():
 
 
 def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
-    step = Curve.step
+    step = CurvePoint.step
 
-    def failing(self, point, length):
-        found = step(self, point, length)
-        crosses = found is not None and min(found.value, point.value) < 0.45 < max(found.value, point.value)
+    def failing(self, length):
+        found = step(self, length)
+        crosses = found is not None and min(found.value, self.value) < 0.45 < max(found.value, self.value)
         return None if crosses else found
 
-    monkeypatch.setattr(Curve, "step", failing)
+    monkeypatch.setattr(CurvePoint, "step", failing)
     branch = continuation(wheel, "friction", 0.5)
     assert branch.special("end")[0].value == pytest.approx(0.5)
     assert {point.branch for point in branch} == {0}
@@ -30,8 +30,8 @@ def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
 
 
 def test_branch_ends_with_a_reason_where_ipopt_fails_too(wheel, monkeypatch):
-    step = Curve.step
-    monkeypatch.setattr(Curve, "step", lambda self, s, length: None if s.value > 0.42 else step(self, s, length))
+    step = CurvePoint.step
+    monkeypatch.setattr(CurvePoint, "step", lambda self, length: None if self.value > 0.42 else step(self, length))
     monkeypatch.setattr("gaitopt.branches.continuation.RESCUES", ())
     branch = continuation(wheel, "friction", 0.5)
     assert "IPOPT" in branch.special("end")[0].reason

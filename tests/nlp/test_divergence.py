@@ -40,7 +40,7 @@ def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
     curve = Curve(gait().problem, "friction", equations, gait().p, metric)
     point = curve.start(w, np.append(np.zeros(w.size - 1), 1.0))
     assert point is not None
-    assert curve.step(point, far) is None
+    assert point.step(far) is None
     assert curve.start(w + far, point.tangent) is None
 
 
