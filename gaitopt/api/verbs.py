@@ -317,7 +317,7 @@ def continuation(
         If the folder belongs to something else or cannot be written.
     """
     from gaitopt.branches.continuation import follow_family
-    from gaitopt.branches.request import Request, check_request
+    from gaitopt.branches.request import Request
 
     request = Request(
         parameter=parameter,
@@ -339,12 +339,11 @@ def continuation(
             return collected(parameter, records)
         from gaitopt.runs.branch import BranchPlan, restore_branch
 
-        gait = start if isinstance(start, Gait) else start.gait
-        if gait is None:
-            raise SolveError(f"there is no gait at the special point {start!r}")
         if events:
             raise ProblemError("events are functions, which no folder can keep; leave out events or output")
-        check_request(gait, request)
+        request.first_gait(start)  # raises what is wrong before a folder is written
+        gait = start if isinstance(start, Gait) else start.gait
+        assert gait is not None
         kind = start.type if isinstance(start, SpecialPoint) else ""
         folder = None if output is True else Path(output)
         plan = BranchPlan(problem=gait.problem, request=request, start_type=kind, output=folder)

@@ -18,7 +18,7 @@ import numpy as np
 from gaitopt.branches.change import NEARBY, find_change, halved_cycle, transition_at
 from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, resumed_point
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
-from gaitopt.branches.request import FOLLOWS, Request, check_request, with_friction
+from gaitopt.branches.request import FOLLOWS, Request
 from gaitopt.branches.switching import beginnings, first_point, started
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError
@@ -69,11 +69,7 @@ def follow_family(
     ----------
     done : JSON records of an unfinished family, see ``resumable``.
     """
-    stated = start if isinstance(start, Gait) else start.gait
-    if stated is None:
-        raise SolveError(f"there is no gait at the special point {start!r}")
-    gait = with_friction(stated, request.parameter)
-    check_request(gait, request)
+    gait = request.first_gait(start)
     value = gait.dynamics.parameter(request.parameter)
     numbers = count(1 + max((n for record in done for n in (record["branch"], *record.get("next", ()))), default=-1))
     new_walk = partial(Continuation, gait, numbers=numbers, should_stop=should_stop)

@@ -1,7 +1,7 @@
 """The request of a continuation: the parameter, its targets and bounds, and which other branches to follow.
 
-A coefficient of friction that the problem does not have by itself may be asked for as well: where the static and the
-kinetic one are equal, a gait with one coefficient is a gait with two, and conversely.
+A problem with one coefficient of friction may be continued in the static or the kinetic one, and a problem with two
+equal ones in ``friction``: the gait is then the same under the other friction law.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ import numpy as np
 
 from gaitopt.branches.monitors import BIFURCATIONS, TestFunction
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.gait.branch import TERMINAL
+from gaitopt.gait.branch import TERMINAL, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import CoulombFriction, Friction, StaticKineticFriction
@@ -29,23 +29,23 @@ FOLLOWS = {
     "mode_change": "mode_changes",
     "impact_change": "mode_changes",
 }
-"""The kind of branches, a key of ``Request.follow``, that begin at a special point of some type."""
+"""The key of ``Request.follow`` for the branches that begin at each type of special point."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """Which family, how far, and which of the branches that begin on it.
+    """The parameter of a family, its range, and which of the branches that begin on the family are followed too.
 
     Attributes
     ----------
     parameter : dotted key of a scalar of walker, friction or control.
-    to : values of the parameter at which to stop, one after the other, each time from the first gait.
-    lower, upper : bounds of the parameter for families that turn back; None stands for the target, and on the other
-        side of the first gait for the same distance from it.
+    to : values of the parameter at which to stop; each of them is approached from the first gait.
+    lower, upper : bounds of the parameter, for families with folds. By default the target is a bound, and the other
+        bound is as far from the first gait on its other side.
     events : functions of a gait, continuous along the family; their zeros are special points with these names.
     max_points, max_seconds : limits of the work towards each target; a branch that reaches one can be resumed.
-    verify_every : every so many points is confirmed by the simulator, 0 for none.
-    follow : by kind (see ``FOLLOWS``), to which depth the other branches of special points are followed as well.
+    verify_every : the simulator verifies every N-th point; 0 for none.
+    follow : for each kind of branch (the values of ``FOLLOWS``), how many times in turn such branches are followed.
     """
 
     parameter: str
@@ -58,10 +58,54 @@ class Request:
     verify_every: int = 10
     follow: Mapping[str, int] = field(default_factory=dict)
 
-    def towards(self, targets: Sequence[float], gait: Gait) -> "Request":
-        """The request of one walk from ``gait``, with both bounds set."""
+    def first_gait(self, start: Gait | SpecialPoint) -> Gait:
+        """The gait at which the family begins, with the friction law that has the parameter.
+
+        Raises
+        ------
+        UnknownNameError
+            If the gait has no such continuous parameter, or an event has the name of a type of special point.
+        ProblemError
+            If the parameter cannot have the value of a target, has it already, or a target lies beyond a bound.
+        SolveError
+            If there is no gait.
+        """
+        stated = start if isinstance(start, Gait) else start.gait
+        if stated is None:
+            raise SolveError(f"there is no gait at the special point {start!r}")
+        if not stated.steps:
+            words = f"{stated.problem.name} is {stated.status}, so there is nothing to continue: {stated.message}"
+            raise SolveError(words)
+        gait = _with_friction(stated, self.parameter)
+        names = gait.system.parameters
+        if self.parameter not in names:
+            near = nearest_keys(self.parameter, names)
+            raise UnknownNameError(f"{self.parameter} is no parameter of {gait.problem.name}{near}")
+        if isinstance(gait.problem.parameters.get(self.parameter), int):
+            words = "is a whole number, along which there is no family; solve for one value at a time"
+            raise UnknownNameError(f"{self.parameter}: {words}").about("parameter")
+        taken = ", ".join(sorted(set(self.events) & {*BIFURCATIONS, *TERMINAL, "mode_change", "impact_change"}))
+        if taken:
+            raise UnknownNameError(f"events: {taken} is a special point already; choose another name")
         value = gait.dynamics.parameter(self.parameter)
-        least, largest = _coefficient_bounds(gait, self.parameter)
+        for to in self.to:
+            if to == value or not np.isfinite(to):
+                words = f"{self.parameter} is {value:g} at the start: the target must be another finite value"
+                raise ProblemError(words)
+            objection = gait.problem.objection(self.parameter, to)
+            if objection:
+                raise ProblemError(f"{to:g}: {self.parameter}: {objection}").about("to")
+            if self.lower is not None and min(to, value) < self.lower:
+                raise ProblemError(f"{self.parameter}: {min(to, value):g} lies below the bound {self.lower:g}")
+            if self.upper is not None and max(to, value) > self.upper:
+                raise ProblemError(f"{self.parameter}: {max(to, value):g} lies above the bound {self.upper:g}")
+        return gait
+
+    def towards(self, targets: Sequence[float], gait: Gait) -> "Request":
+        """The request of one continuation from ``gait``, with both bounds set."""
+        value, known = gait.dynamics.parameter(self.parameter), gait.dynamics.parameters
+        least = known["friction.kinetic"] if self.parameter == "friction.static" else -inf
+        largest = known["friction.static"] if self.parameter == "friction.kinetic" else inf
         span = max(abs(to - value) for to in targets)
         lower = value - span if self.lower is None else self.lower
         upper = value + span if self.upper is None else self.upper
@@ -85,12 +129,12 @@ class Request:
         return lower if after <= lower < before else None
 
     def reached(self, value: float) -> str | None:
-        """Why a walk ends at a value of the parameter, if that is a bound."""
+        """Why a continuation ends at a value of the parameter; None if that is within the bounds."""
         lower, upper = self.bounds
         return None if lower < value < upper else f"reached {self.parameter} = {max(lower, min(value, upper)):.12g}"
 
     def exhausted(self, points: int, seconds: float = 0.0) -> str | None:
-        """Why a walk pauses after this number of points and this time, if it does; its branch stays open."""
+        """Why a continuation pauses after this number of points and this time; None if it goes on."""
         if points >= self.max_points:
             return f"paused at the limit of {self.max_points} points"
         if self.max_seconds is not None and seconds > self.max_seconds:
@@ -105,81 +149,38 @@ class Request:
         return {"record": "continuation", **record, "to": list(self.to), **followed}
 
 
-def check_request(gait: Gait, request: Request) -> None:
-    """Raise an error for a request that cannot be met.
-
-    Raises
-    ------
-    UnknownNameError, ProblemError, SolveError
-        As ``continuation``.
-    """
-    if not gait.steps:
-        raise SolveError(f"{gait.problem.name} is {gait.status}, so there is nothing to continue: {gait.message}")
-    names = gait.system.parameters
-    if request.parameter not in names:
-        near = nearest_keys(request.parameter, names)
-        raise UnknownNameError(f"{request.parameter} is no parameter of {gait.problem.name}{near}")
-    if isinstance(gait.problem.parameters.get(request.parameter), int):
-        words = f"{request.parameter}: is a whole number, along which there is no family; solve for one value at a time"
-        raise UnknownNameError(words).about("parameter")
-    taken = set(request.events) & {*BIFURCATIONS, *TERMINAL, "mode_change", "impact_change"}
-    if taken:
-        raise UnknownNameError(f"events: {', '.join(sorted(taken))} is a special point already; choose another name")
-    value = float(gait.p[names.index(request.parameter)])
-    for to in request.to:
-        if to == value or not np.isfinite(to):
-            raise ProblemError(
-                f"{request.parameter} is {value:g} at the start: the target must be another finite value"
-            )
-        why = gait.problem.objection(request.parameter, to)
-        if why:
-            raise ProblemError(f"{to:g}: {request.parameter}: {why}").about("to")
-        if request.lower is not None and min(to, value) < request.lower:
-            raise ProblemError(f"{request.parameter}: {min(to, value):g} lies below the bound {request.lower:g}")
-        if request.upper is not None and max(to, value) > request.upper:
-            raise ProblemError(f"{request.parameter}: {max(to, value):g} lies above the bound {request.upper:g}")
-
-
 def family_of(problem: Problem, parameter: str) -> Gait:
     """A gait without a motion, with the problem and the dynamics of the family of ``problem`` along ``parameter``."""
     stated = Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.CONVERGED, message="")
-    return with_friction(stated, parameter)
+    return _with_friction(stated, parameter)
 
 
-def with_friction(gait: Gait, parameter: str) -> Gait:
+def _with_friction(gait: Gait, parameter: str) -> Gait:
     """The same gait under the friction law that has ``parameter``; unchanged for all other parameters.
 
     Raises
     ------
     ProblemError
-        If both coefficients are to be moved but differ, or there is viscous drag besides.
+        If ``parameter`` is ``friction`` and the coefficients differ.
     """
     if parameter in gait.system.parameters or parameter.partition(".")[0] != "friction":
         return gait
     friction = gait.problem.friction
+    law: Friction
+    coefficients: float | FrictionCoefficients
     if isinstance(friction, float):
-        value = gait.dynamics.static_friction
-        if parameter not in StaticKineticFriction().parameters:
+        law, value = StaticKineticFriction(), gait.dynamics.static_friction
+        if parameter not in law.parameters:
             return gait
-        return _restated(gait, FrictionCoefficients(static=value, kinetic=value), StaticKineticFriction())
-    if friction.static != friction.kinetic or friction.viscous:
+        coefficients = FrictionCoefficients(static=value, kinetic=value)
+    elif friction.static != friction.kinetic or friction.viscous:
         numbers = ", ".join(f"{name} = {value:g}" for name, value in friction)
         raise ProblemError(
             f"friction has several coefficients, {numbers}: vary friction.static, friction.kinetic or friction.viscous"
         )
-    return _restated(gait, friction.static, CoulombFriction())
-
-
-def _coefficient_bounds(gait: Gait, parameter: str) -> tuple[float, float]:
-    """Range of a coefficient of friction, static being at least kinetic; infinite for all other parameters."""
-    known = gait.dynamics.parameters
-    if parameter == "friction.static":
-        return known["friction.kinetic"], inf
-    return -inf, known["friction.static"] if parameter == "friction.kinetic" else inf
-
-
-def _restated(gait: Gait, coefficients: float | FrictionCoefficients, law: Friction) -> Gait:
+    else:
+        law, coefficients = CoulombFriction(), friction.static
     problem = replace(gait.problem, friction=coefficients)
     system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, law)
     p = system.values({**problem.parameters, **gait.dynamics.parameters})
-    return replace(gait, problem=problem).under(Dynamics(system, p))
+    return replace(gait, problem=problem, dynamics=Dynamics(system, p))

@@ -98,7 +98,7 @@ def continue_(
     steps, at a branch point the curve that crosses, at a change of modes the sequences that were not followed.
     Every point is kept at once; the same command resumes a branch that was interrupted.
     """
-    from gaitopt.branches.request import Request, check_request
+    from gaitopt.branches.request import Request
     from gaitopt.runs.branch import BranchPlan
 
     request = Request(
@@ -118,7 +118,7 @@ def continue_(
     if not gait.converged:
         report(gait, None, terminal)
         return NOT_A_GAIT
-    check_request(gait, request)
+    request.first_gait(start or gait)
     plan = BranchPlan(problem=gait.problem, request=request, start_type=start.type if start else "", output=output)
     with plan.run.writing(plan.problem):
         refuted = _walk(plan, start or gait, terminal)

@@ -222,3 +222,11 @@ def test_zeros_of_functions_of_the_caller_are_located_and_named() -> None:
 def test_an_event_may_not_have_the_name_of_another_special_point() -> None:
     with pytest.raises(UnknownNameError, match="fold is a special point already"):
         continuation(named("rimless-wheel-stick"), "walker.slope", 0.3, events={"fold": lambda gait: 1.0})
+
+
+def test_a_coefficient_that_the_problem_lacks_is_continued_in_a_folder_too(tmp_path) -> None:
+    limits = {"max_points": 3, "verify_every": 0}
+    plain = continuation(named("compass-passive-a"), "friction.static", 0.145, **limits)
+    stored = continuation(named("compass-passive-a"), "friction.static", 0.145, **limits, output=tmp_path)
+    assert stored.values == pytest.approx(plain.values, rel=1e-12)
+    assert stored[-1].gait.problem.friction.kinetic == 0.14
