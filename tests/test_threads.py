@@ -17,7 +17,7 @@ from gaitopt.cli.signals import interruptible, listening
 from gaitopt.errors import StorageError
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.nlp.following import Family
-from gaitopt.store.files import only_writer
+from gaitopt.store.lock import only_writer
 from gaitopt.threads import per_thread
 from gaitopt.workers.cluster import METHOD, connected
 

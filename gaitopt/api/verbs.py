@@ -392,7 +392,8 @@ def prove(
     from gaitopt.proof.prove import prove as prove_gait  # these modules need the extra "proof"
     from gaitopt.proof.prove import prove_special
     from gaitopt.proof.theorem import BRACKETED
-    from gaitopt.store.files import json_text, make_folder, write_whole
+    from gaitopt.store.files import make_folder, write_whole
+    from gaitopt.store.formats import json_text
 
     gait = start.gait if isinstance(start, SpecialPoint) else start
     if isinstance(start, SpecialPoint):
@@ -430,7 +431,7 @@ def check_proof(path: str | Path) -> "Proof":
     """
     from gaitopt.proof.certificate import LARGEST_FILE, parse_certificate
     from gaitopt.proof.check import check
-    from gaitopt.store.files import reason
+    from gaitopt.store.formats import reason
 
     file = Path(path)
     try:

@@ -61,7 +61,8 @@ def plot(
     is given as RUN: any scalar of the result. Of a front: front.
     """
     from gaitopt.api.pictures import ANIMATION, figures_in, figures_of, map_kind, save_figures
-    from gaitopt.store.run import Run, check_writable
+    from gaitopt.store.files import check_writable
+    from gaitopt.store.run import Run
 
     if output is not None:
         check_writable(output / FIGURES)
@@ -100,7 +101,8 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
     """
     from gaitopt.api.pictures import page_in
     from gaitopt.api.pictures import report as page_about
-    from gaitopt.store.run import Run, check_writable
+    from gaitopt.store.files import check_writable
+    from gaitopt.store.run import Run
 
     if output is not None and (not output.name or output.is_dir()):
         raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")

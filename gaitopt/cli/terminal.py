@@ -83,7 +83,7 @@ class Terminal:
 
     def print_json(self, record: Record) -> None:
         """Print a record as one line of JSON."""
-        from gaitopt.store.files import json_text
+        from gaitopt.store.formats import json_text
 
         sys.stdout.write(json_text(record) + "\n")
 

@@ -24,7 +24,8 @@ from gaitopt.paper.gaits import (
     problem_of,
     rounded_torques,
 )
-from gaitopt.store.files import clear_leftovers, json_file, make_folder, write_whole
+from gaitopt.store.files import clear_leftovers, make_folder, write_whole
+from gaitopt.store.formats import json_file
 from gaitopt.workers.jobs import Job, Workers, key_of, run_jobs
 
 PAPERS = ("gamus-or-2013",)

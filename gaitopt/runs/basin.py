@@ -31,7 +31,8 @@ from gaitopt.runs.grid import Grid, check_room
 from gaitopt.runs.jobs import Plan, Stored
 from gaitopt.simulation.batch import ENDINGS, phase_names
 from gaitopt.simulation.engine import Engine, choose_engine
-from gaitopt.store.files import damaged, json_file, read_bytes, validated, write_whole
+from gaitopt.store.files import read_bytes, write_whole
+from gaitopt.store.formats import damaged, json_file, validated
 from gaitopt.store.run import Run
 from gaitopt.verification.return_map import StepMap, section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of

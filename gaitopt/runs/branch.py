@@ -23,9 +23,9 @@ from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import ContinuationRecord, PointRecord, SpecialRecord
 from gaitopt.problem.problem import Problem
-from gaitopt.store.files import Table, csv_text, damaged, validated
+from gaitopt.store.files import lines_text
+from gaitopt.store.formats import Table, csv_text, damaged, validated
 from gaitopt.store.gaits import branch_point, special_point
-from gaitopt.store.lines import lines_text
 from gaitopt.store.run import Run
 
 Record = Mapping[str, Any]

@@ -20,7 +20,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.jobs import SOLVED, Plan, Stored, problem_job, solve_all
-from gaitopt.store.files import damaged, json_text, validated
+from gaitopt.store.formats import damaged, json_text, validated
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Job, ResumableJobs, Workers
 

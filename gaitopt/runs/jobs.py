@@ -23,7 +23,7 @@ from gaitopt.gait.records import JobRecord, PartRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.search.find import Gaits, SearchPlan, search
 from gaitopt.search.solve import solve
-from gaitopt.store.files import validated
+from gaitopt.store.formats import validated
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers

@@ -24,8 +24,9 @@ from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.sweep import SWEEP_FILE, Sweep, read_sweep
-from gaitopt.store.files import Table, damaged, validated, wait_for_writer
+from gaitopt.store.formats import Table, damaged, validated
 from gaitopt.store.gaits import freed_values, gait_from_record, tabulated_steps
+from gaitopt.store.lock import wait_for_writer
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, MANIFEST_FILE, WALK_FILE, WALK_FILES, Run
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk

@@ -23,7 +23,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
 from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, problem_job, solve_all
-from gaitopt.store.files import (
+from gaitopt.store.formats import (
     Table,
     cell_rows,
     csv_text,

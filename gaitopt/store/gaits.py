@@ -23,7 +23,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import integrate_to
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
-from gaitopt.store.files import Table
+from gaitopt.store.formats import Table
 
 Record = Mapping[str, Any]
 

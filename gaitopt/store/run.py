@@ -8,7 +8,6 @@ the folder. One process at a time writes it.
 """
 
 import hashlib
-import os
 import platform
 import re
 from collections.abc import Iterator, Mapping
@@ -23,31 +22,30 @@ from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.problem.problem import Problem, restore_problem
 from gaitopt.problem.statement import digest_of
 from gaitopt.store.files import (
-    LOCK_FILE,
     TEMPORARY_SUFFIX,
-    WRITER_FILE,
+    LineWriter,
+    check_writable,
+    clear_leftovers,
+    entries,
+    make_folder,
+    read_bytes,
+    read_lines,
+    write_whole,
+)
+from gaitopt.store.formats import (
     FileSum,
     Table,
     check_content,
-    clear_leftovers,
     csv_text,
-    entries,
     file_sum,
     json_file,
     json_text,
-    make_folder,
-    only_writer,
     parse_csv,
     parse_object,
     parsed,
-    read_bytes,
-    reason,
     validated,
-    wait_for_writer,
-    write_whole,
-    written_elsewhere,
 )
-from gaitopt.store.lines import LineWriter, read_lines
+from gaitopt.store.lock import LOCK_FILE, WRITER_FILE, only_writer, wait_for_writer, written_elsewhere
 
 RESULTS = Path("results")
 """Folder of all runs, unless the user names another."""
@@ -112,10 +110,14 @@ def _versions() -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A run folder, which need not exist yet.
+    """A run folder: a problem and what was computed for it. The folder need not exist yet.
+
+    To write, lock it with ``begun``, then ``write`` whole files or append records with ``appending``. To read, ask
+    ``holds`` what is finished, ``problem`` and ``manifest`` where it comes from, and ``read``, ``read_object``,
+    ``read_result`` or ``lines`` for the content. Names of files are paths within the folder, or within ``part``.
 
     Reading raises a ``StorageError`` that names file and line if something is missing, unfinished or altered; it waits
-    for another process that is about to finish a file. Names of files are paths within the folder, or within ``part``.
+    for another process that is about to finish a file.
 
     Attributes
     ----------
@@ -345,7 +347,7 @@ class Run:
         while True:
             wait_for_writer(self.folder, lambda: self.manifest().files.keys() >= {*keys})
             known = self._checksums(keys)
-            missing = next((name for name, own in zip(names, known, strict=True) if own is None), None)
+            missing = next((name for name, stated in zip(names, known, strict=True) if stated is None), None)
             if missing is not None and not written_elsewhere(self.folder):
                 unfinished = self.path(missing).exists()
                 words = "the run is unfinished: repeat the command that writes it" if unfinished else "missing"
@@ -354,8 +356,8 @@ class Run:
                 continue
             try:
                 contents = [read_bytes(self.path(name)) for name in names]
-                for name, own, content in zip(names, known, contents, strict=True):
-                    check_content(self.path(name), content, own)
+                for name, stated, content in zip(names, known, contents, strict=True):
+                    check_content(self.path(name), content, stated)
             except StorageError:
                 if known == self._checksums(keys):  # no writer has replaced them in the meantime
                     raise
@@ -364,7 +366,7 @@ class Run:
                     return contents
 
     def _checksums(self, keys: list[str]) -> list[Any]:
-        """What the manifest says of some files, None where it says nothing."""
+        """Checksums of files in the manifest, None for a file that is not listed."""
         files = self.manifest().files
         return [files.get(key) for key in keys]
 
@@ -388,22 +390,3 @@ class Run:
         known = self.manifest().files.get(self._key(name))
         if known is not None or self.path(name).exists():
             yield from read_lines(self.path(name), known)
-
-
-def check_writable(path: Path) -> None:
-    """Refuse a file or folder that cannot be made, before anything is computed for it.
-
-    Raises
-    ------
-    StorageError
-        If the nearest folder above it that exists is none, or may not be written.
-    """
-    try:
-        place = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
-    except OSError as error:
-        raise StorageError(f"cannot write {path}: {reason(error)}; name another place").about("output") from error
-    folder = place.parent if place == path.absolute() and place.is_file() else place
-    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        raise StorageError(f"cannot write {path}: {folder} is no folder that you may write; name another").about(
-            "output"
-        )

@@ -11,7 +11,7 @@ from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import Continuation
 from gaitopt.errors import StorageError
 from gaitopt.runs.branch import BRANCH_FILE
-from gaitopt.store.lines import LineWriter, read_lines
+from gaitopt.store.files import LineWriter, read_lines
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import Verification, confirm
 

@@ -15,7 +15,7 @@ from crash_points import KILLED, CrashPoint
 
 from gaitopt.cli.main import main
 from gaitopt.problem.problem import load_problem
-from gaitopt.store.files import Table
+from gaitopt.store.formats import Table
 from gaitopt.store.run import Run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="a process is forked for every crash point")

@@ -12,7 +12,7 @@ from gaitopt.runs import jobs as kept
 from gaitopt.runs.branch import BRANCH_FILE
 from gaitopt.runs.jobs import SEARCHED, FindPlan
 from gaitopt.search.find import SearchPlan, opened
-from gaitopt.store.lines import lines_text
+from gaitopt.store.files import lines_text
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Workers
 

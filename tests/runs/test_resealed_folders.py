@@ -12,7 +12,7 @@ from gaitopt import load_run
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError
 from gaitopt.runs.branch import stored_branch
-from gaitopt.store.lines import lines_text
+from gaitopt.store.files import lines_text
 from gaitopt.store.run import Run
 
 WHEEL, DESIGN = "rimless-wheel-slip", "compass-torque-efficient"

@@ -18,7 +18,7 @@ from gaitopt.runs.grid import Axis, Grid, axis_of, check_room
 from gaitopt.runs.jobs import SOLVED
 from gaitopt.runs.multistart import StartsPlan
 from gaitopt.runs.sweep import TABLE_FILE, SweepPlan
-from gaitopt.store.lines import read_lines
+from gaitopt.store.files import read_lines
 from gaitopt.store.run import Run
 from gaitopt.workers import jobs as workers
 from gaitopt.workers.jobs import FailedJob, Workers
@@ -140,7 +140,7 @@ def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monk
 def test_two_sweeps_of_a_problem_do_not_write_at_once(tmp_path):
     other = """
 import pathlib, sys
-from gaitopt.store.files import only_writer
+from gaitopt.store.lock import only_writer
 with only_writer(pathlib.Path(sys.argv[1])):
     input(print("locked", flush=True))
 """

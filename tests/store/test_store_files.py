@@ -14,8 +14,8 @@ import pytest
 
 from gaitopt.errors import StorageError
 from gaitopt.store import files
-from gaitopt.store.files import Table, csv_text, json_text, parse_csv, parse_object, write_whole
-from gaitopt.store.lines import LineWriter, lines_text, read_lines
+from gaitopt.store.files import LineWriter, lines_text, read_lines, write_whole
+from gaitopt.store.formats import Table, csv_text, json_text, parse_csv, parse_object
 
 ONE_THIRD = 1 / 3
 

@@ -12,14 +12,14 @@ import pytest
 from gaitopt import load_run
 from gaitopt.errors import StorageError
 from gaitopt.problem.problem import load_problem
-from gaitopt.store import files as lock
-from gaitopt.store.files import LOCK_FILE, only_writer
+from gaitopt.store import lock
+from gaitopt.store.lock import LOCK_FILE, only_writer
 from gaitopt.store.run import Run
 
 WHEEL = "rimless-wheel-slip"
 HOLDER = """
 import pathlib, sys
-from gaitopt.store.files import only_writer
+from gaitopt.store.lock import only_writer
 with only_writer(pathlib.Path(sys.argv[1])):
     input(print("locked", flush=True))
 """

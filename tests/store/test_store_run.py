@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import StorageError
-from gaitopt.store.files import Table
+from gaitopt.store.formats import Table
 from gaitopt.store.run import GAIT_FILES, Run
 
 GAIT = {"problem": "walk", "status": "converged", "period": 1 / 3, "required_friction": None}

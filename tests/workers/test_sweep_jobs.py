@@ -18,7 +18,7 @@ from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.jobs import SOLVED
 from gaitopt.runs.sweep import TABLE_FILE, SweepPlan
-from gaitopt.store.lines import read_lines
+from gaitopt.store.files import read_lines
 from gaitopt.workers.cluster import ALLOWED_DEATHS, uninterrupted
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 

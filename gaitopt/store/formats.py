@@ -1,0 +1,244 @@
+"""Text of the files of a run folder: JSON, CSV and typed records, and the checksums that notice a change.
+
+Floats are written with all digits, so that what is read has every bit of what was written. A checksum is the SHA-256 of
+a file and a short code of every line, code(line) = the last 16 bits of CRC-32(line), which locates a change.
+"""
+
+import csv
+import hashlib
+import io
+import json
+import math
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import takewhile
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from gaitopt.errors import StorageError
+from gaitopt.gait.records import STATES
+
+Parsed = TypeVar("Parsed")
+Model = TypeVar("Model")
+_adapter = lru_cache(TypeAdapter)
+LONGEST_KEY = 200
+"""Characters of the key that an error names."""
+
+
+def validated(
+    model: type[Model], record: Any, path: Path, line: int | None = None, *, states: Sequence[str] | None = None
+) -> Model:
+    """The record of a file as a ``model``, a dataclass or a type of ``gait.records``; unknown entries are dropped.
+
+    Parameters
+    ----------
+    states : names that every state of the record must have.
+
+    Raises
+    ------
+    StorageError
+        If it does not match the type; the message names file, line and key.
+    """
+    try:
+        return _adapter(model).validate_python(record, context={STATES: states})  # type: ignore[arg-type]
+    except ValidationError as error:
+        first = error.errors(include_input=False, include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"])[:LONGEST_KEY]
+        raise damaged(path, f"{key}: {first['msg']}" if key else first["msg"], line) from error
+
+
+def damaged(path: Path, words: str, line: int | None = None) -> StorageError:
+    """The error for a file whose content is not what was written; ``words`` is the fault."""
+    place = path if line is None else f"{path}:{line}"
+    return StorageError(f"{place} {words}; the run is broken and was left alone")
+
+
+MODE_COLUMN = "mode"
+"""The column of a trajectory that holds text."""
+
+Cell = float | str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """Rows under a header; all cells are numbers except those under ``mode``."""
+
+    header: tuple[str, ...]
+    rows: Iterable[Sequence[Cell]]
+
+
+def json_text(record: Mapping[str, Any], *, indent: int | None = None) -> str:
+    """JSON of a record, in ASCII: floats to the last digit, NaN and infinities as null."""
+    return json.dumps(_plain(record), indent=indent, allow_nan=False)
+
+
+def json_file(record: Mapping[str, Any]) -> str:
+    """The text of a JSON file: indented."""
+    return json_text(record, indent=2) + "\n"
+
+
+def csv_text(table: Table) -> str:
+    """CSV of a table: floats to the last digit, NaN and infinities as empty cells."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.header)
+    writer.writerows(
+        ["" if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in row] for row in table.rows
+    )
+    return text.getvalue()
+
+
+def parse_object(text: str) -> dict[str, Any]:
+    """Parse one JSON object, strictly.
+
+    Raises
+    ------
+    ValueError
+        If the text is anything else; the message names the place.
+    """
+
+    def refuse_constant(name: str) -> None:
+        raise ValueError(f"{name} is no number of JSON")
+
+    try:
+        record = json.loads(text, parse_constant=refuse_constant)
+    except RecursionError as error:
+        raise ValueError("not JSON (nested too deeply)") from error
+    except ValueError as error:
+        raise ValueError(f"not JSON ({error})") from error
+    if not isinstance(record, dict):
+        raise ValueError("not a JSON object")
+    return record
+
+
+def parse_csv(text: str) -> Table:
+    """Parse what ``csv_text`` wrote; an empty cell is NaN.
+
+    Raises
+    ------
+    ValueError
+        If a row is cut off or a cell is not a number; the message names its line.
+    """
+    reader = csv.reader(io.StringIO(text))
+    header = tuple(next(cell_rows(reader), ()))
+    texts = [name == MODE_COLUMN for name in header]
+    rows: list[tuple[Cell, ...]] = []
+    for row in cell_rows(reader):
+        if len(row) != len(header):
+            raise ValueError(f"line {reader.line_num} has {len(row)} cells where the header has {len(header)}")
+        try:
+            rows.append(tuple(cell if is_text else parse_cell(cell) for cell, is_text in zip(row, texts, strict=True)))
+        except ValueError as error:
+            raise ValueError(f"line {reader.line_num}: {error}") from error
+    return Table(header=header, rows=tuple(rows))
+
+
+def cell_rows(reader: Any) -> Iterator[Any]:
+    """The rows of a table; a cell that is too long for the reader is a ValueError."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise ValueError(f"line {reader.line_num}: {error}") from error
+
+
+def parse_cell(cell: str) -> float:
+    """The number of a cell, NaN if it is empty.
+
+    Raises
+    ------
+    ValueError
+        If it is not a finite number.
+    """
+    number = float(cell or "nan")
+    if cell and not math.isfinite(number):
+        raise ValueError(f"{cell!r} is not a finite number")
+    return number
+
+
+def _plain(value: Any) -> Any:
+    """The value in types that JSON knows; arrays and NumPy scalars are converted."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    return value
+
+
+def parsed(parse: Callable[[str], Parsed], content: bytes, path: Path) -> Parsed:
+    """The content of a file as ``parse`` returns it.
+
+    Raises
+    ------
+    StorageError
+        If it is not text, or ``parse`` raises a ValueError; the message names the file.
+    """
+    try:
+        return parse(content.decode("utf-8"))
+    except ValueError as error:  # of which a UnicodeDecodeError is one
+        raise StorageError(f"{path}: {reason(error)}; the run is broken and was left alone") from error
+
+
+def reason(error: OSError | ValueError) -> str:
+    """The reason that the operating system or a parser gives."""
+    if isinstance(error, UnicodeDecodeError):
+        return "it is not UTF-8 text"
+    return getattr(error, "strerror", None) or str(error)
+
+
+TEXTS = (".csv", ".json", ".yaml")
+"""Files of lines that are written whole."""
+GROWING = ".jsonl"
+"""Files of lines that grow; each line has a checksum of its own."""
+CODE = 4
+"""Hexadecimal digits of the code of a line."""
+MOST_CODES = 20_000
+"""Lines that have a code; with more of them the manifest would become too large."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileSum:
+    """Checksums of a file.
+
+    Attributes
+    ----------
+    sha256 : of its first ``size`` bytes; only a file of records may have more of them.
+    lines : number of its lines; 0 where it is no text.
+    codes : of its lines, one after the other.
+    """
+
+    sha256: str
+    size: int
+    lines: int
+    codes: str
+
+
+def file_sum(path: Path, content: bytes) -> FileSum:
+    """The checksum of a file that holds ``content``."""
+    lines = content.splitlines(keepends=True) if path.suffix in (*TEXTS, GROWING) else []
+    codes = "".join(map(_code, lines[:MOST_CODES])) if path.suffix in TEXTS else ""
+    return FileSum(sha256=hashlib.sha256(content).hexdigest(), size=len(content), lines=len(lines), codes=codes)
+
+
+def check_content(path: Path, content: bytes, known: FileSum) -> None:
+    """Refuse a file whose content has changed since it was written; names the first changed line, if it has codes."""
+    if hashlib.sha256(content).hexdigest() == known.sha256:
+        return
+    place = f"{path}"
+    if known.codes:
+        codes = [_code(line) for line in content.splitlines(keepends=True)]
+        written = [known.codes[k : k + CODE] for k in range(0, len(known.codes), CODE)]
+        same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(codes, written, strict=False)))
+        place = f"{path}:{same + 1}"
+    raise StorageError(f"{place}: altered since it was written (SHA-256 differs); the run was left alone")
+
+
+def _code(line: bytes) -> str:
+    return f"{zlib.crc32(line):08x}"[-CODE:]
