@@ -39,7 +39,7 @@ from gaitopt.workers.jobs import ResumableJobs, make_workers
 
 if TYPE_CHECKING:
     from gaitopt.design.neighbourhood import Neighbourhood
-    from gaitopt.proof.theorem import Proof
+    from gaitopt.proof.check import Proof
     from gaitopt.runs.basin import Basin
     from gaitopt.runs.front import Front
     from gaitopt.runs.grid import Grid
@@ -389,9 +389,9 @@ def prove(
     StorageError
         If the certificate cannot be written.
     """
-    from gaitopt.proof.prove import prove as prove_gait  # these modules need the extra "proof"
+    from gaitopt.proof.check import BRACKETED  # these modules need the extra "proof"
+    from gaitopt.proof.prove import prove as prove_gait
     from gaitopt.proof.prove import prove_special
-    from gaitopt.proof.theorem import BRACKETED
     from gaitopt.store.files import make_folder, write_whole
     from gaitopt.store.formats import json_text
 

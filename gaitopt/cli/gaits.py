@@ -40,7 +40,7 @@ from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameEr
 if TYPE_CHECKING:
     from gaitopt.gait.gait import Gait
     from gaitopt.problem.problem import Problem
-    from gaitopt.proof.theorem import Proof
+    from gaitopt.proof.check import Proof
     from gaitopt.verification.walk import Walk
 
 

@@ -1,17 +1,16 @@
 """Proofs: a gait, its mode sequence and its multipliers in rigorous bounds, by ball arithmetic (python-flint).
 
-``docs/proof.md`` states the theorem; the modules follow it.
+docs/proof.md states the theorem and names the function that checks each of its lines.
 
 - ``arithmetic``: balls, numbers that depend on a parameter, CasADi's expressions in both
 - ``taylor``: validated steps of an ordinary differential equation
 - ``orbit``: the equations of a periodic orbit, Krawczyk's test, the return map and its eigenvalues
-- ``claims``: what makes an orbit a gait with a given mode sequence
-- ``certificate``: the file format, and the statement that is rebuilt from a certificate
-- ``theorem``: what all boxes of a certificate prove together
-- ``check``: the checker
+- ``claims``: the claims that make an orbit a gait with its mode sequence; bounds of its measures
+- ``certificate``: the file format; the statement and the boxes that a certificate is about
+- ``check``: the checker, and what the boxes of a certificate prove together
 - ``prove``: the prover, which searches for boxes
 
-A theorem relies on the modules above ``prove``, on the model's equations (``gaitopt.model``), the reading of problems
+A theorem relies on all modules but ``prove``, on the model's equations (``gaitopt.model``), the reading of problems
 (``gaitopt.problem``), CasADi's derivatives and simplification, and Arb's arithmetic. Nothing in ``prove``, no gait in
 doubles, no approximate inverse and no approximate eigenvector has to be right.
 """

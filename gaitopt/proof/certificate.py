@@ -5,23 +5,19 @@ that no problem contains: the pieces of a tracked motion, or the duration of a d
 theorem is rebuilt from the problem, or compared with it. The fields ``versions`` and ``theorem`` are for readers; the
 checker ignores them.
 
-Exact values are decimals as the problem's file writes them, with pi where it writes ``deg``. A value that the file does
-not state as a number (an override, a designed value) is the shortest decimal of its double.
+Exact values are decimals as the problem's file writes them, with pi where it writes ``deg``. Each has to round to the
+problem's double of it.
 """
 
 import json
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypedDict
 
 import numpy as np
 from flint import arb
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
 from gaitopt.errors import StorageError
 from gaitopt.model.control import (
@@ -40,11 +36,11 @@ from gaitopt.model.friction import CoulombFriction, StaticKineticFriction
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions
-from gaitopt.model.units import ANGLE_UNITS
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem, restore_problem
 from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, PDSpec
+from gaitopt.problem.statement import digest_of
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
 
@@ -151,8 +147,12 @@ def parse_certificate(content: bytes) -> dict[str, Any]:
     """
     if len(content) > LARGEST_FILE:
         raise StorageError(f"a certificate has at most {LARGEST_FILE} bytes")
+
+    def refuse(constant: str) -> float:
+        raise ValueError(f"{constant} is no number")
+
     try:
-        data = json.loads(content.decode("utf-8"), parse_constant=_no_number)
+        data = json.loads(content.decode("utf-8"), parse_constant=refuse)  # refuses NaN and Infinity
     except RecursionError as error:
         raise StorageError("its lists and objects are nested too deeply") from error
     except ValueError as error:  # also of text that is not UTF-8, and of integers with thousands of digits
@@ -177,7 +177,11 @@ def read_certificate(certificate: Mapping[str, Any]) -> CertificateRecord:
         raise ValueError(
             f"a certificate of the format {shown(schema)}, not {SCHEMA}: check it with the version that wrote it"
         )
-    if _is_deep(certificate):
+    level: list[Any] = [certificate]
+    for _ in range(DEEPEST):
+        containers = [item for item in level if isinstance(item, Mapping | list)]
+        level = [entry for item in containers for entry in (item.values() if isinstance(item, Mapping) else item)]
+    if any(isinstance(item, Mapping | list) for item in level):
         raise StorageError(f"its lists and objects are nested in more than {DEEPEST} levels")
     try:
         return CertificateRecord.model_validate(dict(certificate))
@@ -185,18 +189,6 @@ def read_certificate(certificate: Mapping[str, Any]) -> CertificateRecord:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
         place = ".".join(str(key)[:60] for key in first["loc"])
         raise StorageError(f"{place}: {first['msg']}") from error
-
-
-def _is_deep(data: Any) -> bool:
-    level = [data]
-    for _ in range(DEEPEST):
-        containers = [item for item in level if isinstance(item, Mapping | list)]
-        level = [entry for item in containers for entry in (item.values() if isinstance(item, Mapping) else item)]
-    return any(isinstance(item, Mapping | list) for item in level)
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
 
 
 def certified_problem(record: CertificateRecord, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -228,26 +220,6 @@ def _refuse_named_reference(resolved: Mapping[str, Any]) -> None:
             _refuse_named_reference(holder[key])
 
 
-def reference_record(control: Control) -> dict[str, Any] | None:
-    """The data of a control law that its problem does not contain; None if there are none."""
-    if isinstance(control, BezierTracking):
-        return {"duration": control.duration}
-    if isinstance(control, ProportionalDerivative):
-        pieces = [
-            {
-                "start": piece.start,
-                "end": piece.end,
-                "angles": piece.angles.tolist(),
-                "rates": piece.rates.tolist(),
-                "active": piece.active,
-            }
-            for piece in control.reference.pieces
-        ]
-        horizon = control.reference.horizon
-        return {"pieces": pieces, "horizon": None if np.isinf(horizon) else horizon}
-    return None
-
-
 def certified_control(problem: Problem, reference: MotionRecord | CurveRecord | None) -> Control:
     """The control law of a problem, completed by the reference data of a certificate.
 
@@ -277,13 +249,12 @@ def certified_control(problem: Problem, reference: MotionRecord | CurveRecord | 
         )
     if not isinstance(reference, MotionRecord):
         raise ValueError("its problem tracks the motion of another gait, but it does not hold one")
-    motion = _tracked_motion(reference, len(problem.walker.tracked))
-    _require_end(motion, spec.reference.beyond_end)
+    motion = _tracked_motion(reference, len(problem.walker.tracked), spec.reference.beyond_end)
     return ProportionalDerivative(kp=spec.kp, kd=spec.kd, reference=motion)
 
 
-def _tracked_motion(record: MotionRecord, joints: int) -> Reference:
-    """The tracked motion; its pieces have to follow each other, and to be series of every joint."""
+def _tracked_motion(record: MotionRecord, joints: int, beyond_end: BeyondEnd) -> Reference:
+    """The tracked motion; its pieces follow each other, are series of every joint, and end as the problem says."""
     starts = [piece.start for piece in record.pieces]
     if starts[0] != 0 or any(b <= a for a, b in pairwise(starts)):
         raise ValueError("the pieces of its reference do not follow each other from time zero")
@@ -302,12 +273,8 @@ def _tracked_motion(record: MotionRecord, joints: int) -> Reference:
         )
         for piece in record.pieces
     )
-    return Reference(pieces=pieces, horizon=np.inf if record.horizon is None else record.horizon)
-
-
-def _require_end(motion: Reference, beyond_end: BeyondEnd) -> None:
-    """Require that a motion continues past its end as the problem says."""
-    *before, last = motion.pieces
+    motion = Reference(pieces=pieces, horizon=np.inf if record.horizon is None else record.horizon)
+    *before, last = pieces
     if beyond_end is BeyondEnd.FLOW:
         fits = last.active and motion.horizon == last.end
     elif not before or not np.isinf(motion.horizon):
@@ -320,41 +287,32 @@ def _require_end(motion: Reference, beyond_end: BeyondEnd) -> None:
         )
     if not (fits and all(piece.active for piece in before)):
         raise ValueError(f"its reference does not end as its problem says, with beyond_end: {beyond_end}")
+    return motion
 
 
-def _digest(data: Any) -> str:
-    """SHA-256 of JSON data in a canonical form."""
-    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return sha256(text.encode()).hexdigest()
+class Hypotheses(TypedDict, total=False):
+    """The statement of a theorem as it is printed: its hypotheses, and what it does not say.
 
-
-def exact_texts(problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
-    """Every parameter of a system as the text of its exact value: ``0.14``, ``1 deg``.
-
-    The text is that of the file if it stands for the same double, otherwise the shortest decimal of the double.
-
-    Parameters
+    Attributes
     ----------
-    values : the parameters as doubles by dotted key.
+    sha256 : digest of the problem.
+    control : type of the control law; for a tracked curve also how it goes on past its end.
+    curve_sha256 : digest of a tracked curve, which no problem contains; None if there is none.
+    parameters : exact values by dotted key; an interval for the varying one.
+    designed : keys of the parameters that the problem leaves free.
+    not_proved : what the theorem leaves open.
     """
-    written = dict(_scalars(YAML(typ="safe", pure=True).compose(problem.text))) if problem.text else {}
-    texts = {}
-    for key, value in values.items():
-        text = " ".join(written.get(key, "").split())
-        number, _, unit = text.partition(" ")
-        is_exact = re.fullmatch(EXACT_VALUE, text) is not None
-        double = float(number) * ANGLE_UNITS[unit or "rad"] if is_exact else None
-        texts[key] = text if double == float(value) else repr(float(value))
-    return texts
 
-
-def _scalars(node: Node, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
-    """Dotted keys and texts of all scalars of a YAML file."""
-    if isinstance(node, MappingNode):
-        for key, value in node.value:
-            yield from _scalars(value, (*path, key.value))
-    elif isinstance(node, ScalarNode):
-        yield ".".join(path), node.value
+    sha256: str
+    walker: str
+    friction: str
+    impact_law: str
+    mode_sequence: str
+    control: str
+    curve_sha256: str | None
+    parameters: dict[str, str]
+    designed: list[str]
+    not_proved: list[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -363,26 +321,27 @@ class Statement:
 
     Attributes
     ----------
+    record : the certificate.
     p : parameters in balls.
+    arcs : in order of time.
     varied : index of the varying parameter; None if none varies.
     interval : ends of the varying parameter as texts; empty if none varies.
-    order : order of the integration.
-    special : type of the special point; None if there is none.
-    records : boxes of the certificate, in order of the varying parameter.
-    words : the hypotheses of the theorem and what it does not say, as they are printed.
+    printed : the hypotheses of the theorem and what it does not say.
     """
 
-    name: str
+    record: CertificateRecord
+    problem: Problem
     system: HybridSystem
     p: Sequence[arb]
-    sequence: Cycle
     arcs: Sequence[OrbitArc]
     varied: int | None
     interval: tuple[str, ...]
-    order: int
-    special: str | None
-    records: Sequence[BoxRecord]
-    words: dict[str, Any]
+    printed: Hypotheses
+
+    @property
+    def cycle(self) -> Cycle:
+        """The mode sequence."""
+        return self.problem.cycle
 
     def orbit(self, interval: Sequence[str]) -> Orbit:
         """The equations of the orbit on an interval of the varying parameter."""
@@ -391,7 +350,7 @@ class Statement:
         if ends:
             half = arb(0) if interval[0] == interval[1] else (ends[1] - ends[0]) / 2
             middle_and_half = ((ends[0] + ends[1]) / 2, half)
-        return Orbit(self.system, self.p, self.varied, middle_and_half, self.sequence, self.arcs, self.order)
+        return Orbit(self.system, self.p, self.varied, middle_and_half, self.cycle, self.arcs, self.record.order)
 
 
 def restore_statement(record: CertificateRecord, walkers: Sequence[type[Walker]] = ()) -> Statement:
@@ -425,17 +384,14 @@ def restore_statement(record: CertificateRecord, walkers: Sequence[type[Walker]]
     if varied is not None and len(interval) != 2:
         raise ValueError(f"{varied} varies, but {texts[varied]} is no interval")
     return Statement(
-        name=problem.name,
+        record=record,
+        problem=problem,
         system=system,
         p=[ball(texts[key]) for key in system.parameters],
-        sequence=problem.cycle,
         arcs=arcs,
         varied=None if varied is None else system.parameters.index(varied),
         interval=interval,
-        order=record.order,
-        special=record.special,
-        records=record.boxes,
-        words=_words(problem, system, record),
+        printed=_hypotheses(problem, system, record),
     )
 
 
@@ -463,7 +419,7 @@ def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedB
     return orbit, TiltedBox(centre, tilt, deviation)
 
 
-def _words(problem: Problem, system: HybridSystem, record: CertificateRecord) -> dict[str, Any]:
+def _hypotheses(problem: Problem, system: HybridSystem, record: CertificateRecord) -> Hypotheses:
     """The hypotheses of the theorem and what it does not say, for the reader."""
     spec, designed = problem.control, [*problem.free, *(f"control.{name}" for name in system.control.unknowns)]
     control, curve = str(spec.type), None
@@ -471,10 +427,10 @@ def _words(problem: Problem, system: HybridSystem, record: CertificateRecord) ->
     not_proved = [scuffing]
     if isinstance(spec, PDSpec) and isinstance(spec.reference, CurveReference):
         points = {key: text for key, text in record.parameters.items() if key.startswith("control.reference.")}
-        curve = _digest({"duration": system.control.breakpoints[0], "points": points})
+        curve = digest_of({"duration": system.control.breakpoints[0], "points": points})
         control = f"PD tracking of the Bezier curve with this SHA-256, beyond its end: {spec.reference.beyond_end}"
     elif isinstance(spec, PDSpec) and record.reference is not None:
-        curve = _digest(record.reference.model_dump(mode="json"))
+        curve = digest_of(record.reference.model_dump(mode="json"))
         control = f"PD tracking of the curve with this SHA-256, beyond its end: {spec.reference.beyond_end}"
         source = "another gait" if problem.reference is None else problem.reference.name
         not_proved.append(f"whether that curve is the motion of {source}, which the problem names")

@@ -1,24 +1,38 @@
-"""The checker: verify a certificate in one pass, without any search.
+"""The checker: verify a certificate in one pass, without any search, and conclude what its boxes prove together.
 
-Every box of a certificate has to pass Krawczyk's test; on its image the mode sequence is proved and the multipliers
-and measures are enclosed. ``theorem.conclude`` states what all boxes prove together.
+Every box has to pass Krawczyk's test; on its image the mode sequence is proved, and multipliers and measures are
+enclosed. A theorem is proved if every claim of its kind is there and holds. A family is connected if the orbit at the
+end of one box lies where the orbit of the next box is unique. A special point lies between two parameter values if its
+test function has opposite signs there:
+
+    neimark_sacker     the number of multipliers outside the unit circle changes by two, none is 1 or -1 in between
+    period_doubling    prod_k (1 + lambda_k)
+    others             a margin of the mode or of the impact
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from itertools import pairwise
+from math import prod
 from typing import Any
 
-from casadi import SX, Function
-from flint import arb
+from flint import acb, arb, arb_mat
 
+from gaitopt.model.transitions import IMPACT_MARGINS, PHASE_MARGINS, Ending, Margin
 from gaitopt.model.walker import Walker
-from gaitopt.proof.arithmetic import BallFunction, NotProved, at, hull, precision
-from gaitopt.proof.certificate import BoxRecord, Statement, read_certificate, restore_box, restore_statement
-from gaitopt.proof.claims import MOST_HALVINGS, ProofClaim, mode_sequence_claims
+from gaitopt.proof.arithmetic import NotProved, at, decimal_bounds, precision
+from gaitopt.proof.certificate import (
+    BoxRecord,
+    Hypotheses,
+    Statement,
+    read_certificate,
+    restore_box,
+    restore_statement,
+)
+from gaitopt.proof.claims import ProofClaim, measure_bounds, mode_claim_names, mode_sequence_claims
 from gaitopt.proof.orbit import (
     SPLIT,
-    CycleEnclosure,
-    Orbit,
     TiltedBox,
     deviations,
     krawczyk,
@@ -26,12 +40,145 @@ from gaitopt.proof.orbit import (
     precondition,
     require_contraction,
     return_map,
+    union_of_multipliers,
 )
-from gaitopt.proof.taylor import TaylorSeries, evaluate
-from gaitopt.proof.theorem import EXISTENCE, MARGIN_CHANGES, MOTION, STATEMENT, CheckedBox, Proof, conclude
 
-RELATIVE_WIDTH = 1e-12
-"""A part is divided no further once its upper bound exceeds the maximum by less than this, relatively."""
+STATEMENT, EXISTENCE, MOTION = "statement", "existence and uniqueness", "motion"
+COMPLETENESS, STABILITY = "completeness", "stability"
+CONNECTION, SIGN_CHANGE = "connected family", "sign change"
+"""Names of claims, besides those of the mode sequence."""
+
+
+def _margins_ending(*tables: Mapping[str, Margin], ending: Ending | None) -> tuple[str, ...]:
+    """The margins whose fall ends a motion in this way; None: by another mode or impact."""
+    return tuple(name for table in tables for name, margin in table.items() if margin.ending == ending)
+
+
+MARGIN_CHANGES: Mapping[str, tuple[str, ...]] = {
+    "mode_change": _margins_ending(PHASE_MARGINS, ending=None),
+    "impact_change": _margins_ending(IMPACT_MARGINS, ending=None),
+    "lift_off": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending=Ending.LIFT_OFF),
+    "painleve": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending=Ending.PAINLEVE),
+}
+"""Special points beyond which the orbit is no gait of its mode sequence, and the margins that become negative there."""
+BRACKETED = ("neimark_sacker", "period_doubling", *MARGIN_CHANGES)
+"""Types of special points that can be proved."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedBox:
+    """What is proved on one box.
+
+    Attributes
+    ----------
+    outer : the box of the certificate, in which the orbit is unique.
+    interval : ends of the varying parameter as texts; empty if none varies.
+    image : the box under Krawczyk's operator, even if that proves nothing.
+    inner : the image if it holds the orbit; None if something could not be enclosed, and then nothing below is known.
+    state : just after the last impact, by name.
+    durations : of the phases [s].
+    derivatives : of the return map, on parts of the interval.
+    multipliers : largest modulus first.
+    """
+
+    outer: TiltedBox
+    interval: Sequence[str]
+    image: TiltedBox | None = None
+    inner: TiltedBox | None = None
+    claims: tuple[ProofClaim, ...] = ()
+    state: Mapping[str, arb] = field(default_factory=dict)
+    durations: tuple[arb, ...] = ()
+    measures: Mapping[str, arb | None] = field(default_factory=dict)
+    derivatives: Sequence[arb_mat] = ()
+    multipliers: tuple[acb, ...] = ()
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What a certificate proves.
+
+    Attributes
+    ----------
+    problem : name of the problem.
+    claims : statements of the theorem; the theorem is proved if all of them are.
+    certificate : the certificate.
+    statement : the hypotheses, and what the theorem does not say; empty if they could not be rebuilt.
+    state : bounds of the state just after the impact, by name.
+    durations : bounds of the durations of the phases [s].
+    measures : bounds of the measures, by name.
+    multipliers : bounds, largest modulus first; empty for a bracket of a special point.
+    """
+
+    problem: str
+    claims: tuple[ProofClaim, ...]
+    certificate: Mapping[str, Any]
+    statement: Hypotheses = field(default_factory=Hypotheses)
+    state: Mapping[str, arb] | None = None
+    durations: tuple[arb, ...] = ()
+    measures: Mapping[str, arb | None] | None = None
+    multipliers: tuple[acb, ...] = ()
+
+    def __repr__(self) -> str:
+        stability = {True: ", stable", False: ", unstable", None: ""}[self.stable]
+        proved = sum(claim.proved for claim in self.claims)
+        return f"<Proof about {self.problem}: {proved} of {len(self.claims)} claims proved{stability}>"
+
+    @property
+    def proved(self) -> bool:
+        """Whether there are claims and all of them are proved."""
+        return bool(self.claims) and all(claim.proved for claim in self.claims)
+
+    @property
+    def spectral_radius(self) -> arb | None:
+        """Bounds of the largest modulus of a multiplier."""
+        # not cached: until Python 3.12 a cached property has a lock, which would be taken before and after FLINT's
+        if not self.multipliers:
+            return None
+        with precision():
+            moduli = [abs(multiplier) for multiplier in self.multipliers]
+            return max(modulus.lower() for modulus in moduli).union(max(modulus.upper() for modulus in moduli))
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether the gait is stable; None if the bounds do not decide."""
+        radius = self.spectral_radius
+        return True if radius is not None and radius < 1 else False if radius is not None and radius > 1 else None
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object; bounds are decimal strings rounded outward."""
+        varied, radius = self.certificate.get("varied"), self.spectral_radius
+        family = {}
+        if varied is not None and self.statement:
+            interval = self.statement["parameters"][varied]
+            family = {"parameter": varied, "interval": interval, "special": self.certificate["special"]}
+        measures = {
+            name: decimal_bounds(value) if value is not None and value.is_finite() else None
+            for name, value in (self.measures or {}).items()
+        }
+        claims = [
+            {
+                "claim": claim.name,
+                "proved": claim.proved,
+                "words": claim.words,
+                "margin": None if claim.margin is None else decimal_bounds(claim.margin)[0],
+            }
+            for claim in self.claims
+        ]
+        state = None if self.state is None else {name: decimal_bounds(value) for name, value in self.state.items()}
+        return {
+            "problem": self.problem,
+            "proved": self.proved,
+            **family,
+            "statement": dict(self.statement),
+            "state": state,
+            "durations": [decimal_bounds(value) for value in self.durations],
+            "period": None,
+            **measures,
+            "multipliers": [{"re": decimal_bounds(m.real), "im": decimal_bounds(m.imag)} for m in self.multipliers],
+            "spectral_radius": None if radius is None else decimal_bounds(radius),
+            "stable": self.stable,
+            "claims": claims,
+        }
 
 
 def silent(words: str) -> None:
@@ -49,7 +196,7 @@ def check(
     Parameters
     ----------
     certificate : the JSON object that ``gaitopt prove`` has written.
-    progress : called with the number of checked boxes in words.
+    progress : called with a text after every box.
     walkers : walkers that the problem may name besides those that are registered.
 
     Raises
@@ -61,20 +208,21 @@ def check(
         statement: Statement | None = None
         try:
             statement = restore_statement(read_certificate(certificate), walkers)
-            if not statement.records:
+            records = statement.record.boxes
+            if not records:
                 raise ValueError("it has no boxes: nothing is proved")
-            if len(statement.records) != 1 and not statement.interval:
-                raise ValueError(f"{len(statement.records)} boxes, but no parameter that varies")
+            if len(records) != 1 and not statement.interval:
+                raise ValueError(f"{len(records)} boxes, but no parameter that varies")
             boxes: list[CheckedBox] = []
-            for k, record in enumerate(statement.records):
-                boxes.append(check_box(statement, record, at_end=k in (0, len(statement.records) - 1)))
-                progress(f"box {k + 1} of {len(statement.records)}")
+            for k, record in enumerate(records):
+                boxes.append(check_box(statement, record, at_end=k in (0, len(records) - 1)))
+                progress(f"box {k + 1} of {len(records)}")
                 if boxes[-1].inner is None:
                     break
         except (ValueError, NotProved) as fault:
             claim = ProofClaim(STATEMENT, proved=False, words=str(fault))
             name = str(certificate.get("problem"))[:80]
-            return Proof(name, (claim,), certificate, statement.words if statement else {})
+            return Proof(name, (claim,), certificate, statement.printed if statement else Hypotheses())
         return conclude(statement, boxes, certificate)
 
 
@@ -89,7 +237,7 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -
     at_end : whether the box is the first or the last one of the certificate.
     """
     orbit, outer = restore_box(statement, record)
-    box = CheckedBox(outer, record.interval)
+    box, special = CheckedBox(outer, record.interval), statement.record.special
     try:
         cycle = orbit.enclose(outer)
         inverse = precondition(orbit, cycle)
@@ -100,14 +248,14 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -
         radius = max(w.abs_upper() for w in outer.deviation).str(3, radius=False)
         words = f"exactly one periodic orbit lies within {radius} of the centre in every unknown"
         box = replace(box, claims=(ProofClaim(EXISTENCE, proved=True, words=words),))
-        if not orbit.is_long:
+        if not orbit.is_long:  # the image holds the orbit too, and gives narrower bounds of everything else
             narrow = TiltedBox(outer.centre, outer.tilt, [move.union(arb(0)) for move in deviations(outer, image)])
             cycle = orbit.enclose(narrow)
             inverse = precondition(orbit, cycle)
             image = krawczyk(orbit, narrow, cycle, inverse)
         derivative = return_map(orbit, outer, cycle, inverse)
         derivatives = [at(derivative, s) for s in (SPLIT if orbit.is_long else [arb(0)])]
-        if at_end or statement.special not in MARGIN_CHANGES:
+        if at_end or special not in MARGIN_CHANGES:
             box = replace(box, claims=(*box.claims, *mode_sequence_claims(orbit, cycle)))
         unknowns = image.hull
         durations = [unknowns[entry] for entry in orbit.durations]
@@ -118,77 +266,156 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -
             durations=orbit.phase_durations(durations),
             measures=measure_bounds(orbit, cycle, sum(durations, arb(0))),
             derivatives=derivatives,
-            multipliers=() if statement.special is not None and not at_end else multipliers(derivatives),
+            multipliers=() if special is not None and not at_end else multipliers(derivatives),
         )
     except NotProved as failure:
         claim = ProofClaim(MOTION if box.claims else EXISTENCE, proved=False, words=str(failure))
         return replace(box, claims=(*box.claims, claim))
 
 
-def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str, arb | None]:
-    """Bounds of the measures of every gait in the box, by the names of a gait's record."""
-    work, forces = arb(0), list[tuple[TaylorSeries, TaylorSeries, arb, arb]]()
-    for j, arc in enumerate(orbit.arcs):
-        observation = orbit.field(arc.mode, j).observation
-        along = [step.along(observation) for step in cycle.steps[j]]
-        starts = [(f_t.value[0], f_n.value[0]) for f_t, f_n, _ in along]
-        ends = [*starts[1:], tuple(map(hull, observation(cycle.ends[j])[0][:2]))]
-        for step, (f_t, f_n, power), end in zip(cycle.steps[j], along, ends, strict=True):
-            work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(power.value))], hull(step.h))
-            if arc.mode.sticks:
-                forces.append((f_t, f_n, hull(step.h), abs(end[0] / end[1])))
-    length = arb(0)
-    for k, impact in enumerate(orbit.sequence.impacts):
-        j = orbit.arcs_of(k)[-1]
-        length += orbit.impact(impact, j)(cycle.ends[j])[1][orbit.system.n_shape]
-    p = SX.sym("p", len(orbit.p))
-    weight = BallFunction(Function("weight", [p], [orbit.system.weight(p)]), [])(orbit.p)[0][0]
-    return {
-        "period": period,
-        "step_length": length,
-        "speed": length / period,
-        "work": work,
-        "cost_of_transport": work / (weight * length),
-        "required_friction": largest_force_ratio(forces) if forces else None,
-    }
+def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Mapping[str, Any]) -> Proof:
+    """What the boxes of a certificate prove together.
 
-
-def largest_force_ratio(steps: Iterable[tuple[TaylorSeries, TaylorSeries, arb, arb]]) -> arb:
-    """The maximum of |f_t| / f_n, with f_n > 0, over steps of the integration.
-
-    On a part of a step the maximum is that of its ends if the ratio is monotone there; otherwise it is bounded by the
-    mean value theorem, or the part is halved.
-
-    Parameters
-    ----------
-    steps : f_t, f_n, the length of the step [s], and the ratio at its end.
+    Every box has to prove existence and the claims of the mode sequence. In a bracket of a violated margin only the end
+    at which the orbit is a gait has to prove the latter; the sign change is about the other end.
     """
-    lower, upper = arb(0), arb(0)
-    for f_t, f_n, h, at_end in steps:
-        lower, pending = max(lower, at_end.lower()), [(arb(0), arb(h.upper()), MOST_HALVINGS)]
-        while pending:
-            start, end, depth = pending.pop()
-            first, last = (
-                abs(evaluate(f_t.value, t) / evaluate(f_n.value, t)) if t < h else at_end for t in (start, end)
-            )
-            lower = max(lower, first.lower() if first.is_finite() else lower)
-            bound = _upper_bound(f_t, f_n, start, end, (first, last))
-            if bound <= lower:
-                continue
-            if depth and not bound <= lower * (1 + RELATIVE_WIDTH):
-                middle = ((start + end) / 2).mid()
-                pending += [(middle, end, depth - 1), (start, middle, depth - 1)]
-            else:
-                upper = max(upper, bound)
-    return lower.union(max(lower, upper))
+    special, modes = statement.record.special, mode_claim_names(statement.system, statement.cycle, statement.arcs)
+    brackets_margin, last = special in MARGIN_CHANGES, len(boxes) - 1
+    gait_end = _gait_end(boxes) if brackets_margin else None
+    claims = list(
+        _merge_claims(
+            [claim for claim in box.claims if gait_end in (None, k) or claim.name not in modes]
+            for k, box in enumerate(boxes)
+        )
+    )
+    proof = Proof(statement.problem.name, tuple(claims), certificate, statement.printed)
+    if boxes and all(box.inner is not None for box in boxes):
+        proof = replace(
+            proof,
+            state={name: _union([box.state[name] for box in boxes]) for name in boxes[0].state},
+            durations=tuple(map(_union, zip(*(box.durations for box in boxes), strict=True))),
+            measures={name: _union([box.measures[name] for box in boxes]) for name in boxes[0].measures},
+            multipliers=union_of_multipliers(box.multipliers for box in boxes if box.multipliers),
+        )
+    missing = [
+        name
+        for k, box in enumerate(boxes)
+        for name in ((EXISTENCE, *modes) if not brackets_margin or k in (0, last) else (EXISTENCE,))
+        if name not in {claim.name for claim in box.claims}
+    ]
+    if missing or any(box.inner is None for box in boxes):
+        if proof.proved:
+            words = f"is not proved on every box: {', '.join(missing) or MOTION}"
+            proof = replace(proof, claims=(*claims, ProofClaim(COMPLETENESS, proved=False, words=words)))
+        return proof
+    if statement.interval:
+        if not brackets_margin and not proof.proved:
+            return proof
+        claims.append(connection_claim(boxes, statement.interval))
+    if special is not None:
+        claims.append(sign_change_claim(special, boxes))
+    else:
+        verdict = {True: "stable", False: "unstable", None: "whether it is stable is not shown"}[proof.stable]
+        words = f"{verdict}: the largest modulus of a multiplier is {proof.spectral_radius}"
+        claims.append(ProofClaim(STABILITY, proved=proof.stable is not None, words=words))
+    return replace(proof, claims=tuple(claims))
 
 
-def _upper_bound(f_t: TaylorSeries, f_n: TaylorSeries, start: arb, end: arb, at_ends: tuple[arb, arb]) -> arb:
-    """An upper bound of |f_t| / f_n between two times, with the ratio at these times."""
-    t = start.union(end)
-    force, normal = evaluate(f_t.value, t), evaluate(f_n.value, t)
-    slope = (evaluate(f_t.rate, t) * normal - force * evaluate(f_n.rate, t)) / normal**2
-    bound = max(at_ends[0].upper(), at_ends[1].upper())
-    if not (slope > 0 or slope < 0):
-        bound = (at_ends[0] + abs(slope) * (end - start)).upper()
-    return bound if normal > 0 and bound.is_finite() else arb("inf")
+def _merge_claims(claims_by_box: Iterable[Sequence[ProofClaim]]) -> Iterator[ProofClaim]:
+    """One claim of each name: it fails if it fails on one box, and has the smallest margin of all boxes."""
+    by_name: dict[str, list[ProofClaim]] = {}
+    for claims in claims_by_box:
+        for claim in claims:
+            by_name.setdefault(claim.name, []).append(claim)
+    for name, claims in by_name.items():
+        worst = min(claims, key=lambda claim: claim.proved)
+        margins = [claim.margin for claim in claims if claim.margin is not None]
+        words = worst.words if len(claims) == 1 or not worst.proved else f"in {len(claims)} boxes; first: {worst.words}"
+        yield ProofClaim(name, worst.proved, words, min(margins) if margins and worst.proved else None)
+
+
+def _union(values: Sequence[Any]) -> Any:
+    return None if None in values else reduce(arb.union, values)
+
+
+def connection_claim(boxes: Sequence[CheckedBox], interval: Sequence[str]) -> ProofClaim:
+    """Whether the boxes cover the interval, and neighbours hold the same orbit at the value at which they meet."""
+
+    def holds(outer: TiltedBox, s: int, inner: TiltedBox, t: int) -> bool:
+        pairs = zip(outer.at(arb(s)), inner.at(arb(t)), strict=True)
+        return all(values.contains(value) for values, value in pairs)
+
+    for k, (box, following) in enumerate(pairwise(boxes), start=1):
+        if (
+            box.inner is None
+            or following.inner is None
+            or box.interval[1] != following.interval[0]
+            or not (holds(box.outer, 1, following.inner, -1) or holds(following.outer, -1, box.inner, 1))
+        ):
+            words = f"boxes {k} and {k + 1} are not shown to hold the same orbit"
+            return ProofClaim(CONNECTION, proved=False, words=words)
+    if [boxes[0].interval[0], boxes[-1].interval[1]] != list(interval):
+        return ProofClaim(CONNECTION, proved=False, words="the boxes do not reach both ends of the interval")
+    words = f"the orbits form one smooth family, without a gap, in {len(boxes)} boxes"
+    return ProofClaim(CONNECTION, proved=True, words=words)
+
+
+def sign_change_claim(kind: str, boxes: Sequence[CheckedBox]) -> ProofClaim:
+    """Whether the test function of a type of special point changes its sign between the first box and the last."""
+    tests = {"neimark_sacker": _neimark_sacker, "period_doubling": _period_doubling}
+    try:
+        words = _margin_change(kind, boxes) if kind in MARGIN_CHANGES else tests[kind](boxes)
+    except NotProved as failure:
+        return ProofClaim(SIGN_CHANGE, proved=False, words=str(failure))
+    return ProofClaim(SIGN_CHANGE, proved=True, words=words)
+
+
+def _neimark_sacker(boxes: Sequence[CheckedBox]) -> str:
+    outside = []
+    for box in (boxes[0], boxes[-1]):
+        moduli = [abs(m) for m in box.multipliers]
+        if any(modulus.contains(1) for modulus in moduli):
+            raise NotProved("whether a multiplier is outside the unit circle at an end is not shown")
+        outside.append(sum(bool(modulus > 1) for modulus in moduli))
+    if abs(outside[0] - outside[1]) != 2:
+        raise NotProved(f"{outside[0]} and {outside[1]} multipliers are outside the unit circle at the ends")
+    for matrix in (matrix for box in boxes for matrix in box.derivatives):
+        for real in (1, -1):
+            unit = arb_mat([[real * int(i == j) for j in range(matrix.ncols())] for i in range(matrix.nrows())])
+            if not (matrix - unit).det() != 0:
+                raise NotProved(f"a multiplier may pass through {real}")
+    return (
+        f"{outside[0]} multipliers are outside the unit circle at one end and {outside[1]} at the other, and none is 1 "
+        "or -1 in between: a complex pair crosses the unit circle"
+    )
+
+
+def _period_doubling(boxes: Sequence[CheckedBox]) -> str:
+    ends = [prod((m + 1 for m in box.multipliers), start=acb(1)).real for box in (boxes[0], boxes[-1])]
+    if not ends[0] * ends[1] < 0:
+        values = " and ".join(str(end.str(6)) for end in ends)
+        raise NotProved(f"the product of all multipliers plus one is {values} at the ends: no change of sign")
+    return "the product of all multipliers plus one changes its sign: one of them is -1 in between"
+
+
+def _gait_end(boxes: Sequence[CheckedBox]) -> int | None:
+    """The number of the first or last box, if the orbit is a gait of the mode sequence at this end alone."""
+    gaits = [k for k in (0, len(boxes) - 1) if all(claim.proved for claim in boxes[k].claims)]
+    return gaits[0] if len(gaits) == 1 else None
+
+
+def _margin_change(kind: str, boxes: Sequence[CheckedBox]) -> str:
+    end = _gait_end(boxes)
+    if end is None:
+        raise NotProved("it is not shown that the mode sequence holds at one end and is violated at the other")
+    refuted = [claim for claim in boxes[-1 if end == 0 else 0].claims if claim.refuted]
+    if not refuted:
+        raise NotProved("it is not shown that the mode sequence is violated at the other end")
+    foreign = [claim for claim in refuted if claim.violated not in MARGIN_CHANGES[kind]]
+    if foreign:
+        raise NotProved(f"what is violated at the other end makes it no {kind}: {foreign[0].words}")
+    here, there = ("lower", "upper") if end == 0 else ("upper", "lower")
+    return (
+        f"at the {here} end the orbit is a gait of its mode sequence; at the {there} end it is not, because a margin "
+        f"that makes a {kind} is negative: {refuted[0].name}: {refuted[0].words}"
+    )

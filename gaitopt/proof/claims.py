@@ -1,7 +1,7 @@
-"""The claims that make a periodic orbit a gait with a given mode sequence: margins, modes at rest, impacts.
+"""The claims that make a periodic orbit a gait with a given mode sequence, and bounds of the gait's measures.
 
-Every claim holds for all orbits in the proved box. Margins have to be positive on whole arcs. Their enclosed Taylor
-series are divided in time until each part has one kind, written as a letter:
+The claims are numbers 2 to 7 of docs/proof.md; they hold for all orbits in the proved box. Margins have to be positive
+on whole arcs. Their enclosed Taylor series are divided in time until each part has one kind, written as a letter:
 
     p  positive      n  negative      u  rising      d  falling      ?  none of these is shown
 
@@ -18,7 +18,7 @@ from itertools import groupby
 from math import isfinite
 from typing import Any
 
-from casadi import SX, simplify
+from casadi import SX, Function, simplify
 from flint import arb
 
 from gaitopt.model.control import Control
@@ -26,9 +26,9 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import MARGINS
-from gaitopt.proof.arithmetic import NotProved, Refuted, hull
+from gaitopt.proof.arithmetic import BallFunction, NotProved, Refuted, hull
 from gaitopt.proof.orbit import BREAKPOINT, CycleEnclosure, Orbit, OrbitArc
-from gaitopt.proof.taylor import TaylorSeries, evaluate
+from gaitopt.proof.taylor import derivative, evaluate
 
 POSITIVE, ENDS, TOUCHDOWN = "p+", "p*d+", "n*u*p+d+"
 PATTERN_WORDS = {
@@ -38,6 +38,8 @@ PATTERN_WORDS = {
 }
 MOST_HALVINGS = 14
 """Of a step of the integration."""
+RELATIVE_WIDTH = 1e-12
+"""A part is divided no further once its upper bound exceeds the maximum by less than this, relatively."""
 SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")
 APPARENT_MASS, TIME_WINDOW, AT_REST = "apparent mass", "time window", "mode at rest"
 
@@ -85,7 +87,7 @@ class SignPart:
 
 
 def sign_parts(
-    steps: Iterable[tuple[TaylorSeries, arb]], order: int = 0, *, monotone: bool = True
+    steps: Iterable[tuple[Sequence[arb], arb]], order: int = 0, *, monotone: bool = True
 ) -> Iterator[SignPart]:
     """Divide an arc into parts on which a function has one kind, in order of time.
 
@@ -101,10 +103,10 @@ def sign_parts(
         while pending:
             start, end, depth = pending.pop()
             t, zero = start.union(end), order if k == 0 and start.is_zero() else 0
-            value = evaluate(series.value[zero:], t)
+            value = evaluate(series[zero:], t)
             kind = "p" if value > 0 else "n" if value < 0 else "?"
             if kind == "?" and monotone:
-                rate = evaluate(series.rate, t)
+                rate = evaluate(derivative(series), t)
                 kind = "u" if rate > 0 else "d" if rate < 0 else "?"
             if kind == "?" and depth and value.is_finite():
                 middle = ((start + end) / 2).mid()
@@ -114,7 +116,7 @@ def sign_parts(
         began += h.mid()
 
 
-def check_pattern(name: str, along: Sequence[SignPart], pattern: str) -> str:
+def check_pattern(name: str, parts: Sequence[SignPart], pattern: str) -> str:
     """The kinds of all parts as letters with counts (``p7 d2``), if they match a pattern.
 
     Raises
@@ -124,11 +126,11 @@ def check_pattern(name: str, along: Sequence[SignPart], pattern: str) -> str:
     Refuted
         If the function is negative where it has to be positive.
     """
-    kinds = "".join(part.kind for part in along)
+    kinds = "".join(part.kind for part in parts)
     if not re.fullmatch(pattern, kinds):
-        negative = [] if pattern == TOUCHDOWN else [part for part in along if part.kind == "n" and part.within]
+        negative = [] if pattern == TOUCHDOWN else [part for part in parts if part.kind == "n" and part.within]
         matching = max(k for k in range(len(kinds) + 1) if re.fullmatch(pattern.replace("+", "*"), kinds[:k]))
-        part = min(negative, key=lambda part: part.value.upper(), default=along[min(matching, len(along) - 1)])
+        part = min(negative, key=lambda part: part.value.upper(), default=parts[min(matching, len(parts) - 1)])
         when = f"between {float(part.start):.6g} and {float(part.end):.6g} s of the arc"
         words = f"{name} is {part.value.str(6)} {when}: that it {PATTERN_WORDS[pattern]} is"
         if negative:
@@ -137,20 +139,17 @@ def check_pattern(name: str, along: Sequence[SignPart], pattern: str) -> str:
     return " ".join(f"{kind}{len(list(group))}" for kind, group in groupby(kinds))
 
 
-def smallest_value(along: Sequence[SignPart]) -> arb | None:
-    """A lower bound of the function on the ``p`` parts that do not start with a zero; None if there are none."""
-    return min((part.value.lower() for part in along if part.kind == "p" and not part.order), default=None)
-
-
 def mode_claim_names(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitArc]) -> tuple[str, ...]:
-    """The names of all claims that are required for an orbit to be a gait with this mode sequence."""
+    """The names of all claims that are required for an orbit to be a gait with this mode sequence.
+
+    They are listed independently of ``mode_sequence_claims``: a claim that is not made leaves the theorem unproved.
+    """
     names = list[str]()
     for j, arc in enumerate(arcs):
-        begins = j == 0 or arcs[j - 1].phase != arc.phase
         of_arc = [name for name in system.transitions.margin_names(arc.mode) if name != "touchdown"]
         of_arc += [APPARENT_MASS] if arc.mode.sticks else []
         of_arc += [TIME_WINDOW] if _has_windows(system.control) else []
-        of_arc += [AT_REST] if begins and sequence.impact_before(arc.phase) in (None, Mode.STICK) else []
+        of_arc += [AT_REST] if _starts_at_rest(sequence, arcs, j) else []
         names += [f"arc {j + 1}, {arc.mode}: {name}" for name in of_arc]
     prefixes = [f"step {k + 1}, " for k in range(len(sequence.steps))] if len(sequence.steps) > 1 else [""]
     return (*names, *(f"{prefix}{name}" for prefix in prefixes for name in ("touchdown", "impact")))
@@ -158,26 +157,25 @@ def mode_claim_names(system: HybridSystem, sequence: Cycle, arcs: Sequence[Orbit
 
 def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofClaim]:
     """Prove or refute the mode sequence: margins on every arc, modes of a foot at rest, touchdowns, impacts."""
-    windows = _has_windows(orbit.system.control)
-    for step, impact in enumerate(orbit.sequence.impacts):
+    windows, sequence = _has_windows(orbit.system.control), orbit.sequence
+    for step, impact in enumerate(sequence.impacts):
         arcs, touchdown = orbit.arcs_of(step), list[SignPart]()
         for j in arcs:
-            arc, begins = orbit.arcs[j], j == 0 or orbit.arcs[j - 1].phase != orbit.arcs[j].phase
-            title, along = f"arc {j + 1}, {arc.mode}", _margins_along(orbit, cycle, j, begins=begins)
-            margins_at_end = orbit.field(arc.mode, j).margins(cycle.ends[j])[0]
-            names = orbit.system.transitions.margin_names(arc.mode)
-            for name, at_end in zip(names, margins_at_end, strict=True):
+            arc, y_end = orbit.arcs[j], cycle.ends[j]
+            title, signs = f"arc {j + 1}, {arc.mode}", _margin_signs(orbit, cycle, j)
+            margins_at_end = orbit.field(arc.mode, j).margins(y_end)[0]
+            for (name, parts), at_end in zip(signs.items(), margins_at_end, strict=True):
                 if name != "touchdown":
                     pattern = ENDS if name == arc.event else POSITIVE
-                    yield _claim(f"{title}: {name}", _margin, name, along[name], pattern, at_end)
-            touchdown += along["touchdown"]
+                    yield _claim(f"{title}: {name}", _margin, name, parts, pattern, at_end)
+            touchdown += signs["touchdown"]
             if arc.mode.sticks:
                 yield _claim(f"{title}: {APPARENT_MASS}", _apparent_mass, orbit, cycle, j)
             if windows:
-                yield _claim(f"{title}: {TIME_WINDOW}", _time_window, orbit, j, cycle.ends[j])
-            if begins and orbit.sequence.impact_before(arc.phase) in (None, Mode.STICK):
+                yield _claim(f"{title}: {TIME_WINDOW}", _time_window, orbit, j, y_end)
+            if _starts_at_rest(sequence, orbit.arcs, j):
                 yield _claim(f"{title}: {AT_REST}", _mode_at_rest, orbit, j, cycle.starts[j])
-        prefix = f"step {step + 1}, " if len(orbit.sequence.steps) > 1 else ""
+        prefix = f"step {step + 1}, " if len(sequence.steps) > 1 else ""
         yield _claim(f"{prefix}touchdown", _margin, "touchdown", touchdown, TOUCHDOWN, arb(0))
         yield _claim(f"{prefix}impact", _impact, orbit, impact, arcs[-1], cycle.ends[arcs[-1]])
 
@@ -199,14 +197,24 @@ def _has_windows(control: Control) -> bool:
     return bool(control.breakpoints) or isfinite(control.horizon)
 
 
-def _margins_along(orbit: Orbit, cycle: CycleEnclosure, j: int, *, begins: bool) -> dict[str, list[SignPart]]:
-    """The signs of all margins of a mode on arc ``j``, which begins a phase or follows a breakpoint."""
+def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
+    """Whether arc ``j`` is the first one of its phase; the others follow a breakpoint."""
+    return j == 0 or arcs[j - 1].phase != arcs[j].phase
+
+
+def _starts_at_rest(sequence: Cycle, arcs: Sequence[OrbitArc], j: int) -> bool:
+    """Whether arc ``j`` starts a phase with the foot at rest: not after an impact with slip."""
+    return _starts_phase(arcs, j) and sequence.impact_before(arcs[j].phase) in (None, Mode.STICK)
+
+
+def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list[SignPart]]:
+    """The signs of all margins of the mode along arc ``j``, by name."""
     arc, steps = orbit.arcs[j], cycle.steps[j]
     names, lengths = orbit.system.transitions.margin_names(arc.mode), [hull(step.h) for step in steps]
     series = zip(*(step.along(orbit.field(arc.mode, j).margins) for step in steps), strict=True)
     signs = dict[str, list[SignPart]]()
     for name, values in zip(names, series, strict=True):
-        order = _order_of_zero(orbit, arc.phase, name) if begins else 0
+        order = _order_of_zero(orbit, arc.phase, name) if _starts_phase(orbit.arcs, j) else 0
         monotone = name in ("touchdown", arc.event)
         signs[name] = list(sign_parts(zip(values, lengths, strict=True), order, monotone=monotone))
     return signs
@@ -241,17 +249,19 @@ def _vanishes_after_impact(system: HybridSystem, name: str) -> bool:
     )
 
 
-def _margin(name: str, along: Sequence[SignPart], pattern: str, at_end: arb) -> tuple[str, arb | None]:
+def _margin(name: str, parts: Sequence[SignPart], pattern: str, at_end: arb) -> tuple[str, arb | None]:
+    """Claims 2 and 6: a margin is positive along an arc, ends it, or is a touchdown."""
     if pattern == POSITIVE and at_end < 0:
         raise Refuted(f"{name} is {at_end.str(6)} at the end of the arc", name)
-    kinds = check_pattern(name, along, pattern)
-    order = max(part.order for part in along)
+    kinds = check_pattern(name, parts, pattern)
+    order = max(part.order for part in parts)
     zero = f", after a zero of order {order} at its start" if order else ""
-    return f"{name} {PATTERN_WORDS[pattern]}{zero} ({kinds})", smallest_value(along)
+    bounds = (part.value.lower() for part in parts if part.kind == "p" and not part.order)
+    return f"{name} {PATTERN_WORDS[pattern]}{zero} ({kinds})", min(bounds, default=None)
 
 
 def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, arb | None]:
-    """While the foot sticks, its apparent mass is positive for a slip in either direction.
+    """Claim 3: while the foot sticks, its apparent mass is positive for a slip in either direction.
 
     A slip from rest accelerates the foot by minus the margin of its cone over the apparent mass. Inside the cone the
     foot would therefore move against the direction of the slip: sticking is the only motion.
@@ -259,14 +269,14 @@ def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, ar
     masses, lengths = orbit.field(orbit.arcs[j].mode, j).apparent_masses, [hull(step.h) for step in cycle.steps[j]]
     bounds = list[arb]()
     for values in zip(*(step.along(masses) for step in cycle.steps[j]), strict=True):
-        along = list(sign_parts(zip(values, lengths, strict=True), monotone=False))
-        check_pattern("painleve", along, POSITIVE)
-        bounds += [part.value.lower() for part in along]
+        parts = list(sign_parts(zip(values, lengths, strict=True), monotone=False))
+        check_pattern("painleve", parts, POSITIVE)
+        bounds += [part.value.lower() for part in parts]
     return "the apparent mass of the foot is positive throughout, for a slip in either direction", min(bounds)
 
 
 def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
-    """An arc ends before the segment of its control law does.
+    """Claim 5: an arc ends before the segment of its control law does.
 
     It starts after the segment does: the number of its segment is the number of breakpoints at which arcs of this step
     have ended (``certificate``), durations are positive, and a breakpoint sets the time exactly.
@@ -292,7 +302,7 @@ def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | Non
 
 
 def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
-    """A foot at rest can only do what the arc says: stick, or slip because sticking would need too much friction."""
+    """Claim 4: a foot at rest does what the arc says, because it cannot do anything else."""
     arc, table = orbit.arcs[j], orbit.system.transitions
     margins = {
         mode: dict(zip(table.margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True)) for mode in CONTACTS
@@ -310,7 +320,7 @@ def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | No
 
 
 def _impact(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
-    """The impact is consistent, no other one is, and the former stance foot lifts."""
+    """Claim 7: the impact is consistent, no other one is, and the former stance foot lifts."""
     smallest_margin = _all_positive(_impact_margins(orbit, mode, j, y))
     for other in CONTACTS:
         if other is not mode and not (mode.sticks and orbit.system.law is ImpactLaw.FRICTIONLESS):
@@ -340,3 +350,66 @@ def _all_positive(needed: Mapping[str, arb]) -> arb:
         if not value > 0:
             raise NotProved(f"{name} is {value.str(6)}, not shown to be positive")
     return min(value.lower() for value in needed.values())
+
+
+def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str, arb | None]:
+    """Bounds of the measures of every gait in the box, by the names of a gait's record."""
+    work, forces = arb(0), list[tuple[list[arb], list[arb], arb, arb]]()
+    for j, arc in enumerate(orbit.arcs):
+        observation = orbit.field(arc.mode, j).observation
+        along = [step.along(observation) for step in cycle.steps[j]]
+        starts = [(f_t[0], f_n[0]) for f_t, f_n, _ in along]
+        ends = [*starts[1:], tuple(map(hull, observation(cycle.ends[j])[0][:2]))]
+        for step, (f_t, f_n, power), end in zip(cycle.steps[j], along, ends, strict=True):
+            work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(power))], hull(step.h))
+            if arc.mode.sticks:
+                forces.append((f_t, f_n, hull(step.h), abs(end[0] / end[1])))
+    length = arb(0)
+    for k, impact in enumerate(orbit.sequence.impacts):
+        j = orbit.arcs_of(k)[-1]
+        length += orbit.impact(impact, j)(cycle.ends[j])[1][orbit.system.n_shape]
+    p = SX.sym("p", len(orbit.p))
+    weight = BallFunction(Function("weight", [p], [orbit.system.weight(p)]), [])(orbit.p)[0][0]
+    return {
+        "period": period,
+        "step_length": length,
+        "speed": length / period,
+        "work": work,
+        "cost_of_transport": work / (weight * length),
+        "required_friction": largest_force_ratio(forces) if forces else None,
+    }
+
+
+def largest_force_ratio(steps: Iterable[tuple[Sequence[arb], Sequence[arb], arb, arb]]) -> arb:
+    """The maximum of |f_t| / f_n, with f_n > 0, over steps of the integration.
+
+    On a part of a step the maximum is that of its ends if the ratio is monotone there; otherwise it is bounded by the
+    mean value theorem, or the part is halved.
+
+    Parameters
+    ----------
+    steps : f_t, f_n, the length of the step [s], and the ratio at its end.
+    """
+    lower, upper = arb(0), arb(0)
+    for f_t, f_n, h, at_end in steps:
+        lower, pending = max(lower, at_end.lower()), [(arb(0), arb(h.upper()), MOST_HALVINGS)]
+        while pending:
+            start, end, depth = pending.pop()
+            first, last = (abs(evaluate(f_t, t) / evaluate(f_n, t)) if t < h else at_end for t in (start, end))
+            lower = max(lower, first.lower() if first.is_finite() else lower)
+            t = start.union(end)
+            force, normal = evaluate(f_t, t), evaluate(f_n, t)
+            slope = (evaluate(derivative(f_t), t) * normal - force * evaluate(derivative(f_n), t)) / normal**2
+            bound = max(first.upper(), last.upper())
+            if not (slope > 0 or slope < 0):
+                bound = (first + abs(slope) * (end - start)).upper()
+            if not (normal > 0 and bound.is_finite()):
+                bound = arb("inf")
+            if bound <= lower:
+                continue
+            if depth and not bound <= lower * (1 + RELATIVE_WIDTH):
+                middle = ((start + end) / 2).mid()
+                pending += [(middle, end, depth - 1), (start, middle, depth - 1)]
+            else:
+                upper = max(upper, bound)
+    return lower.union(max(lower, upper))

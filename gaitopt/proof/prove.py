@@ -6,6 +6,7 @@ tilted along the tangent, longer after a success and shorter after a failure. Ev
 """
 
 import platform
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
@@ -14,26 +15,37 @@ from typing import Any
 
 import numpy as np
 from flint import arb
+from ruamel.yaml import YAML
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
-from gaitopt.model.walker import Walker
+from gaitopt.model.control import BezierTracking, Control, ProportionalDerivative
+from gaitopt.model.units import ANGLE_UNITS
+from gaitopt.problem.problem import Problem
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
 from gaitopt.proof.certificate import (
+    EXACT_VALUE,
     SCHEMA,
     BoxRecord,
     Statement,
-    exact_texts,
     read_certificate,
-    reference_record,
     refuse_what_is_not_modelled,
     restore_statement,
 )
-from gaitopt.proof.check import check_box, silent
+from gaitopt.proof.check import (
+    EXISTENCE,
+    STATEMENT,
+    CheckedBox,
+    Proof,
+    check_box,
+    conclude,
+    sign_change_claim,
+    silent,
+)
 from gaitopt.proof.claims import ProofClaim
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox, deviations, exact_matrix, midpoint_jacobian
 from gaitopt.proof.taylor import VectorField, expand
-from gaitopt.proof.theorem import EXISTENCE, STATEMENT, CheckedBox, Proof, conclude, sign_change_claim
 
 ORDER, ORDER_OF_FAMILY = 20, 16
 """Order of the Taylor series on a narrow box, and on a long one."""
@@ -64,10 +76,9 @@ def prove(gait: Gait, intervals: Mapping[str, str] | None = None, *, progress: C
 
     ``gaitopt.prove`` calls this function and documents its arguments; here ``progress`` is called with words.
     """
-    texts = _exact_texts(gait, intervals or {})
-    proof = _prove(gait, texts, progress)
-    if intervals and len(intervals) == 1 and not proof.claims[0].proved:
-        proof = _prove(gait, texts, progress, varied=next(iter(intervals)))
+    proof = _prove(gait, intervals or {}, progress)
+    if intervals and len(intervals) == 1 and not proof.claims[0].proved:  # the orbit moves along the interval
+        proof = _prove(gait, intervals, progress, varied=next(iter(intervals)))
     return proof
 
 
@@ -91,32 +102,27 @@ def prove_special(
             raise UnknownNameError(
                 f"a bracket of width {bracket_width:g} around {value!r} has no length; use a wider one"
             )
-        texts = _exact_texts(gait, {parameter: f"{lower}{INTERVAL}{upper}"})
-        proof = _prove(gait, texts, progress, varied=parameter, special=kind)
+        interval = {parameter: f"{lower}{INTERVAL}{upper}"}
+        proof = _prove(gait, interval, progress, varied=parameter, special=kind)
         if proof.proved:
             break
     return proof
 
 
-def _exact_texts(gait: Gait, intervals: Mapping[str, str]) -> dict[str, str]:
-    """The exact values of all parameters, with the given intervals."""
-    texts = exact_texts(gait.problem, gait.dynamics.parameters)
-    for key, interval in intervals.items():
-        if key not in texts:
-            raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(texts)}")
-        texts[key] = INTERVAL.join(end.strip() for end in interval.split(INTERVAL))
-    return texts
-
-
 def _prove(
     gait: Gait,
-    texts: Mapping[str, str],
+    intervals: Mapping[str, str],
     progress: Callable[[str], None],
     *,
     varied: str | None = None,
     special: str | None = None,
 ) -> Proof:
     """Search for boxes and conclude from them; a proof with a failed claim if there are none."""
+    texts = exact_texts(gait.problem, gait.dynamics.parameters)
+    for key, interval in intervals.items():
+        if key not in texts:
+            raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(texts)}")
+        texts[key] = INTERVAL.join(end.strip() for end in interval.split(INTERVAL))
     header = certificate_header(gait, texts, varied, special)
     try:
         refuse_what_is_not_modelled(gait.problem, gait.system)
@@ -125,7 +131,10 @@ def _prove(
     with precision():
         try:
             record = read_certificate({**header, "arcs": arc_records(arcs_of(gait))})
-            statement = restore_statement(record, _walkers(gait))
+            problems = [gait.problem]  # their walkers need not be registered
+            while problems[-1].reference is not None:
+                problems.append(problems[-1].reference)
+            statement = restore_statement(record, list(dict.fromkeys(type(problem.walker) for problem in problems)))
         except (ValueError, StorageError) as error:  # of an interval: everything else is that of the gait
             raise ProblemError(f"{gait.problem.name}: {error}") from error
         try:
@@ -133,7 +142,7 @@ def _prove(
             boxes = list(search.boxes())
         except NotProved as failure:
             claim = ProofClaim(EXISTENCE, proved=False, words=f"no boxes can be verified: {failure}")
-            return Proof(gait.problem.name, (claim,), header, statement.words)
+            return Proof(gait.problem.name, (claim,), header, statement.printed)
         certificate = {
             **header,
             "arcs": arc_records(search.statement.arcs),
@@ -162,6 +171,54 @@ def certificate_header(
     }
 
 
+def exact_texts(problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
+    """Every parameter of a system as the text of its exact value: ``0.14``, ``1 deg``.
+
+    The text is that of the file if it stands for the same double, otherwise the shortest decimal of the double.
+
+    Parameters
+    ----------
+    values : the parameters as doubles by dotted key.
+    """
+
+    def scalars(node: Node, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
+        if isinstance(node, MappingNode):
+            for key, value in node.value:
+                yield from scalars(value, (*path, key.value))
+        elif isinstance(node, ScalarNode):
+            yield ".".join(path), node.value
+
+    written = dict(scalars(YAML(typ="safe", pure=True).compose(problem.text))) if problem.text else {}
+    texts = {}
+    for key, value in values.items():
+        text = " ".join(written.get(key, "").split())
+        number, _, unit = text.partition(" ")
+        is_exact = re.fullmatch(EXACT_VALUE, text) is not None
+        double = float(number) * ANGLE_UNITS[unit or "rad"] if is_exact else None
+        texts[key] = text if double == float(value) else repr(float(value))
+    return texts
+
+
+def reference_record(control: Control) -> dict[str, Any] | None:
+    """The data of a control law that its problem does not contain; None if there are none."""
+    if isinstance(control, BezierTracking):
+        return {"duration": control.duration}
+    if isinstance(control, ProportionalDerivative):
+        pieces = [
+            {
+                "start": piece.start,
+                "end": piece.end,
+                "angles": piece.angles.tolist(),
+                "rates": piece.rates.tolist(),
+                "active": piece.active,
+            }
+            for piece in control.reference.pieces
+        ]
+        horizon = control.reference.horizon
+        return {"pieces": pieces, "horizon": None if np.isinf(horizon) else horizon}
+    return None
+
+
 def arc_records(arcs: Sequence[OrbitArc]) -> list[dict[str, Any]]:
     """Arcs as a certificate states them."""
     return [{**asdict(arc), "mode": str(arc.mode), "fractions": list(arc.fractions)} for arc in arcs]
@@ -177,14 +234,6 @@ def arcs_of(gait: Gait) -> list[OrbitArc]:
             arcs.append(OrbitArc(arc.mode, int(arc.segment), first + phase, event, ()))
         first += len(step.phases)
     return arcs
-
-
-def _walkers(gait: Gait) -> list[type[Walker]]:
-    """The walkers of the gait and of the gaits that it tracks, which need not be registered."""
-    problems = [gait.problem]
-    while problems[-1].reference is not None:
-        problems.append(problems[-1].reference)
-    return list(dict.fromkeys(type(problem.walker) for problem in problems))
 
 
 class _Search:
@@ -220,12 +269,12 @@ class _Search:
             yield self._box((), self._start)[0]
             return
         lower, upper = (float(end.partition(" ")[0]) for end in statement.interval)
-        if statement.special is None:
+        if statement.record.special is None:
             yield from reversed(list(self._walk(self._value, lower)))
             yield from self._walk(self._value, upper)
             return
         ends = [self._box((end, end), self._start, at_end=True)[0] for end in statement.interval]
-        claim = sign_change_claim(statement.special, [box for _, box in ends])
+        claim = sign_change_claim(statement.record.special, [box for _, box in ends])
         if not claim.proved:
             raise NotProved(claim.words)
         yield ends[0]
@@ -294,17 +343,15 @@ class _Search:
             self._curvature = [radius / float(half) ** 2 for radius in radii]
         doubtful = [claim.words for claim in box.claims if not claim.proved and not claim.refuted]
         moduli = [abs(m) for m in box.multipliers]
-        if self.statement.special is None and not (all(m < 1 for m in moduli) or any(m > 1 for m in moduli)):
+        if self.statement.record.special is None and not (all(m < 1 for m in moduli) or any(m > 1 for m in moduli)):
             doubtful.append("whether it is stable is not shown")
-        if doubtful and (box.inner is None or self._can_be_shorter(interval)):
+        can_be_shorter = False
+        if interval:
+            length, whole = (float(abs(ball(b) - ball(a))) for a, b in (interval, self.statement.interval))
+            can_be_shorter = length > LEAST_COVER * whole
+        if doubtful and (box.inner is None or can_be_shorter):
             raise NotProved(doubtful[0])
         return (record, box), (middle_orbit, centre, rate)
-
-    def _can_be_shorter(self, interval: Sequence[str]) -> bool:
-        if not interval:
-            return False
-        length, whole = (float(abs(ball(b) - ball(a))) for a, b in (interval, self.statement.interval))
-        return length > LEAST_COVER * whole
 
     def _text(self, value: float) -> str:
         return f"{value!r} {self._unit}".strip()

@@ -134,18 +134,6 @@ def _function(space: PhaseSpace, mode: Mode, name: str) -> Function:
 
 
 @dataclass(frozen=True, slots=True)
-class TaylorSeries:
-    """A function of time on [0, h] as sum_k c_k t^k; the last coefficient is a ball that covers the remainder."""
-
-    value: list[arb]
-
-    @property
-    def rate(self) -> list[arb]:
-        """Coefficients of the derivative in time."""
-        return [k * c for k, c in enumerate(self.value)][1:]
-
-
-@dataclass(frozen=True, slots=True)
 class TaylorStep:
     """The motions over one step from every point of a box.
 
@@ -189,11 +177,14 @@ class TaylorStep:
         terms = [*_variations(start, self.order - 1), _variations(later, self.order)[-1] * phi]
         return evaluate(terms, self.h)
 
-    def along(self, function: BallFunction) -> list[TaylorSeries]:
-        """The outputs of a function of the state along the motions."""
+    def along(self, function: BallFunction) -> list[list[arb]]:
+        """The outputs of a function of the state along the motions, as polynomials in the time since the start.
+
+        The last coefficient of each is a ball that covers the remainder.
+        """
         start = [list(map(hull, c)) for c in self.start]
         pairs = zip(_compose(function, start), _compose(function, self.remainder), strict=True)
-        return [TaylorSeries([*known[: self.order], later[self.order]]) for known, later in pairs]
+        return [[*known[: self.order], later[self.order]] for known, later in pairs]
 
 
 def expand(field: VectorField, start: Sequence[Any], h: Any, order: int) -> TaylorStep:
@@ -253,6 +244,11 @@ def evaluate(coefficients: Sequence[Any], t: Any) -> Any:
     return total
 
 
+def derivative(coefficients: Sequence[Any]) -> list[Any]:
+    """Coefficients of the derivative of a polynomial."""
+    return [k * c for k, c in enumerate(coefficients)][1:]
+
+
 def _matrices(field: VectorField, motion: list[list[Any]]) -> list[Any]:
     """Taylor coefficients of the Jacobian DF along a motion."""
     n, entries = field.n, _compose(field.jacobian, motion)
@@ -274,12 +270,10 @@ def _variations(slopes: list[Any], order: int) -> list[Any]:
 def _compose(function: BallFunction, motion: list[list[Any]]) -> list[list[Any]]:
     """Taylor coefficients of the outputs of a function along a motion, as many as the motion has."""
     count = ctx.cap = len(motion[0])
+
+    def coefficients(value: Any) -> list[arb]:
+        known = value.coeffs()[:count] if isinstance(value, arb_series) else [arb(value)]
+        return [*known, *[arb(0)] * (count - len(known))]
+
     outputs = function([assemble(c, lambda values: arb_series(values, count)) for c in motion])
-    return [entries_of(value, lambda series: _coefficients(series, count)) for output in outputs for value in output]
-
-
-def _coefficients(value: Any, length: int) -> list[arb]:
-    if not isinstance(value, arb_series):
-        return [arb(value), *[arb(0)] * (length - 1)]
-    coefficients = value.coeffs()[:length]
-    return [*coefficients, *[arb(0)] * (length - len(coefficients))]
+    return [entries_of(value, coefficients) for output in outputs for value in output]

@@ -20,14 +20,8 @@ from gaitopt import load_problem, prove, solve  # noqa: E402
 from gaitopt.errors import StorageError  # noqa: E402
 from gaitopt.model.control import BeyondEnd, continued  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted  # noqa: E402
-from gaitopt.proof.certificate import (  # noqa: E402
-    exact_texts,
-    parse_certificate,
-    read_certificate,
-    reference_record,
-    restore_statement,
-)
-from gaitopt.proof.check import check, check_box  # noqa: E402
+from gaitopt.proof.certificate import parse_certificate, read_certificate, restore_statement  # noqa: E402
+from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude  # noqa: E402
 from gaitopt.proof.claims import ProofClaim, _time_window, mode_claim_names  # noqa: E402
 from gaitopt.proof.orbit import Orbit  # noqa: E402
 from gaitopt.proof.prove import (  # noqa: E402
@@ -37,9 +31,10 @@ from gaitopt.proof.prove import (  # noqa: E402
     arcs_of,
     certificate_header,
     divide_into_steps,
+    exact_texts,
     newton_step,
+    reference_record,
 )
-from gaitopt.proof.theorem import BRACKETED, MARGIN_CHANGES, MOTION, conclude  # noqa: E402
 
 check_module = import_module("gaitopt.proof.check")
 
@@ -95,7 +90,7 @@ def refusals(certificate):
 
 def words_of_statement(certificate):
     with ctx.workprec(PRECISION):
-        return restore_statement(read_certificate(certificate)).words
+        return restore_statement(read_certificate(certificate)).printed
 
 
 # the control law
@@ -264,7 +259,7 @@ def test_a_motion_that_fails_beyond_the_end_that_is_a_gait_is_named():
     certificate = bracket()
     with ctx.workprec(PRECISION):
         statement = restore_statement(read_certificate(certificate))
-        _, inner, gait_end = (check_box(statement, record) for record in statement.records)
+        _, inner, gait_end = (check_box(statement, record) for record in statement.record.boxes)
         motion = ProofClaim(MOTION, proved=False, words="no bounds of the return map")
         broken = replace(inner, inner=None, claims=(inner.claims[0], motion))
         result = conclude(statement, [gait_end, broken], certificate)
@@ -299,7 +294,7 @@ def test_the_claims_of_a_theorem_are_complete(name):
     result = check(proved(name))
     with ctx.workprec(PRECISION):
         statement = restore_statement(read_certificate(proved(name)))
-    modes = mode_claim_names(statement.system, statement.sequence, statement.arcs)
+    modes = mode_claim_names(statement.system, statement.cycle, statement.arcs)
     assert {claim.name for claim in result.claims} == {"existence and uniqueness", *modes, "stability"}
     assert any("apparent mass" in claim for claim in modes)
 
@@ -379,9 +374,9 @@ def forged_certificate(wrong, reference):
         statement = restore_statement(
             read_certificate(through_json(header | {"reference": reference, "arcs": arc_records(arcs_of(wrong))}))
         )
-        orbit = Orbit(wrong.system, statement.p, None, (), statement.sequence, statement.arcs, statement.order)
+        orbit = Orbit(wrong.system, statement.p, None, (), statement.cycle, statement.arcs, statement.record.order)
         arcs, centre = divide_into_steps(orbit, wrong)
-        orbit = Orbit(wrong.system, statement.p, None, (), statement.sequence, arcs, statement.order)
+        orbit = Orbit(wrong.system, statement.p, None, (), statement.cycle, arcs, statement.record.order)
         centre, _ = newton_step(orbit, centre)
         box = {
             "interval": [],

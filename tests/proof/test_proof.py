@@ -15,11 +15,10 @@ from gaitopt.gait.measures import measure  # noqa: E402
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
 from gaitopt.proof import claims, orbit  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION, NotProved, ball  # noqa: E402
-from gaitopt.proof.certificate import exact_texts, read_certificate, restore_box, restore_statement  # noqa: E402
-from gaitopt.proof.check import check, check_box  # noqa: E402
-from gaitopt.proof.prove import prove_special  # noqa: E402
+from gaitopt.proof.certificate import read_certificate, restore_box, restore_statement  # noqa: E402
+from gaitopt.proof.check import check, check_box, connection_claim  # noqa: E402
+from gaitopt.proof.prove import exact_texts, prove_special  # noqa: E402
 from gaitopt.proof.taylor import VectorField  # noqa: E402
-from gaitopt.proof.theorem import connection_claim  # noqa: E402
 
 WHEELS = ("rimless-wheel-stick", "rimless-wheel-slip")
 OTHERS = {
@@ -351,7 +350,7 @@ def test_boxes_that_do_not_meet_are_no_family():
     certificate = family().certificate
     with ctx.workprec(PRECISION):
         statement = restore_statement(read_certificate(certificate))
-        boxes = [check_box(statement, record) for record in statement.records]
+        boxes = [check_box(statement, record) for record in statement.record.boxes]
         assert connection_claim(boxes, statement.interval).proved
         beyond = connection_claim(boxes, ("12.98 deg", "13.001 deg"))
         assert "both ends" in beyond.words
